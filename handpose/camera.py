@@ -1,0 +1,51 @@
+"""Pinhole depth cameras: between pixels with a depth (u, v, d) and points (x, y, z).
+
+u, v    pixels, v growing downwards; the pixel in row r and column c has its centre at u = c, v = r
+d, z    millimetres along the optical axis (not along the ray)
+x, y    millimetres, x to the right, y UP, z away from the camera
+
+u = u0 + fx x / z        v = v0 - fy y / z        d = z
+
+Lens distortion is not modelled: the data sets publish undistorted frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One pinhole camera."""
+
+    name: str
+    fx: float  # focal lengths, pixels
+    fy: float
+    u0: float  # principal point, pixels
+    v0: float
+    width: int  # image size, pixels
+    height: int
+
+    def project(self, xyz: ArrayLike) -> Array:
+        """Points (..., 3) x, y, z in mm to (..., 3) u, v in pixels and d in mm."""
+        x, y, z = np.moveaxis(np.asarray(xyz, dtype=np.float64), -1, 0)
+        return np.stack([self.u0 + self.fx * x / z, self.v0 - self.fy * y / z, z], axis=-1)
+
+    def unproject(self, uvd: ArrayLike) -> Array:
+        """The inverse of ``project``."""
+        u, v, d = np.moveaxis(np.asarray(uvd, dtype=np.float64), -1, 0)
+        return np.stack([(u - self.u0) * d / self.fx, (self.v0 - v) * d / self.fy, d], axis=-1)
+
+
+NYU = Camera("nyu", 588.03, 587.07, 320.0, 240.0, 640, 480)
+ICVL = Camera("icvl", 240.99, 240.96, 160.0, 120.0, 320, 240)
+MSRA15 = Camera("msra15", 241.42, 241.42, 160.0, 120.0, 320, 240)
+KINECT2 = Camera("kinect2", 363.9, 363.9, 255.4, 206.3, 512, 424)
+SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)  # one pixel value is 0.125 mm
+
+CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}

@@ -1,0 +1,140 @@
+"""The network's input: the cube around the hand, cut from a depth image, scaled to [-1, 1].
+
+A cube of ``cube_mm`` with its middle at the centre (u, v, d) covers the pixels
+
+    floor((u d / f - cube / 2) / d f)  <=  column  <  floor((u d / f + cube / 2) / d f)        likewise rows
+
+which are resized to ``size`` x ``size`` keeping the aspect, by nearest neighbour: a mean of two depths at an
+edge would be a point in thin air. What lies nearer or farther than the cube is moved to its faces; what the
+camera did not read, and what lies outside the image, becomes background, the far face:
+
+    value = (depth - d) / (cube / 2)  in [-1, 1],    background 1
+
+This is the preprocessing of the paper's released system, to the pixel. The resize being nearest neighbour,
+a crop is a choice of pixels: ``Window`` says which, and the renderer looks along just those.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.camera import NYU, Camera
+from netlib.errors import DataError
+
+Array = NDArray[np.float64]
+
+SIZE = 128  # pixels on a side
+
+
+class Window(NamedTuple):
+    """The pixels of the image that N crops consist of."""
+
+    columns: NDArray[np.int64]  # (N, size) image column of each crop column, -1 where there is none
+    rows: NDArray[np.int64]  # (N, size) image row of each crop row, -1 where there is none
+
+
+class _Span(NamedTuple):
+    """Along one axis: which image pixels, and which crop pixels, N crops are made of."""
+
+    start: Array  # (N,) first image pixel
+    extent: Array  # (N,) number of image pixels
+    pad: Array  # (N,) first crop pixel
+    length: Array  # (N,) number of crop pixels
+
+
+def window(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE) -> Window:
+    """The window of each centre (N, 3), px, px, mm, with cubes of edge ``cube_mm``, one or (N,). Raises DataError."""
+    chosen = []
+    for span, pixels in zip(_spans(center_uvd, cube_mm, camera, size), (camera.width, camera.height), strict=True):
+        start, extent, pad, length = (value[:, None] for value in span)
+        i = np.arange(size) - pad  # crop pixel -> resized window, (N, size)
+        source = np.floor(i * (1.0 / (length / extent)))  # in OpenCV's order of operations, and so its rounding
+        index = start + np.minimum(source, extent - 1)
+        inside = (i >= 0) & (i < length) & (index >= 0) & (index < pixels)
+        chosen.append(np.where(inside, index, -1).astype(np.int64))
+    return Window(chosen[0], chosen[1])
+
+
+def crop_pixels(
+    uvd: ArrayLike, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> Array:
+    """Where image points (N, K, 3) appear in the crops of the centres (N, 3): (N, K, 2), column and row."""
+    across, down = _spans(center_uvd, cube_mm, camera, size)
+    points = np.asarray(uvd, dtype=np.float64)
+    at = [
+        (points[..., axis] - span.start[:, None] + 0.5) * (span.length / span.extent)[:, None] + span.pad[:, None]
+        for axis, span in enumerate((across, down))
+    ]
+    return np.stack(at, axis=-1)
+
+
+def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int) -> tuple[_Span, _Span]:
+    center = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))
+    cube = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64), len(center))
+    good = np.isfinite(center).all(axis=1) & (center[:, 2] > 0) & np.isfinite(cube) & (cube > 0)
+    if not good.all():
+        bad = int(np.argmin(good))
+        u, v, d = center[bad]
+        raise DataError(
+            f"crop {bad}: centre u {u:g} px, v {v:g} px, depth {d:g} mm with a cube of {cube[bad]:g} mm; "
+            "expected finite numbers, depth and cube above 0"
+        )
+    d = center[:, 2]
+    edges = [
+        (np.floor((at * d / f - cube / 2) / d * f), np.floor((at * d / f + cube / 2) / d * f))
+        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
+    ]
+    longest = np.maximum(*(np.maximum(stop - start, 1) for start, stop in edges))
+    spans = []
+    for start, stop in edges:
+        extent = np.maximum(stop - start, 1)  # a cube very far away is one pixel
+        length = np.maximum(extent * size // longest, 1)
+        spans.append(_Span(start, extent, size // 2 - length // 2, length))
+    return spans[0], spans[1]
+
+
+def crop(
+    depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU, size: int = SIZE
+) -> NDArray[np.float32]:
+    """The crop (size, size) float32 in [-1, 1] of a depth image in mm. Raises DataError.
+
+    depth       (camera.height, camera.width), 0 where nothing was read
+    center_uvd  (3,) middle of the cube: pixels and mm
+    cube_mm     edge of the cube
+    """
+    if depth.shape != (camera.height, camera.width):
+        raise DataError(
+            f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
+        )
+    columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
+    u, v, d = np.asarray(center_uvd, dtype=np.float64)
+    if (columns < 0).all() or (rows < 0).all():
+        raise DataError(f"the cube of {cube_mm:g} mm at u {u:g}, v {v:g}, {d:g} mm lies outside the image")
+    near, far = d - cube_mm / 2, d + cube_mm / 2
+    out = np.full((size, size), far)
+    across, down = np.flatnonzero(columns >= 0), np.flatnonzero(rows >= 0)
+    seen = depth[np.ix_(rows[down], columns[across])].astype(np.float64)
+    seen[~(seen > 0)] = far  # no reading, and NaN, which some cameras' drivers write
+    out[np.ix_(down, across)] = np.clip(seen, near, far)
+    return ((out - d) / (cube_mm / 2)).astype(np.float32)
+
+
+def normalise_joints(
+    xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike, clip: bool = False
+) -> Array:
+    """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube`` mm, one or (N,).
+
+    ``clip`` moves what lies outside the cube onto its faces, as the released system does with its targets.
+    """
+    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
+    joints = (np.asarray(xyz, dtype=np.float64) - center) / half
+    return np.clip(joints, -1.0, 1.0) if clip else joints
+
+
+def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
+    """The inverse of ``normalise_joints``: half-cubes to mm in camera axes."""
+    center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
+    return np.asarray(joints, dtype=np.float64) * half + center

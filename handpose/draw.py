@@ -1,0 +1,202 @@
+"""Pictures of poses: skeletons on depth crops, skeletons in space, and sheets of such pictures.
+
+All pictures are (height, width, 3) uint8 arrays in OpenCV's colour order, ready for ``cv2.imwrite``.
+Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from the camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.camera import NYU, Camera
+from handpose.crop import crop_pixels, restore_joints
+from handpose.nyu import CUBE_MM
+from layers.kinematics import Skeleton
+from netlib.errors import DataError
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+Array = NDArray[np.float64]
+
+# Blue, green, red. A part is what a joint's name has before the first "_"; parts without a finger's name are grey.
+COLOURS: dict[str, Colour] = {
+    "thumb": (80, 90, 240),
+    "index": (40, 165, 250),
+    "middle": (90, 200, 90),
+    "ring": (225, 185, 60),
+    "little": (225, 95, 170),
+}
+GREY: Colour = (200, 200, 200)
+WHITE: Colour = (255, 255, 255)
+BLACK: Colour = (0, 0, 0)
+_PAPER: Colour = (248, 248, 248)
+_SUBPIXEL = 4  # cv2 draws at multiples of 1 / 2**4 of a pixel
+
+
+def overlay(
+    crop: NDArray[np.floating],
+    joints: ArrayLike,
+    skeleton: Skeleton,
+    truth: ArrayLike | None = None,
+    center_uvd: ArrayLike | None = None,
+    cube_mm: float = CUBE_MM,
+    camera: Camera = NYU,
+    zoom: int = 4,
+) -> Image:
+    """The skeleton on the crop (S, S) in [-1, 1], ``zoom`` times enlarged; ``truth`` joints in thin white.
+
+    With the crop's ``center_uvd`` (px, px, mm) joints appear exactly where the camera saw them. Without it the
+    view is taken to be parallel, which puts joints at the near or far face of the cube up to a tenth of the
+    picture beside their place.
+    """
+    depth = np.squeeze(np.asarray(crop))
+    if depth.ndim != 2 or depth.shape[0] != depth.shape[1]:
+        raise DataError(f"crop of shape {np.shape(crop)}, expected a square of depths")
+    size = len(depth)
+    grey = np.rint((1 - np.clip(depth, -1, 1)) * 0.5 * 215).astype(np.uint8)
+    canvas = cv2.cvtColor(
+        cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR
+    )
+
+    def place(points: Array) -> Array:
+        if center_uvd is None:
+            at = size / 2 * (1 + points[:, :2] * (1, -1))
+        else:
+            center = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
+            xyz = restore_joints(points[None], camera.unproject(center), cube_mm / 2)
+            at = crop_pixels(camera.project(xyz), center, cube_mm, camera, size)[0]
+        return (at + 0.5) * zoom - 0.5
+
+    points = _checked(joints, skeleton)
+    _draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1))
+    if truth is not None:
+        points = _checked(truth, skeleton)
+        _draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
+    return canvas
+
+
+def view_3d(
+    joints: ArrayLike,
+    skeleton: Skeleton,
+    truth: ArrayLike | None = None,
+    yaw: float = 35.0,
+    pitch: float = 20.0,
+    size: int = 512,
+) -> Image:
+    """The skeleton in the cube around the hand, seen by someone who went ``yaw`` degrees to the right of the
+    camera and ``pitch`` degrees up; its shadow lies on the floor of the cube. ``truth`` joints in thin black.
+    """
+    y, p = np.deg2rad((yaw, pitch))
+    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
+    view = tilt @ turn  # viewer_from_world: x right, y up, z away
+    distance = 7.0  # of the viewer, half-cubes: a little perspective
+
+    def place(points: Array) -> Array:
+        seen = points @ view.T
+        scale = size * 0.30 * distance / (distance + seen[:, 2:])
+        return np.asarray(seen[:, :2] * scale * (1, -1) + (0.5 * size, 0.48 * size))
+
+    canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
+    floor = -1.0
+    lines = np.linspace(-1, 1, 7)
+    for line in lines:
+        for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
+            _line(canvas, *place(np.array(ends, dtype=np.float64)), (222, 222, 222), 1)
+    for label, end in (("x", (-0.6, floor, -1)), ("y", (-1, floor + 0.4, -1)), ("z", (-1, floor, -0.6))):
+        start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
+        _line(canvas, start, stop, (110, 110, 110), 2)
+        _text(canvas, label, stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4), (110, 110, 110), 0.45)
+
+    points = _checked(joints, skeleton)
+    shadow = points * (1, 0, 1) + (0, floor, 0)
+    _draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
+    _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 170, 2))
+    if truth is not None:
+        points = _checked(truth, skeleton)
+        _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
+    return canvas
+
+
+def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[str] = (), gap: int = 8) -> Image:
+    """Pictures in rows of ``columns``, each in the middle of a cell of the largest one's size, titles above."""
+    if not images or columns < 1:
+        raise DataError(f"{len(images)} pictures in {columns} columns, expected at least one of each")
+    if titles and len(titles) != len(images):
+        raise DataError(f"{len(titles)} titles for {len(images)} pictures")
+    height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
+    head = 22 if titles else 0
+    rows = -(-len(images) // columns)
+    columns = min(columns, len(images))
+    canvas = np.full((rows * (height + head + gap) + gap, columns * (width + gap) + gap, 3), 255, dtype=np.uint8)
+    for n, image in enumerate(images):
+        row, column = divmod(n, columns)
+        top, left = gap + row * (height + head + gap), gap + column * (width + gap)
+        if titles:
+            _fit_text(canvas, titles[n], left, top + head - 7, width)
+        top, left = top + head + (height - image.shape[0]) // 2, left + (width - image.shape[1]) // 2
+        colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
+        canvas[top : top + image.shape[0], left : left + image.shape[1]] = colour
+    return canvas
+
+
+def _checked(joints: ArrayLike, skeleton: Skeleton) -> Array:
+    points = np.asarray(joints, dtype=np.float64)
+    expected = len(skeleton.joint_names)
+    if points.size != expected * 3 or not np.isfinite(points).all():
+        raise DataError(f"joints of shape {points.shape}, expected ({expected}, 3) finite numbers")
+    return points.reshape(expected, 3)
+
+
+def _draw(
+    canvas: Image,
+    at: Array,
+    away: Array,
+    skeleton: Skeleton,
+    thick: int,
+    colour: Colour | None = None,
+    rim: bool = True,
+) -> None:
+    """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim."""
+    bones = [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
+    bones.sort(key=lambda bone: -(away[bone[0]] + away[bone[1]]))
+    own = [colour or COLOURS.get(name.partition("_")[0], GREY) for name in skeleton.joint_names]
+    if rim:
+        for parent, joint in bones:
+            _line(canvas, at[parent], at[joint], BLACK if colour is None else (90, 90, 90), thick + 2)
+    for parent, joint in bones:
+        _line(canvas, at[parent], at[joint], own[joint], thick)
+    for joint in np.argsort(-away, kind="stable"):
+        if rim:
+            _dot(canvas, at[joint], thick + 2, BLACK if colour is None else (90, 90, 90))
+        _dot(canvas, at[joint], thick + 1 if rim else thick, own[joint])
+
+
+def _fixed(point: Array) -> tuple[int, int]:
+    """A point for cv2's drawing with ``shift``; far outside is as good as at the limit of its integers."""
+    x, y = np.rint(np.clip(point, -1e4, 1e4) * 2**_SUBPIXEL).astype(int)
+    return int(x), int(y)
+
+
+def _line(canvas: Image, start: Array, stop: Array, colour: Colour, thick: int) -> None:
+    cv2.line(canvas, _fixed(start), _fixed(stop), colour, thick, cv2.LINE_AA, _SUBPIXEL)
+
+
+def _dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
+    cv2.circle(canvas, _fixed(at), radius << _SUBPIXEL, colour, -1, cv2.LINE_AA, _SUBPIXEL)
+
+
+def _text(canvas: Image, text: str, at: Array, colour: Colour, scale: float) -> None:
+    x, y = np.rint(at).astype(int)
+    cv2.putText(canvas, text, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+
+
+def _fit_text(canvas: Image, text: str, left: int, bottom: int, width: int) -> None:
+    """Text no wider than ``width`` pixels: smaller if need be."""
+    scale = 0.5
+    taken = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0]
+    _text(canvas, text, np.array([left, bottom]), (40, 40, 40), scale * min(1.0, width / max(taken, 1)))

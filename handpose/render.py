@@ -1,0 +1,226 @@
+r"""Depth images of capsules: a hand as a union of round cones, seen by a pinhole camera.
+
+A capsule is the convex hull of two spheres, radii ra at a and rb at b: all the spheres of centre
+c(s) = a + s (b - a) and radius r(s) = ra - s (ra - rb), 0 <= s <= 1. A ray t (x, y, 1) has depth t, so the
+depth image is the smallest t over all capsules, and the ray meets the sphere s at
+
+    t = (c.d - sqrt((c.d)^2 - d.d (c.c - r^2))) / d.d        with d = (x, y, 1)
+
+Which s it meets first follows from the infinite cone that the spheres touch. With B = b - a, w = ra - rb,
+e = B.B - w^2 and g = a.B + ra w, the ray meets that cone at the smaller root of k2 t^2 + 2 k1 t + k0 = 0,
+
+    k2 = e d.d - (B.d)^2      k1 = (g B - e a).d      k0 = e (a.a - ra^2) - g^2      s = (t B.d - g) / e
+
+and s, limited to [0, 1], is the sphere that holds the first point of the hull. No case distinction is left
+for the pixels, so a capsule is twenty array operations on the rectangle of pixels it can touch; rectangles of
+similar size, of whatever capsule and frame, go together. B.d, k1, a.d are sums of a row and a column.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.camera import NYU, Camera
+from handpose.crop import SIZE, window
+from netlib.errors import DataError
+
+Floats = NDArray[np.float32]
+
+_TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
+_OUTSIDE = 8.0  # slope of the rays of crop pixels that lie outside the image: no capsule is there
+
+
+class Capsules(NamedTuple):
+    """M capsules in each of N frames: two end points in mm, camera axes (y up), and their radii in mm."""
+
+    a: NDArray[np.float64]  # (N, M, 3)
+    b: NDArray[np.float64]  # (N, M, 3)
+    radius_a: NDArray[np.float64]  # (N, M)
+    radius_b: NDArray[np.float64]  # (N, M)
+
+
+def render_crop(
+    capsules: Capsules, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> Floats:
+    """Depth (N, size, size) in mm, as ``crop`` would cut it from a rendering of the whole image.
+
+    The rays are those of the pixels that ``crop`` picks. Nothing in sight is the far face of the cube, but
+    what is nearer or farther than the cube is not moved to its faces: see ``normalise_depth``.
+
+    center_uvd  (N, 3) middle of the cubes
+    cube_mm     edges of the cubes, one or (N,)
+    """
+    columns, rows = window(center_uvd, cube_mm, camera, size)
+    far = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))[:, 2] + np.asarray(cube_mm) / 2
+    x = _slopes(columns, camera.u0, camera.fx)
+    y = _slopes(rows, camera.v0, camera.fy)
+    return render(capsules, x, y, far)
+
+
+def render_image(capsules: Capsules, camera: Camera = NYU, background: float = np.inf) -> Floats:
+    """Depth (N, height, width) in mm of the whole image; ``background`` where there is no capsule."""
+    N = len(capsules.a)
+    x = np.broadcast_to((np.arange(camera.width) - camera.u0) / camera.fx, (N, camera.width))
+    y = np.broadcast_to((np.arange(camera.height) - camera.v0) / camera.fy, (N, camera.height))
+    return render(capsules, x, y, np.full(N, background))
+
+
+def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> Floats:
+    """Depth (N, H, W) in mm to [-1, 1] across the cubes at depth ``center_d`` (N,), in place."""
+    depth -= np.asarray(center_d, dtype=np.float32).reshape(-1, 1, 1)
+    depth *= np.asarray(2 / np.asarray(cube_mm), dtype=np.float32).reshape(-1, 1, 1)
+    return np.clip(depth, -1, 1, out=depth)
+
+
+def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike) -> Floats:
+    """Depth (N, H, W) in mm along the rays of slopes ``x`` (N, W) and ``y`` (N, H), both ascending, y DOWN.
+
+    ``background`` (N,) mm is the depth where there is no nearer capsule. Raises DataError for a capsule that
+    does not lie in front of the camera.
+    """
+    x, y = np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
+    N, M = capsules.radius_a.shape
+    H, W = y.shape[1], x.shape[1]
+    image = np.empty((N, H, W), dtype=np.float32)
+    image[...] = np.asarray(background, dtype=np.float32)[:, None, None]
+
+    frame = np.repeat(np.arange(N), M)
+    a, b, ra, rb = _visible_ends(capsules)
+    left, right = _extent(a, b, ra, rb, 0)
+    top, bottom = _extent(a, b, ra, rb, 1)
+    i0, i1 = _pixels(x, frame, left, right)
+    j0, j1 = _pixels(y, frame, top, bottom)
+    width, height = i1 - i0, j1 - j0
+    shown = np.flatnonzero((width > 0) & (height > 0))
+    # Similar rectangles together: by width in steps of 8 pixels, then by height.
+    shown = shown[np.lexsort((height[shown], -(-width[shown] // 8)))]
+    coefficients = _coefficients(a, b, ra, rb)
+    area = (-(-width // 8) * 8) * height
+
+    first = 0
+    while first < len(shown):
+        # as many as fill a tile; the last of them are the largest
+        last = first + 1
+        while last < len(shown) and (last + 1 - first) * area[shown[last]] <= _TILE:
+            last += 1
+        some = shown[first:last]
+        w, h = int(width[some].max()), int(height[some].max())
+        column = np.minimum(i0[some], W - w)
+        row = np.minimum(j0[some], H - h)
+        depth = _depths(
+            coefficients[:, some],
+            x[frame[some, None], column[:, None] + np.arange(w)][:, None, :],
+            y[frame[some, None], row[:, None] + np.arange(h)][:, :, None],
+        )
+        for n, i, j, tile in zip(frame[some].tolist(), column.tolist(), row.tolist(), depth, strict=True):
+            part = image[n, j : j + h, i : i + w]
+            np.fmin(part, tile, out=part)  # fmin passes over NaN, which is a ray that misses
+        first = last
+    return image
+
+
+def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
+    """Slopes of the rays through image columns or rows (N, size), where -1 is a pixel outside the image."""
+    slopes = ((pixels - middle) / focal).astype(np.float32)
+    outside = pixels < 0
+    before = np.cumsum(~outside, axis=1) == 0
+    slopes[outside] = _OUTSIDE
+    slopes[before] = -_OUTSIDE
+    return slopes
+
+
+def _visible_ends(
+    capsules: Capsules,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The capsules flattened to (N M, ...), y down, those of which only one sphere shows replaced by that sphere."""
+    a = capsules.a.reshape(-1, 3) * (1, -1, 1)
+    b = capsules.b.reshape(-1, 3) * (1, -1, 1)
+    ra, rb = capsules.radius_a.reshape(-1), capsules.radius_b.reshape(-1)
+    if not (np.minimum(a[:, 2] - ra, b[:, 2] - rb) > 0).all():
+        raise DataError("a capsule lies at or behind the camera, or has a coordinate that is not a number")
+    B, w = b - a, ra - rb
+    e = (B * B).sum(1) - w * w
+    g = (a * B).sum(1) + ra * w
+    inside = e <= 0  # one sphere holds the other: the larger one is all there is
+    end = (w < 0).astype(float)
+    # The camera looks along the axis from within the cone, so that the nearer end hides the rest.
+    s = -g / np.where(inside, 1, e)
+    along = ~inside & (e * ((a * a).sum(1) - ra * ra) - g * g <= 0) & (ra - s * w > 0)
+    end = np.where(along, np.clip(s, 0, 1).round(), end)
+    one = inside | along
+    at_b = one & (end == 1)
+    at_a = one & (end == 0)
+    a, ra = np.where(at_b[:, None], b, a), np.where(at_b, rb, ra)
+    b, rb = np.where(at_a[:, None], a, b), np.where(at_a, ra, rb)
+    return a, b, ra, rb
+
+
+def _extent(
+    a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64], axis: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Smallest and largest slope along x or y of the rays that touch each capsule."""
+    bounds = []
+    for c, r in ((a, ra), (b, rb)):
+        p, z = c[:, axis], c[:, 2]
+        reach = r * np.sqrt(p * p + z * z - r * r)  # tangents to a circle
+        bounds.append(((p * z - reach) / (z * z - r * r), (p * z + reach) / (z * z - r * r)))
+    return np.minimum(bounds[0][0], bounds[1][0]), np.maximum(bounds[0][1], bounds[1][1])
+
+
+def _pixels(
+    slopes: Floats, frame: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Ranges of the indices of ``slopes`` (N, size) between ``low`` and ``high`` (L,), in the row ``frame`` (L,)."""
+    own = slopes[frame]
+    return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(own <= high[:, None], axis=1)
+
+
+def _coefficients(
+    a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64]
+) -> Floats:
+    """What the pixels need of each capsule, (13, L): a, B, k1's vector, e, g, k0, a.a - ra^2."""
+    B, w = b - a, ra - rb
+    e = (B * B).sum(1) - w * w
+    g = (a * B).sum(1) + ra * w
+    e = np.where(e > 0, e, 1.0)  # a single sphere: B = 0, g = 0, and any e gives s = 0
+    q = (a * a).sum(1) - ra * ra
+    k1 = g[:, None] * B - e[:, None] * a
+    return np.stack([*a.T, *B.T, *k1.T, e, g, e * q - g * g, q]).astype(np.float32)
+
+
+def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
+    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the capsule is missed."""
+    ax, ay, az, bx, by, bz, kx, ky, kz, e, g, k0, q = coefficients[:, :, None, None]
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        dd = x * x + (y * y + 1)
+        Bd = bx * x + (by * y + bz)
+        k1 = kx * x + (ky * y + kz)
+        k2 = e * dd
+        k2 -= Bd * Bd
+        root = k1 * k1
+        root -= k0 * k2
+        np.sqrt(np.maximum(root, 0, out=root), out=root)
+        root += k1
+        root /= k2  # -t
+        root *= Bd
+        root += g
+        root *= -1 / e
+        s = np.clip(root, 0, 1, out=root)
+        cd = ax * x + (ay * y + az)
+        Bd *= s
+        cd += Bd
+        # c.c - r^2 = q + 2 s g + s^2 e
+        np.multiply(s, e, out=k1)
+        k1 += 2 * g
+        k1 *= s
+        k1 += q
+        k1 *= dd
+        np.multiply(cd, cd, out=k2)
+        k2 -= k1
+        np.sqrt(k2, out=k2)
+        cd -= k2
+        cd /= dd
+    return cd

@@ -1,0 +1,53 @@
+"""DummyData: constant or random values, for trying out a net without data.
+
+top[i]  shape and values from ``dummy_data_param { shape { ... } data_filler { ... } }``, one for each top or one
+        for all; constants are written once, random values anew for every batch
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from netlib.blob import Blobs
+from netlib.fillers import Filler, fill
+from netlib.layer import Layer
+from netlib.schema import BlobShape, UInt
+
+
+@dataclass(frozen=True)
+class DummyDataParameter:
+    """The ``dummy_data_param { ... }`` block."""
+
+    data_filler: tuple[Filler, ...] = ()  # constant 0 by default
+    shape: tuple[BlobShape, ...] = ()
+    num: tuple[UInt, ...] = ()  # older than shape: four numbers a top
+    channels: tuple[UInt, ...] = ()
+    height: tuple[UInt, ...] = ()
+    width: tuple[UInt, ...] = ()
+
+
+class DummyData(Layer):
+    """Made-up data."""
+
+    param_type = DummyDataParameter
+    bottoms = (0, 0)
+    tops = (1, None)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        shapes = [s.dim for s in p.shape] or list(zip(p.num, p.channels, p.height, p.width))
+        for what, given in (("shape", shapes), ("data_filler", p.data_filler)):
+            if len(given) not in (0 if what == "data_filler" else 1, 1, len(top)):
+                raise self.fail(f"has {len(top)} tops, but {len(given)} of {what}", what)
+        self.fillers = [p.data_filler[i % len(p.data_filler)] if p.data_filler else Filler() for i in range(len(top))]
+        for i, blob in enumerate(top):
+            blob.reshape(shapes[i % len(shapes)])
+            fill(blob.data, self.fillers[i], self.rng)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        """Shaped once and for all."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        for blob, filler in zip(top, self.fillers):
+            if filler.type != "constant":
+                fill(blob.data, filler, self.rng)

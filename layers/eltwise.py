@@ -1,0 +1,84 @@
+"""Eltwise: combine blobs of one shape, value by value.
+
+bottom[i]  x_i  equal shapes, at least two
+top[0]     y    same shape
+
+PROD  y = product of x_i               dx_i = dy · product of the others
+SUM   y = sum of coeff_i x_i           dx_i = coeff_i dy
+MAX   y = largest of x_i               dx_i = dy for the largest x_i, else 0
+
+Equal values in MAX: as in Caffe, x_1 wins over x_0, and any earlier one over a later one.
+``stable_prod_grad: false`` computes the product of the others as y / x_i, faster, but not where x_i is 0.
+Kept for backward: ``winner``, the index of the largest bottom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from typing import Literal
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class EltwiseParameter:
+    """The ``eltwise_param { ... }`` block."""
+
+    operation: Literal["PROD", "SUM", "MAX"] = "SUM"
+    coeff: tuple[float, ...] = ()  # SUM: one a bottom; 1 by default
+    stable_prod_grad: bool = True
+
+
+class Eltwise(Layer):
+    """Product, weighted sum or maximum of blobs."""
+
+    param_type = EltwiseParameter
+    bottoms = (2, None)
+    tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        coeff = self.param.coeff
+        if coeff and self.param.operation != "SUM":
+            raise self.fail("coeff is for operation SUM only", "coeff")
+        if coeff and len(coeff) != len(bottom):
+            raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
+        self.coeff = [self.dtype.type(c) for c in coeff or (1.0,) * len(bottom)]
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        for i, x in enumerate(bottom):
+            if x.shape != bottom[0].shape:
+                raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and {self.spec.bottom[0]!r} "
+                                f"{bottom[0].shape} must have the same shape")  # fmt: skip
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        xs, y = [x.data for x in bottom], top[0].data
+        if self.param.operation == "PROD":
+            y[...] = reduce(np.multiply, xs)
+        elif self.param.operation == "SUM":
+            y[...] = reduce(np.add, [c * x for c, x in zip(self.coeff, xs)])
+        else:
+            self.winner = np.where(xs[0] > xs[1], 0, 1)
+            np.maximum(xs[0], xs[1], out=y)
+            for i, x in enumerate(xs[2:], 2):
+                self.winner[x > y] = i
+                np.maximum(y, x, out=y)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        dy = top[0].diff
+        for i, (x, down) in enumerate(zip(bottom, propagate_down)):
+            if not down:
+                continue
+            if self.param.operation == "SUM":
+                x.diff[...] = self.coeff[i] * dy
+            elif self.param.operation == "MAX":
+                x.diff[...] = dy * (self.winner == i)
+            elif self.param.stable_prod_grad:
+                x.diff[...] = dy * reduce(np.multiply, [o.data for k, o in enumerate(bottom) if k != i])
+            else:
+                x.diff[...] = dy * (top[0].data / x.data)

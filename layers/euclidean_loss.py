@@ -1,0 +1,51 @@
+"""EuclideanLoss: half the mean squared distance.
+
+bottom[0]  a  (N, ...)
+bottom[1]  b  same number of values, in all and an item
+top[0]     L  scalar
+
+L  = 1 / (2 N) sum of (a - b)²
+da =  dL (a - b) / N
+db = -dL (a - b) / N
+
+dL is the loss weight. Kept for backward: ``difference`` = a - b.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+class EuclideanLoss(Layer):
+    """Sum of squares over 2N."""
+
+    bottoms = (2, 2)
+    tops = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+    reads_bottom = reads_top = False
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        a, b = bottom
+        items = [x.shape[0] if x.shape else 0 for x in bottom]
+        if items[0] == 0 or a.count != b.count or items[0] != items[1]:
+            raise self.fail(
+                f"bottoms {self.spec.bottom[0]!r} {a.shape} and {self.spec.bottom[1]!r} {b.shape} must have "
+                "the same number of items and of values an item"
+            )
+        top[0].reshape(())
+        self.difference = np.empty((items[0], a.count // items[0]), self.dtype)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        d = self.difference
+        np.subtract(bottom[0].data.reshape(d.shape), bottom[1].data.reshape(d.shape), out=d)
+        top[0].data[...] = np.vdot(d, d) / (2 * len(d))
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        scale = top[0].diff / self.dtype.type(len(self.difference))
+        for x, down, sign in zip(bottom, propagate_down, (1, -1)):
+            if down:
+                np.multiply(self.difference, sign * scale, out=x.diff.reshape(self.difference.shape))

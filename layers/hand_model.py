@@ -1,0 +1,56 @@
+"""HandModel: joint angles → joint positions, so that every prediction is a possible hand (the paper's Sec. 3.2).
+
+bottom[0]  x  (N, D)      inputs of the skeleton's DoFs: radians, and half-cubes for lengths (the hand: D = 47)
+top[0]     y  (N, 3 K)    joints, x y z each, in half-cubes from the crop centre; x right, y up, z away (K = 31)
+
+y  = forward kinematics of x                 layers/kinematics.py has the mathematics of both directions
+dx = its transposed Jacobian times dy        0 for fixed DoFs
+
+Kept for backward: ``pose``, the joints and the axes of rotation. Computed in float64, whatever the net's type.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from layers import kinematics
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class HandModelParameter:
+    """The ``hand_model_param { ... }`` block."""
+
+    skeleton: str = ""  # a skeleton file; by default the packaged NYU hand
+
+
+class HandModel(Layer):
+    """Forward kinematics of a skeleton."""
+
+    param_type = HandModelParameter
+    param_name = "hand_model_param"
+    bottoms = tops = (1, 1)
+    in_place = False
+    reads_bottom = reads_top = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.skeleton = kinematics.load_for(self.param.skeleton, self.source)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        N, D, K = bottom[0].shape[0], len(self.skeleton.dof_names), len(self.skeleton.joint_names)
+        if bottom[0].count != N * D:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, "
+                            f"skeleton {self.skeleton.name!r} expects ({N}, {D})")  # fmt: skip
+        top[0].reshape(N, 3 * K)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        N = len(bottom[0].data)
+        self.pose = self.skeleton.forward(bottom[0].data.reshape(N, -1))
+        top[0].data[...] = self.pose.joints.reshape(-1, N).T
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            K, _, N = self.pose.joints.shape
+            dy = top[0].diff.T.astype("float64").reshape(K, 3, N)
+            bottom[0].diff[...] = self.skeleton.backward(self.pose, dy).reshape(bottom[0].shape)

@@ -1,0 +1,165 @@
+"""HDF5Data: batches from HDF5 files.
+
+top[i]  the rows of the data set of the same name, (batch_size, ...), converted to the net's type
+
+``source`` is a list, one file a line. Rows are read in order, a batch runs on across the end of a file, and after
+the last file it starts over. With ``shuffle`` every pass takes the files in a new order, and the rows of a file.
+
+The order is a pure function of a *cursor* (pass, file, row) and the layer's seed. So a batch can be read ahead by a
+thread while the net computes, and a cursor is all that a snapshot needs to go on with the very next row.
+Data sets stored in one piece are mapped, not read: memory then holds only the batch.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.errors import DataError, os_reason
+from netlib.layer import Layer
+from netlib.paths import find
+from netlib.schema import UInt
+
+Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
+
+
+@dataclass(frozen=True)
+class HDF5DataParameter:
+    """The ``hdf5_data_param { ... }`` block."""
+
+    source: str  # the list of files
+    batch_size: UInt
+    shuffle: bool = False
+
+
+class HDF5Data(Layer):
+    """Reads batches, one ahead."""
+
+    param_type = HDF5DataParameter
+    param_name = "hdf5_data_param"
+    bottoms = (0, 0)
+    tops = (1, None)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if self.param.batch_size == 0:
+            raise self.fail("batch_size must be at least 1", "batch_size")
+        self.seed = int(self.rng.integers(2**62))
+        self.files = [File(path, self.spec.top) for path in read_list(self.param.source, self.source)]
+        self.rows = sum(file.rows for file in self.files)
+        for file in self.files[1:]:
+            for name, first, this in zip(self.spec.top, self.files[0].arrays, file.arrays):
+                if first.shape[1:] != this.shape[1:]:
+                    raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
+                                    f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
+        self.cursor: Cursor = (0, 0, 0)
+        self._ahead: Future[tuple[list[Array], Cursor]] | None = None
+        self._reader = ThreadPoolExecutor(1, "hdf5_data")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        for blob, array in zip(top, self.files[0].arrays):
+            blob.reshape(self.param.batch_size, *array.shape[1:])
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        ahead = self._ahead or self._reader.submit(self.read, self.cursor)
+        arrays, self.cursor = ahead.result()
+        for blob, array in zip(top, arrays):
+            blob.data[...] = array
+        self._ahead = self._reader.submit(self.read, self.cursor)
+
+    def state(self) -> dict[str, Any]:
+        return {"seed": self.seed, "cursor": list(self.cursor), "rows": self.rows}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        if self._ahead is not None:
+            self._ahead.result()
+            self._ahead = None
+        self.seed = int(state["seed"])
+        if state.get("rows") == self.rows:  # with other data there is no such place to go on
+            self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]), int(state["cursor"][2]))
+
+    # ------------------------------------------------------------------------------------------ the order of rows
+
+    def read(self, cursor: Cursor) -> tuple[list[Array], Cursor]:
+        """The batch that starts at ``cursor``, and the cursor after it."""
+        batch = [np.empty((self.param.batch_size, *a.shape[1:]), self.dtype) for a in self.files[0].arrays]
+        done = 0
+        while done < self.param.batch_size:
+            turn, place, row = cursor
+            number = self._order(len(self.files), turn, 0)[place]
+            file = self.files[number]
+            take = min(self.param.batch_size - done, file.rows - row)
+            rows = self._order(file.rows, turn, 1 + place)[row : row + take] if self.param.shuffle else None
+            for out, array in zip(batch, file.arrays):
+                if rows is None:
+                    out[done : done + take] = array[row : row + take]
+                else:
+                    for i, r in enumerate(rows, done):
+                        out[i] = array[r]
+            done += take
+            row += take
+            cursor = (turn, place, row)
+            if row == file.rows:
+                cursor = (turn, place + 1, 0) if place + 1 < len(self.files) else (turn + 1, 0, 0)
+        return batch, cursor
+
+    def _order(self, count: int, turn: int, stream: int) -> Array:
+        if not self.param.shuffle or count == 1:
+            return np.arange(count)
+        return np.random.default_rng([self.seed, turn, stream]).permutation(count)
+
+
+class File:
+    """One open HDF5 file: an array for each data set, mapped if it is stored in one piece."""
+
+    def __init__(self, path: Path, names: tuple[str, ...]) -> None:
+        self.path = path
+        try:
+            path.open("rb").close()
+            with h5py.File(path, "r") as file:
+                for name in names:
+                    if not isinstance(file.get(name), h5py.Dataset):
+                        raise DataError(f"{path}: no data set {name!r}; it has {', '.join(file) or 'none'}")
+                self.arrays = [self._array(file[name]) for name in names]
+        except (OSError, ValueError, RuntimeError) as error:
+            reason = os_reason(error) if isinstance(error, OSError) else str(error)
+            raise DataError(f"{path}: cannot read the HDF5 file: {reason}") from error
+        counts = {name: a.shape[0] if a.ndim else 0 for name, a in zip(names, self.arrays)}
+        if len(set(counts.values())) > 1:
+            raise DataError(f"{path}: data sets of different length: {', '.join(f'{k} {v}' for k, v in counts.items())}")
+        self.rows = counts[names[0]]
+        if self.rows == 0:
+            raise DataError(f"{path}: data set {names[0]!r} has no rows")
+
+    def _array(self, dataset: h5py.Dataset) -> Array:
+        if dataset.dtype.kind not in "fiu":
+            raise DataError(f"{self.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
+        offset = dataset.id.get_offset()
+        if offset is None or dataset.size == 0:  # in chunks, compressed or empty
+            return np.asarray(dataset[...])
+        return np.memmap(self.path, dataset.dtype, "r", offset, dataset.shape)
+
+
+def read_list(source: str, prototxt: str | None) -> list[Path]:
+    """The files that a list names, relative to the working directory or to the list. Raises DataError."""
+    path = find(source, prototxt)
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = os_reason(error) if isinstance(error, OSError) else "not a text file"
+        raise DataError(f"{source}: cannot read the list of HDF5 files: {reason}") from error
+    names = [line.strip() for line in lines if line.strip()]
+    if not names:
+        raise DataError(f"{source}: the list of HDF5 files is empty")
+    files = []
+    for name in names:
+        files.append(find(name, str(path)))
+        if not files[-1].exists():
+            raise DataError(f"{source}: names {name!r}, which does not exist; expected a path from the working "
+                            "directory or from the list")  # fmt: skip
+    return files

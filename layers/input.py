@@ -1,0 +1,41 @@
+"""Input: a blob that the caller fills.
+
+top[i]  shape from ``input_param { shape { dim: ... } }``, one for each top or one for all
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import BlobShape
+
+
+@dataclass(frozen=True)
+class InputParameter:
+    """The ``input_param { ... }`` block."""
+
+    shape: tuple[BlobShape, ...] = ()
+
+
+class Input(Layer):
+    """The way into a net."""
+
+    param_type = InputParameter
+    bottoms = (0, 0)
+    tops = (1, None)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        shapes = self.param.shape
+        if len(shapes) not in (0, 1, len(top)):
+            raise self.fail(f"has {len(top)} tops, but {len(shapes)} shapes", "shape")
+        for i, blob in enumerate(top):
+            if shapes:
+                blob.reshape(shapes[i if len(shapes) > 1 else 0].dim)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        """The caller decides the shape."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        """The caller writes the data."""

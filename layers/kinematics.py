@@ -1,0 +1,382 @@
+r"""Skeleton and forward kinematics, with the gradient. Shared by HandModel and PhysLimit.
+
+A skeleton is a table read from a prototxt file (``prototxt/hand/nyu.prototxt`` is the hand of the paper;
+any articulated body is another file). Its degrees of freedom (DoF) have the value
+
+    theta[d] = input[d] + initial[d]        (a fixed DoF: theta[d] = initial[d])
+
+Each joint starts from its parent's position p and frame F (a 3x3 rotation, world_from_joint), and in order
+    moves      p <- p + F e_axis theta          for each ``translate``
+    turns      F <- F R_axis(theta)             for each ``rotate``, right-handed about a local axis
+    moves      p <- p + F e_axis length         by its ``bone``
+which is the product of 4x4 transforms of the paper's Sec. 3.2, root to tip.
+
+The gradient needs no matrix derivative. A joint at X that turns about the unit axis a through the pivot P
+moves with velocity a x (X - P), so with the joint's diff f = dL/dX as a force
+
+    dL/dtheta = sum_j  f_j . (a x (X_j - P))  =  a . sum_j (X_j - P) x f_j
+              = a . ( sum_j X_j x f_j  -  P x sum_j f_j )
+
+the torque about the axis, summed over the joints j that the DoF moves. For a translation along a it is
+a . sum_j f_j. Both sums are one product with the 0/1 matrix "DoF q moves joint j".
+
+Everything inside is float64 and batch last, (..., N): the innermost loop of every operation is then the
+batch. Joints of the same depth and the same sequence of operations (four fingers) go together.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlib import prototxt, schema
+from netlib.errors import PrototxtError, did_you_mean
+from netlib.paths import find
+from netlib.schema import Double
+
+Array = NDArray[np.float64]
+Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+NYU_HAND = Path(__file__).parent.parent / "prototxt" / "hand" / "nyu.prototxt"
+
+
+# ---------------------------------------------------------------------------------------------- the file
+
+
+@dataclass(frozen=True)
+class DofParameter:
+    """The ``dof { ... }`` of a skeleton file."""
+
+    name: str
+    initial: Double = 0.0  # added to the input
+    lower: Double = -np.inf  # limits of the input
+    upper: Double = np.inf
+    fixed: bool = False  # keeps the initial value, ignores the input
+
+
+@dataclass(frozen=True)
+class MotionParameter:
+    """The ``rotate { ... }`` or ``translate { ... }`` of a joint: a DoF about or along a local axis."""
+
+    axis: Axis
+    dof: str
+
+
+@dataclass(frozen=True)
+class BoneParameter:
+    """The ``bone { ... }`` of a joint."""
+
+    axis: Axis
+    length: Double
+
+
+@dataclass(frozen=True)
+class JointParameter:
+    """The ``joint { ... }`` of a skeleton file."""
+
+    name: str
+    parent: str | None = None  # none: starts at the origin
+    translate: tuple[MotionParameter, ...] = ()
+    rotate: tuple[MotionParameter, ...] = ()
+    bone: BoneParameter | None = None
+
+
+@dataclass(frozen=True)
+class SkeletonParameter:
+    """A whole skeleton file."""
+
+    name: str = ""
+    dof: tuple[DofParameter, ...] = ()
+    joint: tuple[JointParameter, ...] = ()  # in output order
+
+
+class Motion(NamedTuple):
+    """One free DoF acting in one joint: about or along sign * (local axis)."""
+
+    axis: int
+    sign: float
+    dof: int
+    row: int  # its row in Pose.axis and Pose.pivot
+
+
+class Constant(NamedTuple):
+    """Fixed rotations in a row, multiplied out."""
+
+    matrix: Array  # (3, 3)
+
+
+@dataclass
+class _Group:
+    """Joints of one depth whose operations have the same axes: they are computed as one array."""
+
+    joints: list[int]
+    parent: int  # index of the parents' group, -1 at the root
+    slots: slice | list[int]  # where the parents stand in that group
+    steps: list[tuple[str, list[Motion] | list[Constant]]] = field(default_factory=list)
+    bone_axis: int = 0
+
+
+@dataclass
+class Pose:
+    """What ``Skeleton.forward`` found out; ``Skeleton.backward`` needs it again."""
+
+    joints: Array  # (K, 3, N) positions
+    axis: Array  # (Q, 3, N) world direction of each free motion
+    pivot: Array  # (Q, 3, N) a point on each axis
+    frames: list[tuple[Array, Array, Array]]  # per group the columns of world_from_joint, each (joints, 3, N)
+
+
+class Skeleton:
+    """An articulated body.
+
+    dof_names, joint_names   names in file order: D inputs, K joints
+    initial, lower, upper    (D,) float64: offset of the input, limits of the input
+    fixed                    (D,) bool: DoFs that ignore their input
+    parents                  (K,) index of the parent joint, -1 for a root
+    bones                    (K,) signed bone lengths along each joint's bone axis
+    """
+
+    def __init__(self, param: SkeletonParameter) -> None:
+        self.name = param.name
+        self.dof_names = _unique([(d.name, d) for d in param.dof], "DoF")
+        self.joint_names = _unique([(j.name, j) for j in param.joint], "joint")
+        self.initial = np.array([d.initial for d in param.dof])
+        self.lower = np.array([d.lower for d in param.dof])
+        self.upper = np.array([d.upper for d in param.dof])
+        self.fixed = np.array([d.fixed for d in param.dof], dtype=bool)
+        for d in param.dof:
+            if d.lower > d.upper:
+                raise PrototxtError(
+                    schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
+                )
+        self.parents = np.array([self._parent(j) for j in param.joint])
+        self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
+        self._plan(param)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(D,) bool: DoFs that follow their input."""
+        return ~self.fixed
+
+    def _parent(self, joint: JointParameter) -> int:
+        if joint.parent is None:
+            return -1
+        if joint.parent not in self.joint_names:
+            raise PrototxtError(
+                schema.position_of(joint, "parent"),
+                f"joint {joint.name!r} has an unknown parent {joint.parent!r}"
+                + did_you_mean(joint.parent, self.joint_names),
+            )
+        return self.joint_names.index(joint.parent)
+
+    def _dof(self, motion: MotionParameter) -> int:
+        if motion.dof not in self.dof_names:
+            raise PrototxtError(
+                schema.position_of(motion, "dof"),
+                f"unknown DoF {motion.dof!r}" + did_you_mean(motion.dof, self.dof_names),
+            )
+        return self.dof_names.index(motion.dof)
+
+    def depth(self, joint: int) -> int:
+        """Number of joints between this one and its root."""
+        depth, j = 0, joint
+        while self.parents[j] >= 0:
+            depth, j = depth + 1, int(self.parents[j])
+            if depth > len(self.parents):
+                raise PrototxtError(self._positions[joint], f"joint {self.joint_names[joint]!r} is its own ancestor")
+        return depth
+
+    def _plan(self, param: SkeletonParameter) -> None:
+        """Arrange the joints into groups, and number the free motions."""
+        self._positions = [schema.position_of(j) for j in param.joint]
+        self._groups: list[_Group] = []
+        self._rows: list[Motion] = []
+        rotating: list[bool] = []
+        places: dict[int, tuple[int, int]] = {}  # joint -> (group, slot)
+        batches: dict[object, list[tuple[int, list[tuple[str, Motion | Constant]]]]] = {}
+        for j in sorted(range(len(param.joint)), key=self.depth):
+            steps = self._steps(param.joint[j], rotating)
+            bone = param.joint[j].bone
+            axes = tuple((kind, op.axis if isinstance(op, Motion) else None) for kind, op in steps)
+            key = (self.depth(j), axes, _signed(bone.axis)[0] if bone else 0)
+            batches.setdefault(key, []).append((j, steps))
+        for (_, _, bone_axis), members in batches.items():  # type: ignore[misc]
+            by_parent: dict[int, list[tuple[int, list[tuple[str, Motion | Constant]]]]] = {}
+            for j, steps in members:
+                group = places[int(self.parents[j])][0] if self.parents[j] >= 0 else -1
+                by_parent.setdefault(group, []).append((j, steps))
+            for parent, same in by_parent.items():
+                joints = [j for j, _ in same]
+                slots = [places[int(self.parents[j])][1] if parent >= 0 else 0 for j in joints]
+                together = [
+                    (kind, [steps[i][1] for _, steps in same]) for i, (kind, _) in enumerate(same[0][1])
+                ]
+                self._groups.append(_Group(joints, parent, _as_slice(slots), together, bone_axis))  # type: ignore[arg-type]
+                places.update({j: (len(self._groups) - 1, slot) for slot, j in enumerate(joints)})
+        self._places = places
+        self._turning = np.array(rotating, dtype=bool)
+        self._row_dof = np.array([m.dof for m in self._rows], dtype=int)
+        self._row_repeats = len(set(self._row_dof.tolist())) < len(self._row_dof)
+        self._moves = np.zeros((len(self._rows), len(param.joint)))  # DoF row q moves joint j
+        for j in range(len(param.joint)):
+            ancestor = j
+            while ancestor >= 0:
+                for q in self._rows_of.get(ancestor, ()):
+                    self._moves[q, j] = 1.0
+                ancestor = int(self.parents[ancestor])
+
+    def _steps(self, joint: JointParameter, rotating: list[bool]) -> list[tuple[str, Motion | Constant]]:
+        """A joint's operations in order; fixed ones are multiplied out."""
+        if not hasattr(self, "_rows_of"):
+            self._rows_of: dict[int, list[int]] = {}
+        steps: list[tuple[str, Motion | Constant]] = []
+        kinds = [("translate", m) for m in joint.translate] + [("rotate", m) for m in joint.rotate]
+        for kind, m in kinds:
+            axis, sign = _signed(m.axis)
+            dof = self._dof(m)
+            if kind == "rotate" and self.fixed[dof]:
+                matrix = rotation(axis, sign * self.initial[dof])
+                if steps and isinstance(steps[-1][1], Constant):
+                    steps[-1] = ("constant", Constant(steps[-1][1].matrix @ matrix))
+                else:
+                    steps.append(("constant", Constant(matrix)))
+                continue
+            motion = Motion(axis, sign, dof, len(self._rows))
+            self._rows.append(motion)
+            rotating.append(kind == "rotate")
+            self._rows_of.setdefault(self.joint_names.index(joint.name), []).append(motion.row)
+            steps.append((kind, motion))
+        return steps
+
+    # ------------------------------------------------------------------------------------------ motion
+
+    def theta(self, inputs: NDArray[np.floating]) -> Array:
+        """DoF values (N, D) of the inputs (N, D)."""
+        return np.asarray(np.where(self.fixed, 0.0, inputs) + self.initial, dtype=np.float64)
+
+    def joints(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Array:
+        """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
+        return self.forward(inputs, bones).joints.transpose(2, 0, 1)
+
+    def forward(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Pose:
+        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own bone lengths."""
+        N = len(inputs)
+        theta = np.array(inputs.T, dtype=np.float64, order="C")
+        theta[self.fixed] = 0.0
+        theta += self.initial[:, None]
+        value = theta[self._row_dof]  # (Q, N)
+        cos, sin = np.cos(value), np.sin(value)
+        X = np.zeros((len(self.parents), 3, N))
+        axis, pivot = np.zeros((2, len(self._rows), 3, N))
+        frames: list[tuple[Array, Array, Array]] = []
+        lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
+        identity = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
+        for group in self._groups:
+            if group.parent < 0:
+                frame, p = list(identity), np.zeros((1, 3, 1))
+            else:
+                frame = [column[group.slots] for column in frames[group.parent]]
+                p = X[self._groups[group.parent].joints][group.slots]
+            for kind, ops in group.steps:
+                if kind == "constant":
+                    frame = _turn_constant(frame, np.array([op.matrix for op in ops if isinstance(op, Constant)]))
+                    continue
+                motions = [op for op in ops if isinstance(op, Motion)]
+                rows, k = _as_slice([m.row for m in motions]), motions[0].axis
+                sign = np.array([m.sign for m in motions])[:, None, None]
+                np.multiply(frame[k], sign, out=axis[rows]) if isinstance(rows, slice) else axis.__setitem__(
+                    rows, frame[k] * sign
+                )
+                pivot[rows] = p
+                if kind == "translate":
+                    p = p + axis[rows] * value[rows][:, None]
+                else:  # right-multiplying by R_k(angle) mixes the two other columns
+                    i, j = (k + 1) % 3, (k + 2) % 3
+                    c, s = cos[rows][:, None], sin[rows][:, None] * sign
+                    frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
+            X[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
+            frames.append((frame[0], frame[1], frame[2]))
+        return Pose(X, axis, pivot, frames)
+
+    def backward(self, pose: Pose, dX: Array) -> Array:
+        """Gradient (N, D) at the inputs, given the gradient ``dX`` (K, 3, N) at the joints. Fixed DoFs: 0."""
+        K, _, N = pose.joints.shape
+        force = (self._moves @ dX.reshape(K, -1)).reshape(-1, 3, N)
+        torque = (self._moves @ _cross(pose.joints, dX).reshape(K, -1)).reshape(-1, 3, N)
+        torque -= _cross(pose.pivot, force)
+        torque[~self._turning] = force[~self._turning]
+        torque *= pose.axis
+        gradient = np.zeros((len(self.initial), N))
+        if self._row_repeats:  # one DoF drives several joints
+            np.add.at(gradient, self._row_dof, torque.sum(axis=1))
+        else:
+            gradient[self._row_dof] = torque.sum(axis=1)
+        return gradient.T
+
+    def rotation_of(self, pose: Pose, joint: int) -> Array:
+        """world_from_joint of one joint, (N, 3, 3)."""
+        group, slot = self._places[joint]
+        columns = [np.broadcast_to(c[slot], pose.joints.shape[1:]) for c in pose.frames[group]]
+        return np.stack(columns, axis=1).transpose(2, 0, 1)
+
+
+def rotation(axis: int, angle: float) -> Array:
+    """Right-handed rotation (3, 3) about a coordinate axis (0, 1, 2 for x, y, z)."""
+    R, i, j = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
+    c, s = np.cos(angle), np.sin(angle)
+    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+    return R
+
+
+@functools.lru_cache(maxsize=16)
+def load(path: str | Path = NYU_HAND) -> Skeleton:
+    """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
+    return Skeleton(schema.read(prototxt.parse_file(path), SkeletonParameter, f"skeleton {path}"))
+
+
+def load_for(name: str, source: str | None) -> Skeleton:
+    """The skeleton that the prototxt ``source`` names; the NYU hand if it names none."""
+    return load(find(name, source) if name else NYU_HAND)
+
+
+def _unique(named: list[tuple[str, object]], what: str) -> list[str]:
+    seen: set[str] = set()
+    for name, param in named:
+        if name in seen:
+            raise PrototxtError(schema.position_of(param), f"{what} {name!r} is defined twice")
+        seen.add(name)
+    return [name for name, _ in named]
+
+
+def _signed(axis: Axis) -> tuple[int, float]:
+    return "XYZ".index(axis[-1]), -1.0 if axis.startswith("NEG_") else 1.0
+
+
+def _as_slice(indices: list[int]) -> slice | list[int]:
+    """Consecutive indices as a slice, so that indexing with them copies nothing."""
+    if indices == list(range(indices[0], indices[0] + len(indices))):
+        return slice(indices[0], indices[0] + len(indices))
+    return indices
+
+
+def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
+    """Right-multiply the frames, three columns of (1 or n, 3, N), by constant ``matrices`` (n, 3, 3)."""
+    return [
+        matrices[:, 0, c, None, None] * frame[0]
+        + matrices[:, 1, c, None, None] * frame[1]
+        + matrices[:, 2, c, None, None] * frame[2]
+        for c in range(3)
+    ]
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product along axis 1 of (n, 3, N) arrays."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(a[:, j], b[:, k], out=out[:, i])
+        out[:, i] -= a[:, k] * b[:, j]
+    return out

@@ -1,0 +1,29 @@
+"""Silence: read blobs that nobody needs, so that they do not count as outputs of the net.
+
+bottom[i]  x_i  any shape
+
+dx_i = 0
+"""
+
+from __future__ import annotations
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+class Silence(Layer):
+    """Reads, and does nothing."""
+
+    bottoms = (1, None)
+    tops = (0, 0)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        pass
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        pass
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        for x, down in zip(bottom, propagate_down):
+            if down:
+                x.diff[...] = 0

@@ -1,0 +1,48 @@
+"""A Caffe-style layer graph on NumPy: prototxt in, layers, a solver, snapshots. The interface is pycaffe's.
+
+    net = netlib.Net("prototxt/nyu_deploy.prototxt", "weights.caffemodel.h5", netlib.TEST)
+    joints = net.forward(depth=crop)["joint_xyz"]
+
+    solver = netlib.get_solver("prototxt/nyu_solver.prototxt")
+    solver.step(10)
+"""
+
+from netlib import blas
+
+BLAS_NOTE = blas.configure()  # before anything imports NumPy
+
+from netlib.blob import Blob, Blobs  # noqa: E402
+from netlib.errors import (  # noqa: E402
+    DataError,
+    DivergenceError,
+    LayerError,
+    NetlibError,
+    PrototxtError,
+    WeightsError,
+)
+from netlib.layer import PHASES, Layer, layer_types  # noqa: E402
+
+TRAIN, TEST = PHASES["TRAIN"], PHASES["TEST"]
+
+from netlib.net import Net, set_random_seed  # noqa: E402
+from netlib.parallel import set_threads, threads  # noqa: E402
+from netlib.solver import Solver, get_solver  # noqa: E402
+
+__all__ = [
+    "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
+    "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "layer_type_list", "set_mode_cpu",
+    "set_mode_gpu", "set_random_seed", "set_threads", "threads",
+]  # fmt: skip
+
+
+def layer_type_list() -> list[str]:
+    """The names of all layer types."""
+    return sorted([*layer_types(), "Python"])
+
+
+def set_mode_cpu() -> None:
+    """For scripts written for pycaffe; there is only the CPU here."""
+
+
+def set_mode_gpu() -> None:
+    """For scripts written for pycaffe; this runs on the CPU all the same."""

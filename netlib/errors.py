@@ -1,0 +1,48 @@
+"""The error kinds of the project. Each message is one line a user can act on.
+
+A message says what was found, where (``file:line:column``, layer, blob, field), what was expected
+and, if it helps, what to do. Tools print it to stderr and exit with status 1.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class NetlibError(Exception):
+    """Base of every error that a user's input can cause."""
+
+
+class PrototxtError(NetlibError):
+    """Text that is not a valid prototxt, or a field that its message does not have."""
+
+    def __init__(self, position: object, message: str) -> None:
+        super().__init__(f"{position}: error: {message}")
+
+
+class LayerError(NetlibError):
+    """A layer that cannot be built or run: options, shapes or counts that do not fit."""
+
+
+class WeightsError(NetlibError):
+    """Weights or a solver state that cannot be read, written, or do not fit the net."""
+
+
+class DataError(NetlibError):
+    """A data set that is missing, unreadable or inconsistent."""
+
+
+class DivergenceError(NetlibError):
+    """Training met a value that is NaN or infinite."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """``" (did you mean 'x'?)"`` for the nearest of ``known``, or an empty string."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def os_reason(error: OSError) -> str:
+    """The plain reason of an operating-system error, on one line: ``No space left on device``."""
+    return " ".join((error.strerror or str(error) or type(error).__name__).split())

@@ -1,0 +1,81 @@
+"""Initial values of parameters: Caffe's fillers.
+
+    constant   value                          uniform    U(min, max)
+    gaussian   N(mean, std²)                  xavier     U(-a, a), a = sqrt(3 / n)
+    msra       N(0, 2 / n)                    positive_unitball, bilinear: as in Caffe
+
+with n the fan-in, the fan-out or their mean (``variance_norm``). As in Caffe, fan-in is count / shape[0]
+and fan-out is count / shape[1], whatever the layer does with the axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlib import schema
+from netlib.errors import PrototxtError, did_you_mean
+
+TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
+
+
+@dataclass(frozen=True)
+class Filler:
+    """A ``weight_filler { ... }``, ``bias_filler { ... }`` or ``filler { ... }``."""
+
+    type: str = "constant"
+    value: float = 0.0  # constant
+    min: float = 0.0  # uniform
+    max: float = 1.0  # uniform
+    mean: float = 0.0  # gaussian
+    std: float = 1.0  # gaussian
+    sparse: int = -1  # gaussian: expected number of non-zero weights of an output; negative: all
+    variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = "FAN_IN"  # xavier, msra
+
+
+def Constant(value: float) -> Filler:
+    """The filler that sets every element to ``value``."""
+    return Filler(value=value)
+
+
+def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
+    """Set every element of ``array``. Raises PrototxtError for an unknown type."""
+    if filler.type == "constant":
+        array[...] = filler.value
+    elif filler.type == "uniform":
+        array[...] = rng.uniform(filler.min, filler.max, array.shape)
+    elif filler.type == "gaussian":
+        array[...] = rng.normal(filler.mean, filler.std, array.shape)
+        if filler.sparse >= 0:
+            array *= rng.random(array.shape) < min(1.0, filler.sparse / array.shape[0])
+    elif filler.type == "xavier":
+        bound = np.sqrt(3 / _fan(array.shape, filler))
+        array[...] = rng.uniform(-bound, bound, array.shape)
+    elif filler.type == "msra":
+        array[...] = rng.normal(0.0, np.sqrt(2 / _fan(array.shape, filler)), array.shape)
+    elif filler.type == "positive_unitball":
+        array[...] = rng.random(array.shape)
+        array /= array.reshape(len(array), -1).sum(axis=1).reshape((-1,) + (1,) * (array.ndim - 1))
+    elif filler.type == "bilinear":
+        array[...] = _bilinear(array.shape)
+    else:
+        advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
+        raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
+
+
+def _fan(shape: tuple[int, ...], filler: Filler) -> float:
+    count = float(np.prod(shape))
+    fan_in, fan_out = count / shape[0], count / (shape[1] if len(shape) > 1 else 1)
+    return {"FAN_IN": fan_in, "FAN_OUT": fan_out, "AVERAGE": (fan_in + fan_out) / 2}[filler.variance_norm]
+
+
+def _bilinear(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """The interpolation kernel of an upsampling by ceil(width / 2)."""
+    width = shape[-1]
+    factor = (width + 1) // 2
+    centre = (2 * factor - 1 - factor % 2) / (2 * factor)
+    line = 1 - np.abs(np.arange(width) / factor - centre)
+    return np.broadcast_to(np.outer(line, line), shape)

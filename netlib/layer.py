@@ -1,0 +1,250 @@
+"""The layer contract, and how a layer is made from its prototxt.
+
+A layer has four methods, Caffe's Python-layer protocol:
+
+    setup(bottom, top)                      once: read the options, make the parameters
+    reshape(bottom, top)                    whenever a bottom's shape may have changed: shape the tops
+    forward(bottom, top)                    write every top's data
+    backward(top, propagate_down, bottom)   write every element of bottom[i].diff where propagate_down[i];
+                                            add to the diff of the parameters
+
+``bottom`` and ``top`` are lists of blobs. The class attributes below tell the net what it may do with a layer;
+their defaults are always safe, so a layer of your own needs none of them.
+"""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import re
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from netlib import schema
+from netlib.blob import Blob, Blobs
+from netlib.errors import LayerError, PrototxtError, did_you_mean
+from netlib.fillers import Filler, fill
+from netlib.prototxt import Position
+from netlib.schema import LayerParameter, Phase
+
+
+@dataclass(frozen=True)
+class NoParameter:
+    """A layer type without options."""
+
+
+@dataclass(frozen=True)
+class LossParameter:
+    """The ``loss_param { ... }`` of loss layers that normalise over labels."""
+
+    ignore_label: int | None = None  # items with this label do not count
+    normalization: Literal["FULL", "VALID", "BATCH_SIZE", "NONE"] = "VALID"
+    normalize: bool | None = None  # older: true is VALID, false is BATCH_SIZE
+
+
+class Layer:
+    """Base of all layers.
+
+    name, type, phase   as in the prototxt; phase is netlib.TRAIN or netlib.TEST
+    param               the options, an instance of ``param_type``
+    param_str           the string of a Python layer's ``python_param``
+    blobs               the parameters
+    rng                 the source of all randomness of this layer
+    """
+
+    # What the prototxt may say
+    param_type: ClassVar[type] = NoParameter  # dataclass of the options
+    param_name: ClassVar[str] = ""  # their block; by default the type in snake case, ``inner_product_param``
+    bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # least and greatest number of bottoms; None: any
+    tops: ClassVar[tuple[int, int | None]] = (0, None)
+    in_place: ClassVar[bool] = True  # may a top be the same blob as its bottom
+    loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
+
+    # What the net may do to save time. An instance may set them in setup.
+    batchwise: bool = False  # item n of a top depends only on item n of the bottoms: may run on a slice of the batch
+    elementwise: bool = False  # every value for itself, f(0) finite: tiled blobs are welcome
+    monotone: bool = False  # elementwise, non-decreasing and f(f(x)) = f(x): may as well run after a max pooling
+    takes_maximum: bool = False  # a max pooling: every top value is one of the bottom values
+    reads_bottom: bool = True  # backward reads bottom data
+    reads_top: bool = True  # backward reads top data
+    needs_backward: bool = True  # set by the net: will backward be called at all
+
+    def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
+        self.spec = spec
+        self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
+        self.rng, self.dtype = rng, np.dtype(dtype)
+        self.blobs = Blobs(dtype=self.dtype)
+        self.param_str = ""
+        self.param: Any = self._read_block(block_name(type(self), spec.type), self.param_type)
+        self._buffers = threading.local()
+
+    def _read_block(self, name: str, kind: type) -> Any:
+        block = self.spec.blocks.get(name)
+        return kind() if block is None else schema.read(block, kind, name)
+
+    # ------------------------------------------------------------------------------------------ the contract
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        """Read the options and make the parameters."""
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        """Shape the tops for the bottoms."""
+        raise NotImplementedError(f"{type(self).__name__} has no reshape")
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        """Write the data of the tops."""
+        raise NotImplementedError(f"{type(self).__name__} has no forward")
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        """Write the diffs of the bottoms, add to the diffs of the parameters."""
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        """May force_backward ask for the gradient of this bottom? Not of labels."""
+        return True
+
+    def bottom_tile(self, bottom_index: int) -> int | None:
+        """The tile in which this layer would like a bottom, None for the plain order (see blob.py)."""
+        return None
+
+    def writes_tiles(self) -> bool:
+        """Can the tops be tiled, whatever the tile?"""
+        return False
+
+    def state(self) -> dict[str, Any]:
+        """What an exact resume needs besides the parameters; plain numbers and strings."""
+        return {"rng": self.rng.bit_generator.state}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take back what ``state`` gave."""
+        if "rng" in state:
+            self.rng.bit_generator.state = state["rng"]
+
+    # ------------------------------------------------------------------------------------------ for layer authors
+
+    def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
+        """Make the next parameter and fill it."""
+        blob = self.blobs.add_blob(*shape)
+        fill(blob.data, filler, self.rng)
+        return blob
+
+    @property
+    def source(self) -> str | None:
+        """The prototxt file that this layer is written in, if it is a file."""
+        where = schema.position_of(self.spec)
+        return where.source if isinstance(where, Position) else None
+
+    def fail(self, message: str, field: str | None = None) -> LayerError:
+        """A LayerError that names this layer and its place in the prototxt."""
+        block = self.spec.blocks.get(block_name(type(self), self.spec.type))
+        where = schema.position_of(self.spec)
+        if field is not None and block is not None:
+            where = next((f.position for f in block.fields if f.name == field), where)
+        return LayerError(f"{where}: error: layer {self.name!r}: {message}")
+
+    def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
+        """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""
+        n = len(blob.shape)
+        if not -n <= axis < n:
+            raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
+        return axis % n
+
+    def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> NDArray[Any]:
+        """Working memory of the calling thread: zeros at first, then whatever was left in it."""
+        buffers: dict[Any, NDArray[Any]] = self._buffers.__dict__
+        found = buffers.get(key)
+        if found is None or found.shape != shape:
+            found = buffers[key] = np.zeros(shape, dtype or self.dtype)
+        return found
+
+    def on_slice(self, params: Blobs) -> Layer:
+        """This layer for one slice of a batch: same options, parameters with diffs of their own."""
+        twin = copy.copy(self)
+        twin.blobs = params
+        return twin
+
+
+PHASES: dict[str, int] = {"TRAIN": 0, "TEST": 1}  # pycaffe's caffe.TRAIN and caffe.TEST
+
+
+# ---------------------------------------------------------------------------------------------- making layers
+
+
+@dataclass(frozen=True)
+class PythonParameter:
+    """The ``python_param { ... }`` block."""
+
+    module: str  # imported from the working directory or PYTHONPATH
+    layer: str  # the class
+    param_str: str = ""
+    share_in_parallel: bool = False
+
+
+def layer_types() -> dict[str, type[Layer]]:
+    """Every known layer type by name. The package ``layers`` is loaded here and nowhere else in netlib."""
+    types: dict[str, type[Layer]] = importlib.import_module("layers").LAYER_TYPES
+    return types
+
+
+def block_name(cls: type[Layer], type_name: str) -> str:
+    """Name of the options block of a layer type."""
+    return cls.param_name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name).lower() + "_param"
+
+
+def create(spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> Layer:
+    """Make the layer that a ``layer { ... }`` describes. Raises PrototxtError or LayerError."""
+    types = layer_types()
+    where = schema.position_of(spec, "type")
+    if not spec.type:
+        raise PrototxtError(where, f"layer {spec.name!r} has no type")
+    if spec.type == "Python":
+        cls = _python_class(spec)
+    elif spec.type in types:
+        cls = types[spec.type]
+    else:
+        advice = did_you_mean(spec.type, types)
+        known = ", ".join(sorted([*types, "Python"]))
+        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
+    _check_blocks(spec, types)
+    layer = cls(spec, phase, rng, dtype)
+    if spec.type == "Python":
+        layer.param_str = schema.read(spec.blocks["python_param"], PythonParameter).param_str
+    return layer
+
+
+def _check_blocks(spec: LayerParameter, types: dict[str, type[Layer]]) -> None:
+    """An options block must belong to some layer type; Caffe, too, ignores those of other types."""
+    known = {block_name(cls, name) for name, cls in types.items()} | {"python_param", "loss_param", "transform_param"}
+    tree = schema.tree_of(spec)
+    for item in tree.fields if tree else []:
+        if item.name in spec.blocks and item.name not in known:
+            raise schema.unknown_field(item, sorted(known))
+
+
+def _python_class(spec: LayerParameter) -> type[Layer]:
+    block = spec.blocks.get("python_param")
+    if block is None:
+        raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} of type 'Python' needs a python_param")
+    param = schema.read(block, PythonParameter, "python_param")
+    if "" not in sys.path:
+        sys.path.append("")  # the working directory, as in pycaffe
+    try:
+        module = importlib.import_module(param.module)
+    except ImportError as error:
+        raise PrototxtError(
+            schema.position_of(param, "module"),
+            f"layer {spec.name!r}: cannot import {param.module!r} ({error}); "
+            "it must lie in the working directory or on PYTHONPATH",
+        ) from error
+    cls = getattr(module, param.layer, None)
+    if not (isinstance(cls, type) and issubclass(cls, Layer)):
+        found = "has no such class" if cls is None else "is not a subclass of netlib.Layer"
+        raise PrototxtError(
+            schema.position_of(param, "layer"), f"layer {spec.name!r}: {param.module}.{param.layer} {found}"
+        )
+    return cls

@@ -1,0 +1,307 @@
+"""Tree → typed messages: Caffe's NetParameter, SolverParameter, LayerParameter and what they hold.
+
+A message is a frozen dataclass; each field is one line with its type, its default (none: required)
+and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
+
+    str, int, bool          as they are          UInt              an int that is not negative
+    float                   rounded to 32 bits, as protobuf's are    Double   not rounded
+    Literal["MAX", "AVE"]   an enum, by name or by number (counted from 0)
+    tuple[X, ...]           a repeated field     X | None          an optional field
+    a dataclass             a nested message     Message           a nested message, left as a tree
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import struct
+import types
+import typing
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, TypeVar
+
+from netlib.errors import PrototxtError, did_you_mean
+from netlib.prototxt import Field, Message, Position, Scalar
+
+T = TypeVar("T")
+UInt = Annotated[int, "unsigned"]
+Double = Annotated[float, "64 bits"]
+Phase = Literal["TRAIN", "TEST"]
+Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # which implementation Caffe would take; there is one here
+
+
+# ---------------------------------------------------------------------------------------------- messages
+
+
+@dataclass(frozen=True)
+class BlobShape:
+    """The shape of a blob, one ``dim`` an axis."""
+
+    dim: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class NetState:
+    """What a net is built for; layers are included or excluded by it."""
+
+    phase: Phase = "TEST"
+    level: int = 0
+    stage: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class NetStateRule:
+    """Matches a NetState when every condition given here holds."""
+
+    phase: Phase | None = None
+    min_level: int | None = None
+    max_level: int | None = None
+    stage: tuple[str, ...] = ()  # all of them must be set
+    not_stage: tuple[str, ...] = ()  # none of them may be set
+
+
+@dataclass(frozen=True)
+class ParamSpec:
+    """How one parameter of a layer is trained and shared."""
+
+    name: str | None = None  # parameters of the same name are one parameter
+    share_mode: Literal["STRICT", "PERMISSIVE"] = "STRICT"  # must the shapes, or only the counts, be equal
+    lr_mult: float = 1.0  # times the solver's learning rate; 0 freezes
+    decay_mult: float = 1.0  # times the solver's weight decay
+
+
+@dataclass(frozen=True)
+class LayerParameter:
+    """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
+
+    name: str = ""
+    type: str = ""
+    bottom: tuple[str, ...] = ()
+    top: tuple[str, ...] = ()
+    phase: Phase | None = None  # the net's, unless said here
+    loss_weight: tuple[float, ...] = ()  # one a top
+    param: tuple[ParamSpec, ...] = ()  # one a parameter
+    propagate_down: tuple[bool, ...] = ()  # one a bottom: may gradients flow there
+    include: tuple[NetStateRule, ...] = ()
+    exclude: tuple[NetStateRule, ...] = ()
+    blocks: dict[str, Message] = field(default_factory=dict)  # every ``*_param { ... }``
+
+
+@dataclass(frozen=True)
+class NetParameter:
+    """A whole net."""
+
+    name: str = ""
+    layer: tuple[LayerParameter, ...] = ()
+    input: tuple[str, ...] = ()  # old style: names of the input blobs
+    input_shape: tuple[BlobShape, ...] = ()  # old style: one an input
+    input_dim: tuple[int, ...] = ()  # older still: four numbers an input
+    force_backward: bool = False  # compute every gradient, needed or not
+    state: NetState = NetState()
+    debug_info: bool = False
+
+
+@dataclass(frozen=True)
+class SolverParameter:
+    """How a net is trained."""
+
+    net: str | None = None  # the net for training and testing
+    net_param: Message | None = None  # the same, written in place
+    train_net: str | None = None
+    train_net_param: Message | None = None
+    test_net: tuple[str, ...] = ()
+    test_net_param: tuple[Message, ...] = ()
+    train_state: NetState = NetState(phase="TRAIN")
+    test_state: tuple[NetState, ...] = ()
+    test_iter: tuple[UInt, ...] = ()  # batches of one test, one a test net
+    test_interval: UInt = 0  # iterations between tests
+    test_compute_loss: bool = False  # also report the whole loss of the test net
+    test_initialization: bool = True  # test before the first iteration
+    base_lr: float = 0.0
+    lr_policy: str = ""  # fixed, step, exp, inv, multistep, poly, sigmoid
+    gamma: float = 0.0
+    power: float = 0.0
+    stepsize: UInt = 0
+    stepvalue: tuple[UInt, ...] = ()
+    max_iter: UInt = 0
+    iter_size: UInt = 1  # batches summed in one iteration
+    display: UInt = 0  # iterations between log lines; 0: none
+    average_loss: UInt = 1  # iterations averaged in the displayed loss
+    type: str = "SGD"  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
+    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = None  # older files
+    momentum: float = 0.0  # Adam's beta1, AdaDelta's decay
+    momentum2: float = 0.999  # Adam's beta2
+    rms_decay: float = 0.99
+    delta: float = 1e-8
+    weight_decay: float = 0.0
+    regularization_type: str = "L2"
+    clip_gradients: float = -1.0  # bound on the L2 norm of all gradients together; negative: none
+    snapshot: UInt = 0  # iterations between snapshots; 0: only at the end
+    snapshot_prefix: str = ""
+    snapshot_after_train: bool = True
+    snapshot_diff: bool = False
+    snapshot_format: Literal["HDF5", "BINARYPROTO"] | None = None
+    weights: tuple[str, ...] = ()  # start from these; several may stand in one string, separated by commas
+    random_seed: int = -1  # negative: a new one each run
+    solver_mode: Literal["CPU", "GPU"] = "CPU"
+    device_id: int = 0
+    debug_info: bool = False
+    layer_wise_reduce: bool = True
+
+
+# ---------------------------------------------------------------------------------------------- reading
+
+
+def read(message: Message, cls: type[T], what: str | None = None) -> T:
+    """Fill the dataclass ``cls`` from a tree. Raises PrototxtError at the field that is wrong."""
+    hints, fields = dict(_hints(cls)), {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    takes_blocks = hints.pop("blocks", None) is not None
+    found: dict[str, list[Field]] = {}
+    blocks: dict[str, Message] = {}
+    for item in message.fields:
+        if item.name in hints:
+            found.setdefault(item.name, []).append(item)
+        elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
+            blocks[item.name] = Message(blocks[item.name].fields + item.value.fields, item.value.position) \
+                if item.name in blocks else item.value
+        else:
+            raise unknown_field(item, hints)
+    values: dict[str, Any] = {name: _field_value(items, hints[name]) for name, items in found.items()}
+    for name, spec in fields.items():
+        if hints.get(name) is float and name not in values and isinstance(spec.default, float):
+            values[name] = _round_to_32_bits(spec.default)
+        required = spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
+        if required and name not in values:
+            raise PrototxtError(message.position, f"missing required field {name!r} in {what or cls.__name__}")
+    if takes_blocks:
+        values["blocks"] = blocks
+    result = cls(**values)
+    object.__setattr__(result, "_tree", message)
+    return result
+
+
+def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
+    """The error for a field that nobody knows."""
+    known = list(known)
+    advice = did_you_mean(item.name, known) or f"; known fields: {', '.join(known)}"
+    return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
+
+
+def tree_of(message: object) -> Message | None:
+    """The tree that a typed message was read from."""
+    return getattr(message, "_tree", None)
+
+
+def position_of(message: object, name: str | None = None, index: int = 0) -> Position | str:
+    """Where a typed message, or one field of it, stands in its file."""
+    tree = tree_of(message)
+    if tree is None:
+        return "<built in code>"
+    places = [f.position for f in tree.fields if f.name == name]
+    return places[index] if index < len(places) else tree.position
+
+
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls, include_extras=True)
+
+
+def _field_value(items: Sequence[Field], kind: Any) -> Any:
+    if typing.get_origin(kind) is tuple:
+        return tuple(_value(item, typing.get_args(kind)[0]) for item in items)
+    if typing.get_origin(kind) in (types.UnionType, typing.Union):
+        kind = next(k for k in typing.get_args(kind) if k is not type(None))
+    if len(items) > 1 and not (isinstance(items[0].value, Message) and dataclasses.is_dataclass(kind)):
+        raise PrototxtError(items[1].position, f"field {items[1].name!r} is given twice, but is not a repeated field")
+    if len(items) > 1:  # protobuf merges a message that is written in parts
+        parts = [item.value for item in items if isinstance(item.value, Message)]
+        merged = Message([f for part in parts for f in part.fields], parts[0].position)
+        return read(merged, kind, items[0].name)
+    return _value(items[0], kind)
+
+
+def _value(item: Field, kind: Any) -> Any:
+    value, position = item.value, item.position
+    if kind is Message or dataclasses.is_dataclass(kind):
+        if not isinstance(value, Message):
+            raise PrototxtError(position, f"{item.name!r} is a message: expected {item.name} {{ ... }}, found {value}")
+        return value if kind is Message else read(value, kind, item.name)  # type: ignore[type-var]
+    if isinstance(value, Message):
+        raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {_expected(kind)}'")
+    result = _scalar(value, kind)
+    if result is None:
+        where = value.position
+        if typing.get_origin(kind) is Literal:
+            names = [str(n) for n in typing.get_args(kind)]
+            advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
+            raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
+        raise PrototxtError(where, f"{item.name!r} expects {_expected(kind)}, found {value}")
+    return result
+
+
+def _expected(kind: Any) -> str:
+    if typing.get_origin(kind) is Literal:
+        return " or ".join(str(n) for n in typing.get_args(kind))
+    if kind is UInt:
+        return "an integer that is not negative"
+    return {
+        str: "a string in quotes", int: "an integer", float: "a number", Double: "a number", bool: "true or false",
+    }[kind]  # fmt: skip
+
+
+def _scalar(value: Scalar, kind: Any) -> Any:
+    """The Python value of a scalar, or None if it is not of that kind."""
+    if kind is str:
+        return value.text if value.kind == "string" else None
+    if value.kind == "string":
+        return None
+    if kind is bool:
+        return {"true": True, "t": True, "True": True, "1": True,
+                "false": False, "f": False, "False": False, "0": False}.get(value.text)  # fmt: skip
+    if typing.get_origin(kind) is Literal:
+        names = typing.get_args(kind)
+        if value.kind == "word":
+            return value.text if value.text in names else None
+        number = _integer(value)
+        return names[number] if number is not None and 0 <= number < len(names) else None
+    if kind is Double:
+        return _float(value)
+    if kind is float:
+        number = _float(value)
+        return None if number is None else _round_to_32_bits(number)
+    number = _integer(value)
+    return None if kind is UInt and number is not None and number < 0 else number
+
+
+def _round_to_32_bits(number: float) -> float:
+    try:
+        rounded: float = struct.unpack("f", struct.pack("f", number))[0]
+    except OverflowError:
+        return math.copysign(math.inf, number)
+    return rounded
+
+
+def _integer(value: Scalar) -> int | None:
+    text = value.text.lower()
+    digits = text.removeprefix("-")
+    base = 16 if digits.startswith("0x") else 8 if len(digits) > 1 and digits.startswith("0") else 10
+    try:
+        number = int(text, base)
+    except ValueError:
+        return None
+    return number if -(2**63) <= number < 2**64 else None
+
+
+def _float(value: Scalar) -> float | None:
+    if value.kind == "word":
+        return {"inf": math.inf, "infinity": math.inf, "-inf": -math.inf, "-infinity": -math.inf,
+                "nan": math.nan, "-nan": math.nan}.get(value.text.lower())  # fmt: skip
+    integer = _integer(value)
+    if integer is not None:
+        return float(integer)
+    try:
+        return float(value.text.lower().removesuffix("f"))
+    except ValueError:
+        return None

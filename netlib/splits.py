@@ -1,0 +1,70 @@
+"""Give every reader of a blob its own copy, so that nobody has to share a diff.
+
+Where the top of one layer feeds several, Caffe inserts a ``Split`` layer whose backward sums the diffs; so do
+we, with Caffe's names. A loss weight on such a top counts as one more reader.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+from netlib import schema
+from netlib.schema import LayerParameter
+
+
+def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
+    """The layers with a Split after every top that has more than one reader."""
+    last: dict[str, tuple[int, int]] = {}  # blob name -> (layer, top index) that wrote it last
+    source: dict[tuple[int, int], tuple[int, int]] = {}  # (layer, bottom index) -> its writer
+    readers: dict[tuple[int, int], int] = {}
+    for i, layer in enumerate(layers):
+        for j, name in enumerate(layer.bottom):
+            if name in last:  # an unknown bottom is reported by the net, which knows more
+                source[i, j] = last[name]
+                readers[last[name]] = readers.get(last[name], 0) + 1
+        for j, name in enumerate(layer.top):
+            last[name] = (i, j)
+            if j < len(layer.loss_weight) and layer.loss_weight[j]:
+                readers[i, j] = readers.get((i, j), 0) + 1
+    result: list[LayerParameter] = []
+    taken: dict[tuple[int, int], int] = {}
+    for i, layer in enumerate(layers):
+        bottoms = list(layer.bottom)
+        for j, name in enumerate(layer.bottom):
+            writer = source.get((i, j))
+            if writer is not None and readers[writer] > 1:
+                k = taken.get(writer, 0)
+                taken[writer] = k + 1
+                bottoms[j] = _split_top(layers[writer[0]].name, name, writer[1], k)
+        weights = list(layer.loss_weight)
+        splits: list[LayerParameter] = []
+        for j, name in enumerate(layer.top):
+            count = readers.get((i, j), 0)
+            if count < 2:
+                continue
+            weight = weights[j] if j < len(weights) else 0.0
+            if weight:  # the first copy carries the loss
+                weights[j] = 0.0
+                taken[i, j] = taken.get((i, j), 0) + 1
+            split = LayerParameter(
+                name=f"{name}_{layer.name}_{j}_split",
+                type="Split",
+                bottom=(name,),
+                top=tuple(_split_top(layer.name, name, j, k) for k in range(count)),
+                loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
+            )
+            splits.append(_at(split, layer))
+        changed = dataclasses.replace(layer, bottom=tuple(bottoms), loss_weight=tuple(weights))
+        result += [_at(changed, layer), *splits]
+    return result
+
+
+def _split_top(layer: str, blob: str, top: int, k: int) -> str:
+    return f"{blob}_{layer}_{top}_split_{k}"
+
+
+def _at(made: LayerParameter, origin: LayerParameter) -> LayerParameter:
+    """Let ``made`` stand where ``origin`` stands in its file."""
+    object.__setattr__(made, "_tree", schema.tree_of(origin))
+    return made
