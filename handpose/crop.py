@@ -122,9 +122,7 @@ def crop(
     return ((out - d) / (cube_mm / 2)).astype(np.float32)
 
 
-def normalise_joints(
-    xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike, clip: bool = False
-) -> Array:
+def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike, clip: bool = False) -> Array:
     """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube`` mm, one or (N,).
 
     ``clip`` moves what lies outside the cube onto its faces, as the released system does with its targets.

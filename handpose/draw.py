@@ -58,9 +58,7 @@ def overlay(
         raise DataError(f"crop of shape {np.shape(crop)}, expected a square of depths")
     size = len(depth)
     grey = np.rint((1 - np.clip(depth, -1, 1)) * 0.5 * 215).astype(np.uint8)
-    canvas = cv2.cvtColor(
-        cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR
-    )
+    canvas = cv2.cvtColor(cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR)
 
     def place(points: Array) -> Array:
         if center_uvd is None:
@@ -98,8 +96,8 @@ def view_3d(
 
     def place(points: Array) -> Array:
         seen = points @ view.T
-        scale = size * 0.30 * distance / (distance + seen[:, 2:])
-        return np.asarray(seen[:, :2] * scale * (1, -1) + (0.5 * size, 0.48 * size))
+        scale = size * 0.33 * distance / (distance + seen[:, 2:])
+        return np.asarray(seen[:, :2] * scale * (1, -1) + (0.5 * size, 0.46 * size))
 
     canvas = np.full((size, size, 3), _PAPER, dtype=np.uint8)
     floor = -1.0
@@ -115,7 +113,7 @@ def view_3d(
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
     _draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
-    _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 170, 2))
+    _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1))
     if truth is not None:
         points = _checked(truth, skeleton)
         _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)

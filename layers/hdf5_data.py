@@ -57,9 +57,13 @@ class HDF5Data(Layer):
                 if first.shape[1:] != this.shape[1:]:
                     raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
                                     f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
+        self.notes = [f"{self.rows} rows in {len(self.files)} files of {self.param.source}, made from {self._origin()}"]
         self.cursor: Cursor = (0, 0, 0)
         self._ahead: Future[tuple[list[Array], Cursor]] | None = None
         self._reader = ThreadPoolExecutor(1, "hdf5_data")
+
+    def _origin(self) -> str:
+        return ", ".join(sorted({file.made_from for file in self.files}))
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for blob, array in zip(top, self.files[0].arrays):
@@ -82,6 +86,14 @@ class HDF5Data(Layer):
         self.seed = int(state["seed"])
         if state.get("rows") == self.rows:  # with other data there is no such place to go on
             self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]), int(state["cursor"][2]))
+
+    def row(self, number: int) -> list[Array]:
+        """One row of every data set, counted over all files in the order of the list."""
+        for file in self.files:
+            if number < file.rows:
+                return [np.asarray(array[number]) for array in file.arrays]
+            number -= file.rows
+        raise IndexError(f"there are {self.rows} rows")
 
     # ------------------------------------------------------------------------------------------ the order of rows
 
@@ -126,6 +138,7 @@ class File:
                     if not isinstance(file.get(name), h5py.Dataset):
                         raise DataError(f"{path}: no data set {name!r}; it has {', '.join(file) or 'none'}")
                 self.arrays = [self._array(file[name]) for name in names]
+                self.made_from = str(file.attrs.get("made_from", "an unknown source"))
         except (OSError, ValueError, RuntimeError) as error:
             reason = os_reason(error) if isinstance(error, OSError) else str(error)
             raise DataError(f"{path}: cannot read the HDF5 file: {reason}") from error

@@ -17,12 +17,13 @@ import re
 import shutil
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 
@@ -53,25 +54,55 @@ class Part(NamedTuple):
         return json.dumps({**self.generator.recipe(), "start": self.start, "count": self.count}, sort_keys=True)
 
 
-class Stopped(BaseException):
-    """SIGTERM arrived."""
+class Stopped(Exception):
+    """A signal asked the run to end."""
+
+
+class Stopper:
+    """Within it, the first Ctrl-C or SIGTERM is only noted, to be raised by ``check``; a second one hits at once.
+
+    An exception raised by the signal itself could fall into a place that swallows it, or half way into a file.
+    """
+
+    signum = 0
+    _before: dict[int, Any]
+
+    def __enter__(self) -> Stopper:
+        self._before = {}
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, signum: int, frame: FrameType | None) -> None:
+        self.signum = signum
+        self.__exit__()
+
+    def check(self) -> None:
+        """Raise Stopped if a signal came."""
+        if self.signum:
+            raise Stopped
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns its exit status."""
     args = _arguments(argv)
+    stopper = Stopper()
     try:
-        with _terminable():
-            return run(args.out, {"train": args.train, "test": args.test}, args.seed, args.workers, args.force)
+        with stopper:
+            return run(args.out, {"train": args.train, "test": args.test}, args.seed, args.workers, args.force, stopper)
     except NetlibError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except (KeyboardInterrupt, Stopped) as signalled:
+    except (Stopped, KeyboardInterrupt):
         print("stopped; whole files are kept, and the next run goes on after them", file=sys.stderr)
-        return 130 if isinstance(signalled, KeyboardInterrupt) else 143
+        return 128 + (stopper.signum or signal.SIGINT)
 
 
-def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: bool) -> int:
+def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: bool, stopper: Stopper) -> int:
     """Write what is missing of ``counts`` frames a split into the folder ``out``."""
     parts = {split: _parts(out, Generator(seed, split), count) for split, count in counts.items()}
     every = [part for split in parts.values() for part in split]
@@ -91,7 +122,7 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
         _check_space(out, missing)
         with _progress(sum(part.count for part in missing)) as advance, processes(workers) as pool:
             for part in missing:
-                _write(part, pool if workers > 1 else 1, advance)
+                _write(part, pool if workers > 1 else 1, advance, stopper)
         for path, text in lists.items():
             _replace(path, lambda temporary, text=text: temporary.write_text(text))
     except OSError as error:
@@ -109,7 +140,11 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=_at_least(0), default=0, metavar="N", help="random seed (default: %(default)s)")
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     parser.add_argument(
-        "--workers", type=_at_least(1), default=workers, metavar="N", help="processes (default: %(default)s, one a core)"
+        "--workers",
+        type=_at_least(1),
+        default=workers,
+        metavar="N",
+        help="processes (default: %(default)s, one a core)",
     )
     parser.add_argument("--force", action="store_true", help="replace whatever is there, real data too")
     return parser.parse_args(argv)
@@ -191,7 +226,7 @@ def _check_space(out: Path, missing: list[Part]) -> None:
 # --------------------------------------------------------------------------------------------- writing
 
 
-def _write(part: Part, workers: int | ProcessPoolExecutor, advance: Callable[[int], object]) -> None:
+def _write(part: Part, workers: int | ProcessPoolExecutor, advance: Callable[[int], object], stopper: Stopper) -> None:
     def fill(path: Path) -> None:
         # Whole pages, so that readers can map the frames into memory.
         with h5py.File(path, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
@@ -209,8 +244,14 @@ def _write(part: Part, workers: int | ProcessPoolExecutor, advance: Callable[[in
                         file[name][done : done + n] = array
                     done += n
                     advance(n)
+                    stopper.check()
 
-    _replace(part.path, fill)
+    try:
+        _replace(part.path, fill)
+    except RuntimeError as error:  # h5py's for a file that it cannot close, as after a failed write
+        if isinstance(error.__context__, OSError):
+            raise error.__context__ from None
+        raise
 
 
 def _replace(path: Path, fill: Callable[[Path], object]) -> None:
@@ -250,24 +291,6 @@ def _progress(total: int) -> Iterator[Callable[[int], object]]:
         return
     with tqdm(total=total, unit=" frames", unit_scale=True, file=sys.stderr) as bar:
         yield bar.update
-
-
-@contextlib.contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the run in order, as Ctrl-C does."""
-
-    def stop(signum: int, frame: FrameType | None) -> None:
-        raise Stopped
-
-    try:
-        before = signal.signal(signal.SIGTERM, stop)
-    except ValueError:  # not the main thread
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,36 @@
+# make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
+# make test    set up and run the tests
+# make lint    the style and type checks of the continuous integration
+PYTHON ?= python3
+ITERATIONS ?= 1000
+BIN := .venv/bin
+RUN := $(BIN)/python
+SOLVER := prototxt/nyu_solver.prototxt
+SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
+
+.PHONY: train test lint clean
+
+train: .venv/tools
+	$(RUN) tools/make_synthetic.py
+	$(RUN) tools/train.py $(SOLVER) --max-iter $(ITERATIONS) --log snapshots/train.log
+	$(RUN) tools/test.py $(SNAPSHOT) --picture snapshots/hands.png
+	$(RUN) tools/plot_log.py snapshots/train.log --out snapshots/curves.png
+	@echo
+	@echo "Pictures: snapshots/hands.png (predicted hands), snapshots/curves.png (the training)."
+	@echo "Train on from here: $(RUN) tools/train.py $(SOLVER) --snapshot $(SNAPSHOT:caffemodel.h5=solverstate.h5)"
+
+test: .venv/test
+	$(RUN) -m pytest
+
+lint: .venv/dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+.venv/tools .venv/test .venv/dev: setup.cfg
+	@test -x $(RUN) || $(PYTHON) -m venv .venv
+	$(RUN) -m pip install --quiet --disable-pip-version-check -e '.[$(notdir $@)]'
+	@touch $@
+
+clean:
+	rm -rf .venv build *.egg-info

@@ -1,0 +1,114 @@
+"""Run a trained net over a held-out set and say how good its poses are, in mm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose import metrics
+from handpose.nyu import CUBE_MM
+from layers import kinematics
+from layers.hand_model import HandModel
+from layers.hdf5_data import HDF5Data
+from netlib.errors import DataError, NetlibError
+from netlib.net import Net
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """A net's answers for every frame of a test set, in order."""
+
+    joints: Array  # (N, K, 3) predicted, half-cubes
+    truth: Array  # (N, K, 3) annotated, half-cubes
+    dof: Array | None  # (N, D) predicted inputs of the hand model, if the net has one
+    half_cube: Array  # (N,) mm
+    outputs: dict[str, float]  # mean of every scalar output of the net
+    made_from: str  # what the data are
+
+
+def data_layer(net: Net) -> HDF5Data:
+    """The layer that feeds a test net. Raises NetlibError if there is none."""
+    for layer in net.layers:
+        if isinstance(layer, HDF5Data):
+            return layer
+    raise NetlibError(f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set")
+
+
+def hand_layer(net: Net) -> HandModel | None:
+    """The layer that turns angles into joints, if the net has one."""
+    return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
+
+
+def predict(net: Net, prediction: str = "pred", truth: str = "joint") -> Iterator[int | Predictions]:
+    """Run the whole test set once: yields the number of frames done after each batch, then the Predictions."""
+    data, hand = data_layer(net), hand_layer(net)
+    for name in (prediction, truth):
+        if name not in net.blobs:
+            raise NetlibError(f"{net.source}: no blob {name!r}; expected the net to make 'pred' and to read 'joint'")
+    wanted = [prediction, truth, *((hand.spec.bottom[0],) if hand else ())]
+    found: dict[str, list[Array]] = {name: [] for name in wanted}
+    sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
+    done = 0
+    while done < data.rows:
+        net.run_forward()
+        take = min(data.param.batch_size, data.rows - done)  # the last batch runs over into the first rows again
+        for name in wanted:
+            found[name].append(net.blobs[name].data[:take].reshape(take, -1).copy())
+        for name, values in sums.items():
+            values.append(float(net.blobs[name].data.sum()))
+        done += take
+        yield done
+    arrays = {name: np.concatenate(parts) for name, parts in found.items()}
+    half, made_from = _facts(data)
+    yield Predictions(
+        joints=arrays[prediction].reshape(done, -1, 3),
+        truth=arrays[truth].reshape(done, -1, 3),
+        dof=arrays[hand.spec.bottom[0]] if hand else None,
+        half_cube=half,
+        outputs={name: float(np.mean(values)) for name, values in sums.items()},
+        made_from=made_from,
+    )
+
+
+def _facts(data: HDF5Data) -> tuple[Array, str]:
+    """Half-cubes (mm) of all frames, and what the files say they are made from."""
+    halves, origins = [], []
+    for source in data.files:
+        with h5py.File(source.path, "r") as file:
+            known = "half_cube" in file
+            halves.append(file["half_cube"][...].reshape(-1) if known else np.full(source.rows, CUBE_MM / 2))
+            origins.append(str(file.attrs.get("made_from", "unknown")))
+        if len(halves[-1]) != source.rows:
+            raise DataError(f"{source.path}: {len(halves[-1])} values of half_cube for {source.rows} frames")
+    return np.concatenate(halves).astype(np.float64), ", ".join(sorted(set(origins)))
+
+
+def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:
+    """Figures of a test set: mean errors in mm, and fractions of frames.
+
+    error_mm          mean over all joints               error_14_mm   over the 14 evaluation joints
+    within_20_mm, within_40_mm   frames whose largest error over the 14 joints is at most that
+    out_of_limits     frames with an angle beyond its limit (only for nets with a hand model)
+    """
+    scale = p.half_cube[:, None, None]
+    errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
+    few = errors[:, list(metrics.EVALUATION_JOINTS)] if errors.shape[1] == len(skeleton.joint_names) else errors
+    within = metrics.success_rate(few, [20.0, 40.0])
+    figures = {
+        "error_mm": metrics.mean_error(errors),
+        "error_14_mm": metrics.mean_error(few),
+        "within_20_mm": float(within[0]),
+        "within_40_mm": float(within[1]),
+    }
+    if p.dof is not None:
+        figures["out_of_limits"] = metrics.fraction_out_of_limits(
+            p.dof, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6
+        )
+    return figures

@@ -1,0 +1,136 @@
+"""Check a layer's backward against central differences.
+
+    from netlib import gradcheck
+    layer = gradcheck.make_layer('type: "ReLU"', [x])
+    gradcheck.check(layer, [x])
+
+A layer maps bottoms and parameters to tops. With random weights dy on the tops, the number L = sum of dy · y is a
+function of every bottom and parameter value; backward must give its gradient. Each value v is moved by ±step:
+
+    dL/dv  ≈  (L(v + step) - L(v - step)) / (2 step)
+
+Everything runs in float64. The layer's random stream is rewound before each forward, so that dropout draws the same
+mask; inputs should lie off kinks (of ReLU, of a maximum) by more than the step. Bottom diffs start as NaN and
+parameter diffs as ones, so that a backward that forgets an element, or overwrites where it must add, fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from netlib import prototxt, schema
+from netlib.blob import Blob, Blobs
+from netlib.layer import Layer, create
+from netlib.schema import LayerParameter, Phase
+
+Array = NDArray[Any]
+
+
+class GradientError(AssertionError):
+    """A gradient that does not agree with the differences."""
+
+
+def make_layer(text: str, bottoms: Sequence[ArrayLike], tops: int = 1, phase: Phase = "TRAIN", seed: int = 0) -> Layer:
+    """A layer from the inside of a ``layer { ... }``, set up in float64 for bottoms of these shapes."""
+    spec = schema.read(prototxt.parse(text, "<gradcheck>"), LayerParameter)
+    names = [f"bottom{i}" for i in range(len(bottoms))]
+    changes = {"name": spec.name or "layer", "bottom": tuple(names), "top": tuple(f"top{i}" for i in range(tops))}
+    tree = schema.tree_of(spec)
+    spec = LayerParameter(**{**vars_of(spec), **changes})
+    object.__setattr__(spec, "_tree", tree)
+    layer = create(spec, phase, np.random.default_rng(seed), np.float64)
+    layer.setup(_blobs(bottoms), _empty(tops))
+    return layer
+
+
+def vars_of(spec: LayerParameter) -> dict[str, Any]:
+    """The fields of a layer's parameters."""
+    return {name: getattr(spec, name) for name in spec.__dataclass_fields__}
+
+
+def check(
+    layer: Layer,
+    bottoms: Sequence[ArrayLike],
+    tops: int = 1,
+    wanted: Sequence[bool] | None = None,
+    step: float = 1e-6,
+    tolerance: float = 1e-6,
+    seed: int = 0,
+    in_place: bool = False,
+) -> None:
+    """Raise GradientError unless backward agrees with the differences.
+
+    wanted      which bottoms to check; by default all
+    tolerance   allowed difference, relative to the largest gradient of the same array (or to 1, if that is larger)
+    in_place    the first top is the first bottom, as in a net with equal names
+    """
+    wanted = [True] * len(bottoms) if wanted is None else list(wanted)
+    rng = np.random.default_rng(seed)
+    start = layer.state()
+
+    def run(values: Sequence[Array]) -> tuple[Blobs, Blobs]:
+        layer.restore(start)
+        bottom, top = _blobs(values), _empty(tops)
+        if in_place:
+            top[0] = bottom[0]
+        layer.reshape(bottom, top)
+        layer.forward(bottom, top)
+        return bottom, top
+
+    arrays = [np.array(x, dtype=np.float64) for x in bottoms]
+    bottom, top = run(arrays)
+    weights = [rng.uniform(0.5, 1.5, y.shape) * rng.choice([-1.0, 1.0], y.shape) for y in top]
+
+    def value() -> float:
+        return float(sum((w * y.data).sum() for w, y in zip(weights, run(arrays)[1])))
+
+    for blob in bottom:
+        blob.diff[...] = np.nan
+    for param in layer.blobs:
+        param.diff[...] = 1
+    for w, y in zip(weights, top):
+        y.diff[...] = w
+    layer.backward(top, wanted, bottom)
+    for i, (blob, array) in enumerate(zip(bottom, arrays)):
+        if wanted[i]:
+            _compare(f"{layer.type}: gradient of bottom {i}", blob.diff.copy(), array, value, step, tolerance)
+    for i, param in enumerate(layer.blobs):
+        _compare(f"{layer.type}: gradient of parameter {i}", param.diff - 1, param.data, value, step, tolerance)
+
+
+def _compare(what: str, gradient: Array, array: Array, value: Any, step: float, tolerance: float) -> None:
+    numeric = np.zeros(array.shape)
+    for index in np.ndindex(*array.shape):
+        kept = array[index]
+        array[index] = kept + step
+        above = value()
+        array[index] = kept - step
+        below = value()
+        array[index] = kept
+        numeric[index] = (above - below) / (2 * step)
+    if gradient.size == 0:
+        return
+    error = np.abs(gradient - numeric)
+    error[~np.isfinite(gradient)] = np.inf
+    worst = np.unravel_index(int(error.argmax()), error.shape)
+    scale = max(1.0, float(np.abs(numeric).max()))
+    if not error[worst] <= tolerance * scale:
+        place = tuple(int(i) for i in worst)
+        raise GradientError(f"{what} at {place}: backward says {gradient[worst]:.9g}, differences say {numeric[worst]:.9g}")
+
+
+def _blobs(arrays: Sequence[ArrayLike]) -> Blobs:
+    blobs = Blobs(dtype=np.float64)
+    for array in arrays:
+        values = np.asarray(array, dtype=np.float64)
+        blobs.append(Blob(values.shape, np.float64))
+        blobs[-1].data[...] = values
+    return blobs
+
+
+def _empty(count: int) -> Blobs:
+    return Blobs([Blob((), np.float64) for _ in range(count)], np.float64)

@@ -1,0 +1,17 @@
+"""What the tests of handpose share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data"  # real frames, on machines that have them
+
+
+@pytest.fixture
+def nyu_data() -> Path:
+    """The folder with real NYU frames; skips the test where there is none."""
+    if not (SHARED / "nyu").is_dir():
+        pytest.skip("needs real NYU frames")
+    return SHARED / "nyu"

@@ -1,0 +1,25 @@
+"""handpose/camera.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.camera import CAMERAS, NYU, Camera
+
+
+def test_axes() -> None:
+    """The optical axis meets the principal point; right is +x and +u; up is +y and a smaller v."""
+    np.testing.assert_allclose(NYU.project([0, 0, 800]), [320, 240, 800])
+    u, v, d = NYU.project([100, 50, 1000])
+    assert (u, v, d) == pytest.approx((320 + 58.803, 240 - 29.3535, 1000))
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+@given(x=st.floats(-500, 500), y=st.floats(-500, 500), z=st.floats(100, 5000))
+def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
+    """unproject undoes project, for every camera and arrays of any shape."""
+    points = np.broadcast_to([x, y, z], (2, 3, 3))
+    np.testing.assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)

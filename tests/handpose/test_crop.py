@@ -1,0 +1,134 @@
+"""handpose/crop.py"""
+
+from __future__ import annotations
+
+from math import floor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from handpose.camera import CAMERAS, NYU, Camera
+from handpose.crop import crop, crop_pixels, normalise_joints, restore_joints, window
+from handpose.nyu import CENTER_JOINT, CUBE_MM, read_nyu_depth
+from netlib.errors import DataError
+
+
+def cut_and_resize(
+    depth: NDArray[np.float32], uvd: tuple[float, float, float], cube: float, camera: Camera
+) -> NDArray[np.float32]:
+    """The released preprocessing the long way: cut the window, pad, clamp, resize with OpenCV, paste."""
+    (u, v, d), h = uvd, cube / 2
+    left, right = (floor((u * d / camera.fx + side) / d * camera.fx) for side in (-h, h))
+    top, bottom = (floor((v * d / camera.fy + side) / d * camera.fy) for side in (-h, h))
+    part = np.zeros((bottom - top, right - left), np.float32)
+    rows, columns = np.arange(top, bottom), np.arange(left, right)
+    r, c = (rows >= 0) & (rows < camera.height), (columns >= 0) & (columns < camera.width)
+    part[np.ix_(r, c)] = depth[np.ix_(rows[r], columns[c])]
+    part[(part != 0) & (part < d - h)] = d - h
+    part[part > d + h] = d + h
+    height, width = part.shape
+    shape = (128, height * 128 // width) if width > height else (width * 128 // height, 128)
+    small = cv2.resize(part, shape, interpolation=cv2.INTER_NEAREST)
+    out = np.zeros((128, 128), np.float32)
+    x, y = 64 - shape[0] // 2, 64 - shape[1] // 2
+    out[y : y + shape[1], x : x + shape[0]] = small
+    out[out == 0] = d + h
+    return (out - np.float32(d)) / np.float32(h)
+
+
+def test_the_published_crop(nyu_data: Path) -> None:
+    """The first real test frame becomes the crop that the paper's authors published, on every pixel."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
+    made = crop(read_nyu_depth(nyu_data / "depth_1_0000001.png"), uvd, CUBE_MM)
+    published = cv2.imread(str(nyu_data / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
+    assert published is not None
+    assert made.dtype == np.float32 and made.shape == (128, 128)
+    np.testing.assert_array_equal(np.rint((made + 1) / 2 * 255), published)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    camera=st.sampled_from([CAMERAS["nyu"], CAMERAS["icvl"], CAMERAS["kinect2"]]),
+    across=st.floats(0, 1),
+    down=st.floats(0, 1),
+    d=st.floats(300, 1500),
+    cube=st.sampled_from([200.0, 250.0, 261.0, 300.0]),
+)
+def test_same_as_cutting_and_resizing(camera: Camera, across: float, down: float, d: float, cube: float) -> None:
+    """Choosing pixels gives what cutting, padding and OpenCV's nearest-neighbour resize give, also at the borders."""
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(d - cube, d + cube, (camera.height, camera.width)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.1] = 0
+    uvd = (across * (camera.width - 1), down * (camera.height - 1), d)
+    made = crop(depth, uvd, cube, camera)
+    np.testing.assert_allclose(made, cut_and_resize(depth, uvd, cube, camera), atol=2e-6)
+
+
+def test_near_far_and_no_reading() -> None:
+    """Nearer than the cube is -1, farther is 1, the centre's depth is 0, and no reading or NaN is background."""
+    for reading, value in ((10, -1), (650, -1), (800, 0), (875, 0.5), (5000, 1), (0, 1), (np.nan, 1)):
+        depth = np.full((480, 640), reading)
+        np.testing.assert_allclose(crop(depth, (320, 240, 800), 300), value, atol=1e-7)
+
+
+def test_outside_the_image_is_background() -> None:
+    """At the image's corner, three quarters of the crop are background."""
+    made = crop(np.full((480, 640), 800, np.uint16), (0, 0, 800), 300)
+    assert (made[:63] == 1).all() and (made[:, :63] == 1).all()
+    assert (made[66:, 66:126] == 0).all()
+
+
+def test_window_is_square_in_space() -> None:
+    """A camera with another fy keeps the aspect: the shorter side is padded in the middle."""
+    wide = Camera("wide", 600.0, 300.0, 320.0, 240.0, 640, 480)
+    columns, rows = window([[320, 240, 800]], 200, wide)
+    assert (columns >= 0).all()
+    np.testing.assert_array_equal(np.flatnonzero(rows[0] >= 0), np.arange(32, 96))
+
+
+def test_crop_pixels_undo_the_window() -> None:
+    """The image pixel that a crop pixel shows is drawn at that crop pixel."""
+    centers = np.array([[200.3, 150.8, 700.0], [320.0, 240.0, 1000.0]])
+    columns, rows = window(centers, 300)
+    uvd = np.stack([columns, rows, np.full_like(rows, 700)], axis=-1)
+    at = crop_pixels(uvd, centers, 300)
+    for axis, index in enumerate((columns, rows)):
+        n, i = np.nonzero(index >= 0)
+        assert len(i) > 250
+        np.testing.assert_allclose(at[n, i, axis], i, atol=0.51)
+
+
+def test_joints_there_and_back() -> None:
+    """Half-cubes from the centre; with ``clip`` no farther than the faces; and back, each frame with its own cube."""
+    xyz = np.array([[[10.0, 20.0, 800.0], [10.0, 20.0, 1100.0]], [[0.0, 0.0, 700.0], [130.5, 0.0, 700.0]]])
+    center, half = np.array([[10.0, 20.0, 800.0], [0.0, 0.0, 700.0]]), np.array([150.0, 130.5])
+    joints = normalise_joints(xyz, center, half)
+    np.testing.assert_allclose(joints, [[[0, 0, 0], [0, 0, 2]], [[0, 0, 0], [1, 0, 0]]])
+    assert normalise_joints(xyz, center, half, clip=True).max() == 1
+    np.testing.assert_allclose(restore_joints(joints, center, half), xyz)
+
+
+@pytest.mark.parametrize(
+    ("uvd", "cube", "message"),
+    [
+        ((320, 240, 0), 300, "depth 0 mm"),
+        ((np.nan, 240, 800), 300, "u nan px"),
+        ((320, 240, 800), -1, "cube of -1 mm"),
+        ((5000, 240, 800), 300, "outside the image"),
+    ],
+)
+def test_impossible_crops(uvd: tuple[float, float, float], cube: float, message: str) -> None:
+    """A centre or cube that no hand can have is an error that shows the numbers."""
+    with pytest.raises(DataError, match=message):
+        crop(np.ones((480, 640)), uvd, cube, NYU)
+
+
+def test_image_of_another_camera() -> None:
+    """An image of the wrong size is an error that names the camera."""
+    with pytest.raises(DataError, match=r"\(240, 320\), expected \(480, 640\) of camera 'nyu'"):
+        crop(np.ones((240, 320)), (100, 100, 800), 300)

@@ -1,0 +1,226 @@
+"""tools/make_synthetic.py"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import h5py
+import numpy as np
+import pytest
+
+from handpose.synthetic import Generator
+
+TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The tool as a module, with files of 100 frames."""
+    spec = importlib.util.spec_from_file_location("make_synthetic", TOOL)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "make_synthetic", module)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "FRAMES_PER_FILE", 100)
+    return module
+
+
+def arguments(out: Path, *more: str, train: int = 150) -> list[str]:
+    """A small run in this process."""
+    return ["--out", str(out), "--train", str(train), "--test", "10", "--workers", "1", *more]
+
+
+def run_tool(*argv: str, **options: object) -> subprocess.CompletedProcess[str]:
+    """The tool as a user runs it, from another folder."""
+    command = [sys.executable, str(TOOL), *argv]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, **options)  # type: ignore[call-overload,no-any-return]
+
+
+def names(folder: Path) -> list[str]:
+    """All that is in a folder, hidden files too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_files_and_lists(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every frame is there once, in order, as the generator draws it; the lists name the files."""
+    assert tool.main(arguments(tmp_path)) == 0
+    assert names(tmp_path) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
+    assert (tmp_path / "train.txt").read_text() == f"{tmp_path}/train_000.h5\n{tmp_path}/train_001.h5\n"
+    with h5py.File(tmp_path / "train_001.h5") as file:
+        assert file.attrs["made_from"] == "synthetic" and file.attrs["seed"] == 0
+        np.testing.assert_array_equal(file["index"], np.arange(100, 150))
+        expected = Generator(0).block(1)
+        for name, array in zip(expected._fields, expected, strict=True):
+            assert file[name].dtype == array.dtype
+            np.testing.assert_array_equal(file[name][:28], array[36:])
+    out = capsys.readouterr()
+    assert "150 train and 10 test frames" in out.out and not out.err
+
+
+def test_depth_can_be_mapped(tool: ModuleType, tmp_path: Path) -> None:
+    """Frames lie in the file in one piece, neither chunked nor compressed, from a page border on."""
+    tool.main(arguments(tmp_path, train=10))
+    with h5py.File(tmp_path / "train_000.h5") as file:
+        depth = file["depth"]
+        offset = depth.id.get_offset()
+        assert depth.chunks is None and depth.compression is None and offset % 4096 == 0
+        mapped = np.memmap(tmp_path / "train_000.h5", np.float32, "r", offset, depth.shape)
+        np.testing.assert_array_equal(mapped, depth[:])
+
+
+def test_second_run_keeps_everything(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run that is already done touches nothing and says so."""
+    tool.main(arguments(tmp_path))
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    capsys.readouterr()
+    assert tool.main(arguments(tmp_path)) == 0
+    assert "already there, kept" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
+
+
+def test_other_parameters_are_made_again(tool: ModuleType, tmp_path: Path) -> None:
+    """Another seed replaces synthetic data; a larger number of frames keeps the files that do not change."""
+    tool.main(arguments(tmp_path))
+    first = (tmp_path / "train_000.h5").read_bytes()
+    assert tool.main(arguments(tmp_path, train=250)) == 0
+    assert (tmp_path / "train_000.h5").read_bytes() == first
+    assert len((tmp_path / "train.txt").read_text().splitlines()) == 3
+    assert tool.main(arguments(tmp_path, "--seed", "5")) == 0
+    assert (tmp_path / "train_000.h5").read_bytes() != first
+
+
+def test_workers_change_no_byte(tool: ModuleType, tmp_path: Path) -> None:
+    """Files of two processes are equal to those of one, to the byte."""
+    tool.main(arguments(tmp_path / "a"))
+    tool.main([*arguments(tmp_path / "b")[:-1], "2"])
+    for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
+def test_real_data_is_left_alone(
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Data made from NYU, in the way or named by the list in the way, is not replaced without --force."""
+    with h5py.File(tmp_path / name, "w") as file:
+        file.attrs["made_from"] = "NYU"
+    (tmp_path / "train.txt").write_text(f"{tmp_path / name}\n")
+    assert tool.main(arguments(tmp_path)) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "made from NYU" in error and "--force" in error
+    assert names(tmp_path) == sorted([name, "train.txt"])
+    assert tool.main(arguments(tmp_path, "--force")) == 0
+
+
+def test_unknown_file_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Something that is no HDF5 file is not replaced either."""
+    (tmp_path / "test_000.h5").write_text("my notes")
+    assert tool.main(arguments(tmp_path)) == 1
+    assert "not a readable HDF5 file" in capsys.readouterr().err
+    assert (tmp_path / "test_000.h5").read_text() == "my notes"
+
+
+def test_failure_leaves_no_half_file(
+    tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run that fails in its second file keeps the first, and nothing else; the next run completes it."""
+    whole = tool.generate
+
+    def failing(count: int, generator: Generator, workers: int, start: int) -> Iterator[object]:
+        yield from whole(10, generator, workers, start)
+        if start:
+            raise OSError(28, "No space left on device")
+        yield from whole(count - 10, generator, workers, start + 10)
+
+    monkeypatch.setattr(tool, "generate", failing)
+    assert tool.main(arguments(tmp_path)) == 1
+    error = capsys.readouterr().err
+    assert error == f"error: {tmp_path}: No space left on device\n"
+    assert names(tmp_path) == ["train_000.h5"]
+    monkeypatch.setattr(tool, "generate", whole)
+    assert tool.main(arguments(tmp_path)) == 0
+    assert "made 60 of them" in capsys.readouterr().out
+
+
+def test_small_disk(
+    tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Too little room is found out before the work."""
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))  # type: ignore[attr-defined]
+    assert tool.main(arguments(tmp_path)) == 1
+    assert "needs 11 MB, 1 MB are free" in capsys.readouterr().err
+
+
+def test_disk_that_fills(tmp_path: Path) -> None:
+    """A write that fails inside HDF5 is one line with the plain reason, and leaves nothing."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
+
+    done = run_tool(*arguments(tmp_path / "out", train=200), preexec_fn=limit)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"error: {tmp_path / 'out'}: File too large\n"
+    assert names(tmp_path / "out") == []
+
+
+def test_folder_that_cannot_be(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file where the folder should be is one clear line."""
+    (tmp_path / "file").write_text("")
+    assert tool.main(arguments(tmp_path / "file")) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
+def test_read_only_folder(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder that may not be written to is one clear line."""
+    tmp_path.chmod(0o555)
+    assert tool.main(arguments(tmp_path)) == 1
+    assert "Permission denied" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
+    """Ctrl-C and SIGTERM end the run and its workers quietly, leaving whole files only."""
+    out = tmp_path / "out"
+    command = [sys.executable, str(TOOL), "--out", str(out), "--train", "100000", "--workers", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        begun = time.monotonic()
+        while not list(out.glob(".*.tmp")) and time.monotonic() - begun < 60:
+            time.sleep(0.05)
+        time.sleep(0.7)
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as a terminal does: to all processes
+        else:
+            process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stdout) == (status, "")
+    assert stderr == "stopped; whole files are kept, and the next run goes on after them\n"
+    assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
+
+
+@pytest.mark.parametrize("wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--tset", "5")])
+def test_usage(tool: ModuleType, capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]) -> None:
+    """Wrong numbers and options exit 2 and are named."""
+    with pytest.raises(SystemExit) as exit_:
+        tool.main(list(wrong))
+    assert exit_.value.code == 2
+    assert wrong[0] in capsys.readouterr().err
+
+
+def test_help(tmp_path: Path) -> None:
+    """--help shows a command that can be copied."""
+    done = run_tool("--help", cwd=tmp_path)
+    assert done.returncode == 0 and "python tools/make_synthetic.py --out data/nyu" in done.stdout

@@ -1,0 +1,72 @@
+"""What the tools share: one-line errors, and Caffe's log format."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TextIO
+
+from netlib.errors import NetlibError
+
+DONE, FAILED, USAGE = 0, 1, 2
+
+
+def guarded(run: Callable[[], int]) -> int:
+    """Run a tool; a user's mistake becomes one line on stderr and exit status 1, never a traceback."""
+    try:
+        return run()
+    except NetlibError as error:
+        print(" ".join(str(error).split("\n")), file=sys.stderr)
+    except MemoryError:
+        print("not enough memory; use a smaller batch_size", file=sys.stderr)
+    except BrokenPipeError:  # the reader of our output has gone, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return FAILED
+
+
+class CaffeFormatter(logging.Formatter):
+    """``I20261121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        stamp = time.strftime("%Y%m%d %H:%M:%S", time.localtime(record.created))
+        micro = int(record.created % 1 * 1e6)
+        text = record.getMessage()
+        letter = record.levelname[0]
+        return f"{letter}{stamp}.{micro:06d} {threading.get_native_id()} {record.filename}:{record.lineno}] {text}"
+
+
+class BarHandler(logging.StreamHandler[TextIO]):
+    """Writes log lines above a progress bar."""
+
+    bar: Any = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if self.bar is None:
+            super().emit(record)
+        else:
+            self.bar.write(self.format(record), file=self.stream)
+
+
+def progress_bar(total: int, initial: int, unit: str) -> Any:
+    """A tqdm bar on stderr if that is a terminal and tqdm is there, else None."""
+    if not sys.stderr.isatty():
+        return None
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return None
+    return tqdm(total=total, initial=initial, unit=unit, dynamic_ncols=True)
+
+
+def duration(seconds: float) -> str:
+    """``75`` → ``1 min 15 s``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

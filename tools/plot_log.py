@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""Draw the loss and test curves of training logs, this project's or Caffe's.
+
+    python tools/plot_log.py snapshots/train.log --out snapshots/train.png
+
+Several logs share one picture. A log that was continued after --snapshot may be given after the first one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from netlib.errors import DataError, NetlibError, os_reason
+from tools.console import DONE, guarded
+
+_NUMBER = r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|nan|inf))"
+_ITERATION = re.compile(r"Iteration (\d+)")
+_LOSS = re.compile(rf"Iteration (\d+)(?: \(.*\))?, loss = {_NUMBER}")
+_OUTPUT = re.compile(rf"(Train|Test) net output #\d+: (\S+) = {_NUMBER}")
+
+Curve = list[tuple[int, float]]
+
+
+@dataclass
+class Log:
+    """The curves of one log: (iteration, value) pairs."""
+
+    loss: Curve = field(default_factory=list)
+    train: dict[str, Curve] = field(default_factory=dict)
+    test: dict[str, Curve] = field(default_factory=dict)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", metavar="LOG", nargs="+", help="what tools/train.py --log wrote, or Caffe's stderr")
+    parser.add_argument("--out", metavar="FILE", default="log.png", help="the picture (default: %(default)s)")
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw as the parsed arguments say."""
+    logs = {path: read_log(path) for path in args.logs}
+    plot(logs, args.out)
+    print(f"wrote {args.out}")
+    return DONE
+
+
+def read_log(path: str | Path) -> Log:
+    """Parse a log. Raises DataError if it cannot be read or has no iteration in it."""
+    try:
+        text = Path(path).read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise DataError(f"{path}: cannot read the log: {os_reason(error)}") from error
+    log, iteration = Log(), 0
+    for line in text.splitlines():
+        if found := _LOSS.search(line):
+            log.loss.append((int(found[1]), float(found[2])))
+        if found := _ITERATION.search(line):
+            iteration = int(found[1])
+        if found := _OUTPUT.search(line):
+            curves = log.train if found[1] == "Train" else log.test
+            curves.setdefault(found[2], []).append((iteration, float(found[3])))
+    if not log.loss and not log.test:
+        raise DataError(f"{path}: no line like 'Iteration 20 (...), loss = 0.5' in it; expected a training log")
+    return log
+
+
+def plot(logs: dict[str, Log], out: str | Path) -> None:
+    """One panel for the loss, one for each test output. Raises NetlibError if the picture cannot be written."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = sorted({name for log in logs.values() for name in log.test})
+    figure, axes = pyplot.subplots(1, 1 + len(names), figsize=(5.2 * (1 + len(names)), 4), squeeze=False)
+    for path, log in logs.items():
+        label = Path(path).stem
+        _curve(axes[0, 0], log.loss, f"{label}: train")
+        for axis, name in zip(axes[0, 1:], names):
+            _curve(axis, log.test.get(name, []), label, marker="o")
+    for axis, title in zip(axes[0], ["training loss", *(f"test {name}" for name in names)]):
+        axis.set_title(title)
+        axis.set_xlabel("iteration")
+        axis.grid(True, alpha=0.3)
+        axis.set_ylim(bottom=0)
+        if axis.lines:
+            axis.legend(frameon=False)
+    figure.tight_layout()
+    try:
+        figure.savefig(out, dpi=110)
+    except (OSError, ValueError) as error:
+        reason = os_reason(error) if isinstance(error, OSError) else str(error)
+        raise NetlibError(f"{out}: cannot write the picture: {reason}") from error
+    finally:
+        pyplot.close(figure)
+
+
+def _curve(axis: object, curve: Curve, label: str, marker: str = "") -> None:
+    if curve:
+        axis.plot(*zip(*curve), label=label, marker=marker, markersize=3)  # type: ignore[attr-defined]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
