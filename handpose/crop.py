@@ -119,7 +119,7 @@ def crop(
     seen = depth[np.ix_(rows[down], columns[across])].astype(np.float64)
     seen[~(seen > 0)] = far  # no reading, and NaN, which some cameras' drivers write
     out[np.ix_(down, across)] = np.clip(seen, near, far)
-    return ((out - d) / (cube_mm / 2)).astype(np.float32)
+    return np.asarray((out - d) / (cube_mm / 2), dtype=np.float32)
 
 
 def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike, clip: bool = False) -> Array:
@@ -128,11 +128,11 @@ def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike
     ``clip`` moves what lies outside the cube onto its faces, as the released system does with its targets.
     """
     center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
-    joints = (np.asarray(xyz, dtype=np.float64) - center) / half
+    joints = np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
     return np.clip(joints, -1.0, 1.0) if clip else joints
 
 
 def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
     """The inverse of ``normalise_joints``: half-cubes to mm in camera axes."""
     center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
-    return np.asarray(joints, dtype=np.float64) * half + center
+    return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)

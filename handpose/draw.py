@@ -58,7 +58,8 @@ def overlay(
         raise DataError(f"crop of shape {np.shape(crop)}, expected a square of depths")
     size = len(depth)
     grey = np.rint((1 - np.clip(depth, -1, 1)) * 0.5 * 215).astype(np.uint8)
-    canvas = cv2.cvtColor(cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR)
+    large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
+    canvas: Image = np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
     def place(points: Array) -> Array:
         if center_uvd is None:
@@ -67,7 +68,7 @@ def overlay(
             center = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
             xyz = restore_joints(points[None], camera.unproject(center), cube_mm / 2)
             at = crop_pixels(camera.project(xyz), center, cube_mm, camera, size)[0]
-        return (at + 0.5) * zoom - 0.5
+        return np.asarray((at + 0.5) * zoom - 0.5)
 
     points = _checked(joints, skeleton)
     _draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1))
@@ -104,7 +105,8 @@ def view_3d(
     lines = np.linspace(-1, 1, 7)
     for line in lines:
         for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
-            _line(canvas, *place(np.array(ends, dtype=np.float64)), (222, 222, 222), 1)
+            start, stop = place(np.array(ends, dtype=np.float64))
+            _line(canvas, start, stop, (222, 222, 222), 1)
     for label, end in (("x", (-0.6, floor, -1)), ("y", (-1, floor + 0.4, -1)), ("z", (-1, floor, -0.6))):
         start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
         _line(canvas, start, stop, (110, 110, 110), 2)

@@ -223,4 +223,4 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
         np.sqrt(k2, out=k2)
         cd -= k2
         cd /= dd
-    return cd
+    return np.asarray(cd)

@@ -26,14 +26,15 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from multiprocessing.process import BaseProcess
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.camera import NYU, Camera
+from handpose.crop import SIZE
 from handpose.nyu import CUBE_MM
 from handpose.render import Capsules, Floats, normalise_depth, render_crop
 from layers import kinematics
@@ -159,7 +160,8 @@ class Hands(NamedTuple):
     scale: Array  # (N,) size relative to the skeleton
 
 
-class Frames(NamedTuple):
+@dataclass(frozen=True)
+class Frames:
     """n frames with their labels; the names are those of the data sets in the files."""
 
     depth: Floats  # (n, 1, 128, 128) the crop in [-1, 1]
@@ -169,6 +171,13 @@ class Frames(NamedTuple):
     center_uvd: Floats  # (n, 3) the same in px, px, mm
     index: NDArray[np.int64]  # (n,) number of the frame in its split
     half_cube: Floats  # (n,) mm
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All arrays by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 class Generator:
@@ -286,7 +295,7 @@ class Generator:
             rng.uniform(-180, 180, count),
             p.yaw_std * rng.standard_normal(count),
         )
-        return np.deg2rad(np.stack([z, x, y], axis=1))
+        return np.asarray(np.deg2rad(np.stack([z, x, y], axis=1)))
 
     def _draw_fingers(self, rng: np.random.Generator, inputs: Array) -> None:
         """Set the angles of fingers and thumb in ``inputs`` (N, 47), within their limits."""
@@ -438,7 +447,7 @@ def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
     position[1] += np.arange(N, dtype=np.float32)[:, None, None] * H
     position[1] *= W  # below 2^24, so exact
     position[1] += position[0]
-    return np.take(depth.reshape(-1), position[1].astype(np.int32))
+    return np.asarray(depth.reshape(-1)[position[1].astype(np.int32)])
 
 
 def _measure(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float) -> None:
@@ -475,6 +484,20 @@ def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
 
 
 # ----------------------------------------------------------------------------------------- many of them
+
+
+def empty_frames() -> Frames:
+    """No frames, in the shapes and types of those that ``generate`` yields."""
+    shapes = {
+        "depth": (1, SIZE, SIZE),
+        "joint": (93,),
+        "dof": (47,),
+        "center": (3,),
+        "center_uvd": (3,),
+        "half_cube": (),
+    }
+    floats = {name: np.zeros((0, *shape), np.float32) for name, shape in shapes.items()}
+    return Frames(**floats, index=np.zeros(0, np.int64))
 
 
 def generate(
@@ -514,9 +537,10 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 def _part(frames: Frames, start: int, stop: int) -> Frames:
     """Those of the frames whose number is from ``start`` to ``stop``."""
     first = int(frames.index[0])
-    if start <= first and first + len(frames.index) <= stop:
+    if start <= first and first + len(frames) <= stop:
         return frames
-    return Frames(*(array[max(start - first, 0) : stop - first] for array in frames))
+    part = slice(max(start - first, 0), stop - first)
+    return Frames(**{name: array[part] for name, array in frames.arrays().items()})
 
 
 def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecutor) -> Iterator[Frames]:

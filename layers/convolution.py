@@ -15,8 +15,8 @@ With ``group`` the channels fall into that many parts that do not see each other
 Two ways to compute it, both by matrix products:
 
 ``Im2col``    any options: copy every patch of x into a column, multiply, and for dx add the columns back.
-``RowTiles``  stride 1, no padding, one group, what the hand network has: less copying, better products. It is
-              explained there.
+``tiles``     stride 1, no padding, one group, what the hand network has: less copying, better products. They are
+              explained in row_tiles.py and window_tiles.py.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from netlib.blob import Array, Blob, Blobs, tiles_of, untile
+from layers.row_tiles import RowTiles
+from layers.window_tiles import WindowTiles
+from netlib.blob import Array, Blob, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.schema import Engine, UInt
@@ -87,7 +89,11 @@ class Convolution(Layer):
         if p.bias_term:
             self.new_param("bias", (p.num_output,), p.bias_filler)
         simple = stride == dilation == (1, 1) and pad == (0, 0) and p.group == 1 and len(bottom[0].shape) == 4
-        self.way: RowTiles | Im2col = RowTiles() if simple else Im2col(stride, pad, dilation, p.group)
+        self.simple = simple
+        self.row_tiles, self.window_tiles = RowTiles(), WindowTiles()
+        self.way: WindowTiles | RowTiles | Im2col = self.row_tiles
+        if not simple:
+            self.way = Im2col(stride, pad, dilation, p.group)
         self.reach = tuple(d * (k - 1) + 1 for d, k in zip(dilation, kernel))
         self.stride, self.pad = stride, pad
 
@@ -112,10 +118,13 @@ class Convolution(Layer):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {blob.shape}, expected (N, C, H, W)")
 
     def bottom_tile(self, bottom_index: int) -> int | None:
-        return 1 if isinstance(self.way, RowTiles) else None
+        return 1 if self.simple else None
 
     def writes_tiles(self) -> bool:
-        return isinstance(self.way, RowTiles)
+        return self.simple
+
+    def sparse_tiles(self) -> bool:
+        return self.simple and not self.needs_bottom_diff
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for i, (x, y) in enumerate(zip(bottom, top)):
@@ -133,6 +142,9 @@ class Convolution(Layer):
             y.reshape(*items, self.param.num_output, *out)
             if y.tile is not None:
                 y.pitch = -(-(x.pitch or W) // y.tile) * y.tile
+        if len(top) == 1 and self.simple:
+            fits = top[0].may_be_sparse and WindowTiles.fits(bottom[0], top[0], self.blobs[0])
+            self.way = self.window_tiles if fits else self.row_tiles
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         bias = self.blobs[1].data if self.param.bias_term else None
@@ -204,133 +216,6 @@ class Im2col:
         return padded[:, :, self.pad[0] : self.pad[0] + x[2], self.pad[1] : self.pad[1] + x[3]]
 
 
-class RowTiles:
-    """T neighbouring outputs of a row come from one product, with a kernel matrix written out T times.
-
-    Im2col copies each value of x kh * kw times and multiplies by a matrix of O rows only, far too flat for a fast
-    product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1 inputs x[h + i, T t : T t + J], so
-
-        Y[h]  (T O, L)  =  M (T O, kh J C)  @  X[h : h + kh]  (kh J C, L)        L = N * W / T
-
-    M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix): some products with zero, but T
-    times the rows, and x copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X that
-    an output row needs lie one after the other, so all right factors are one strided view of X, and the
-    result is y as tiles of T (netlib/blob.py): what a T x T max pooling wants to read.
-
-    The gradient of the kernel is the same product transposed, folded back from M to w. That of x is a convolution
-    of dy with the flipped kernel over kh - 1, kw - 1 zeros around it, again by rows: with dy shifted by q = 0 ..
-    kw - 1 columns as further channels, every row of dx is one product. Images stand side by side in a row; the
-    zero columns that dy has at the end of every image are the zeros between them.
-    """
-
-    def __init__(self) -> None:
-        self._matrices: tuple[Array, int, Array, Array] | None = None
-
-    def tile(self, y: Blob, w: tuple[int, ...]) -> int:
-        if y.tile is not None:
-            return y.tile
-        return 4 if w[1] * w[3] <= 8 else 2 if w[1] * w[3] <= 40 else 1  # the flatter M is, the more it gains
-
-    def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
-        """M and the matrix of the flipped kernel. Made anew when the weights have changed."""
-        found = self._matrices
-        if found is None or found[1] != T or not np.array_equal(found[0], w):
-            flipped = w[:, :, ::-1, ::-1].transpose(1, 0, 2, 3)
-            found = self._matrices = (w.copy(), T, toeplitz(w, T), toeplitz(flipped, 1))
-        return found[2], found[3]
-
-    def lower(self, layer: Layer, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
-        """All right factors, (H - kh + 1, kh J C, L), a view of X."""
-        (N, C, H, W), (_, _, kh, kw) = x.shape, w
-        J, P = T + kw - 1, pitch // T
-        X = layer.buffer(f"X{N, C, H, J, P}", (H, J, C, N, P))
-        if x.tile is not None and x.pitch == pitch:
-            X[:, :T] = x.data.reshape(H, C, N, P, T).transpose(0, 4, 1, 2, 3)
-        else:
-            tiles_of(x, x.data, T, pitch, X[:, :T])
-        rows = X.reshape(H, J, C, N * P)
-        for j in range(T, J):  # the last column of an image then comes from the next one; no valid output reads it
-            rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
-        return stacked_rows(rows.reshape(H, J * C, N * P), kh)
-
-    def forward(self, layer: Layer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
-        T = self.tile(y, w.shape)
-        N, O, Ho, Wo = y.shape
-        pitch = y.pitch if y.tile else -(-(x.pitch or x.shape[3]) // T) * T
-        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
-        out = y.data if y.tile else layer.buffer(f"Y{storage}", storage)
-        rows = out[:Ho].reshape(Ho, T * O, -1)
-        np.matmul(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), out=rows)
-        if bias is not None:
-            rows += np.tile(bias, T)[:, None]
-        if y.tile is None:
-            y.data[...] = untile(out, Ho, Wo)
-
-    def backward(
-        self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool
-    ) -> None:
-        T = self.tile(y, w.shape)
-        N, O, Ho, Wo = y.shape
-        pitch = y.pitch if y.tile else -(-(x.pitch or x.shape[3]) // T) * T
-        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
-        out = y.diff if y.tile else layer.buffer(f"dY{storage}", storage)
-        tiles = tiles_of(y, y.diff, T, pitch, out)[:Ho]
-        dy = tiles.reshape(Ho, T * O, -1)
-        right = self.lower(layer, x, w.shape, T, pitch)
-        product = layer.buffer(f"G{Ho, right.shape[1], T * O}", (Ho, right.shape[1], T * O))
-        np.matmul(right, dy.transpose(0, 2, 1), out=product)
-        dw += fold(product.sum(axis=0).T, w.shape, T)
-        if db is not None:
-            db += dy.reshape(Ho, T, O, -1).sum(axis=(0, 1, 3))
-        if down:
-            self._backward_x(layer, x, y, w, tiles, T, pitch)
-
-    def _backward_x(self, layer: Layer, x: Blob, y: Blob, w: Array, tiles: Array, T: int, pitch: int) -> None:
-        (N, C, H, W), (O, _, kh, kw), Ho = x.shape, w.shape, tiles.shape[0]
-        D = layer.buffer(f"D{N, H, pitch}", (H + kh - 1, kw, O, N * pitch))  # zero rows above and below stay zero
-        rows = D[kh - 1 : kh - 1 + Ho]
-        newest = rows[:, kw - 1]  # dy as plain rows, shifted by nothing
-        newest[...] = tiles.transpose(0, 2, 3, 4, 1).reshape(Ho, O, N * pitch)
-        for j in range(kw - 1):
-            q = kw - 1 - j
-            rows[:, j, :, q:] = newest[:, :, :-q]
-        factors = stacked_rows(D.reshape(H + kh - 1, kw * O, N * pitch), kh)
-        direct = x.tile is not None and x.pitch == pitch
-        out = x.diff.reshape(H, C, N * pitch) if direct else layer.buffer(f"dX{N, H, pitch}", (H, C, N * pitch))
-        np.matmul(self.matrices(w, T)[1], factors, out=out)
-        if not direct:
-            dx = untile(out.reshape(H, 1, C, N, pitch), H, W)
-            if x.tile is None:
-                x.diff[...] = dx
-            else:
-                tiles_of(Blob(x.shape, x.dtype), dx, x.tile, x.pitch, x.diff)
-
-
 def images(array: Array) -> Array:
     """(N, C, H, W) of an array that may have more axes in front."""
     return array.reshape(-1, *array.shape[-3:])
-
-
-def toeplitz(w: Array, T: int) -> Array:
-    """M (T O, kh J C) of a kernel w (O, C, kh, kw): the kernel T times, each one column further right."""
-    O, C, kh, kw = w.shape
-    M = np.zeros((T, O, kh, T + kw - 1, C), w.dtype)
-    for p in range(T):
-        M[p, :, :, p : p + kw] = w.transpose(0, 2, 3, 1)
-    return M.reshape(T * O, -1)
-
-
-def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
-    """The adjoint of ``toeplitz``: what M's gradient (T O, kh J C) is for the kernel."""
-    O, C, kh, kw = w
-    M = M.reshape(T, O, kh, T + kw - 1, C)
-    total: Array = sum(M[p, :, :, p : p + kw] for p in range(T))
-    return total.transpose(0, 3, 1, 2)
-
-
-def stacked_rows(X: Array, kh: int) -> Array:
-    """(H, R, L) → (H - kh + 1, kh R, L): every kh rows in a row, a view."""
-    H, R, L = X.shape
-    return as_strided(X, (H - kh + 1, kh * R, L), X.strides, writeable=False)
-
-

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from netlib.blob import Array, Blob, Blobs, plain_of, tiles_of, untile
+from netlib.blob import Array, Blob, Blobs, SparseTiles, plain_of, tiles_of, untile
 from netlib.layer import Layer
 from netlib.schema import Engine, UInt
 
@@ -84,6 +84,9 @@ class Pooling(Layer):
     def writes_tiles(self) -> bool:
         return self.tile is not None
 
+    def sparse_tiles(self) -> bool:
+        return self.tile is not None
+
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom[0].shape) != 4:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
@@ -106,7 +109,9 @@ class Pooling(Layer):
         return count
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        if self.tile:
+        if bottom[0].sparse is not None:
+            self._forward_sparse(bottom[0].sparse, top[0])
+        elif self.tile:
             self._forward_tiles(bottom[0], top[0])
         elif self.takes_maximum:
             self._forward_max(bottom[0].data, top[0].data)
@@ -116,7 +121,9 @@ class Pooling(Layer):
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
-        if self.tile:
+        if bottom[0].sparse is not None:
+            self._backward_sparse(top[0], bottom[0].sparse)
+        elif self.tile:
             self._backward_tiles(top[0], bottom[0])
         elif self.takes_maximum:
             self._backward_max(top[0].diff, bottom[0].diff)
@@ -219,49 +226,97 @@ class Pooling(Layer):
         for phase in range(W % T or T, T):
             x[:, phase, ..., W // T] = -np.inf
         slabs = x.reshape(R, places, L)
-        tiled_alike = top.tile == 1 and top.pitch == self.pitch // T
-        y = top.data.reshape(R, L) if tiled_alike else self.buffer("maximum", (R, L))
-        np.max(slabs, axis=1, out=y)
+        y = self._dense_rows(top, top.data)
+        np.max(slabs, axis=1, out=y.reshape(R, L))
         if self.needs_backward:
-            first = self.buffer("first", slabs.shape, np.uint8)
-            np.equal(slabs, y[:, None], out=first.view(bool))
-            first *= self.rank
-            np.subtract(np.uint8(places), first.max(axis=1), out=self.winners)
-            np.minimum(self.winners, np.uint8(places - 1), out=self.winners)  # a NaN equals nothing, not even itself
-        y.reshape(R, C, N, -1)[..., -(-W // T) :] = 0  # windows of padding only
-        if not tiled_alike:
-            self._store(y, top, top.data)
+            self._find_winners(slabs, y.reshape(R, 1, L), self.winners)
+        y[..., -(-W // T) :] = 0  # windows of padding only
+        self._store_rows(y, top, top.data)
 
-    def _store(self, y: Array, top: Blob, out: Array) -> None:
-        N, C, Ho, Wo = top.shape
-        y = y.reshape(-1, 1, C, N, self.pitch // (self.tile or 1))
-        if top.tile is None:
-            out[...] = untile(y, Ho, Wo)
-        else:
-            source = Blob(top.shape, top.dtype)
-            source.tile, source.pitch = 1, y.shape[-1]
-            tiles_of(source, y, top.tile, top.pitch, out)
+    def _find_winners(self, slabs: Array, maximum: Array, winners: Array) -> None:
+        """Of (..., places, L) values the first place that holds the maximum."""
+        first = self.buffer("first", slabs.shape, np.uint8)
+        np.equal(slabs, maximum, out=first.view(bool))
+        first *= self.rank
+        np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
+        np.minimum(winners, np.uint8(len(self.rank) - 1), out=winners)  # a NaN equals nothing, not even itself
 
     def _backward_tiles(self, top: Blob, bottom: Blob) -> None:
         T = self.tile
         assert T is not None
-        N, C, H, W = bottom.shape
+        C, N = bottom.shape[1], bottom.shape[0]
         R, places, L = self.slabs
-        columns = self.pitch // T
-        storage = (R, 1, C, N, columns)
-        out = top.diff if top.tile == 1 and top.pitch == columns else self.buffer("dy", storage)
-        dy = tiles_of(top, top.diff, 1, columns, out)
+        dy = self._load_rows(top, top.diff)
         direct = bottom.tile == T
-        dx = bottom.diff if direct else self.buffer("dx", (R * T, T, C, N, columns))
+        dx = bottom.diff if direct else self.buffer("dx", (R * T, T, C, N, self.pitch // T))
         dx.fill(0)
         index = self.winners.astype(np.intp)  # where each winner stands in dx
         index *= L
         index += (np.arange(R)[:, None] * (places * L)) + np.arange(L)
         dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
         if not direct:
-            source = Blob(bottom.shape, bottom.dtype)
-            source.tile, source.pitch = T, self.pitch
-            bottom.diff[...] = plain_of(source, dx)
+            bottom.diff[...] = untile(dx, *bottom.shape[2:])
+
+    # The top in rows of windows, (R, C, N, windows of a row): the top itself if it is stored so, else a buffer.
+
+    def _dense_rows(self, top: Blob, array: Array) -> Array:
+        shape = (self.slabs[0], top.shape[1], top.shape[0], self.pitch // (self.tile or 1))
+        return array.reshape(shape) if self._stores_rows(top) else self.buffer("rows", shape)
+
+    def _stores_rows(self, top: Blob) -> bool:
+        return top.tile == 1 and top.pitch == self.pitch // (self.tile or 1)
+
+    def _store_rows(self, y: Array, top: Blob, out: Array) -> None:
+        if self._stores_rows(top):
+            return
+        plain = untile(y[:, None], *top.shape[2:])
+        if top.tile is None:
+            out[...] = plain
+        else:
+            tiles_of(Blob(top.shape, top.dtype), plain, top.tile, top.pitch, out)
+
+    def _load_rows(self, top: Blob, array: Array) -> Array:
+        rows = self._dense_rows(top, array)
+        if not self._stores_rows(top):
+            rows[..., top.shape[3] :] = 0
+            rows[..., : top.shape[3]] = plain_of(top, array).transpose(2, 1, 0, 3)
+        return rows
+
+    # ------------------------------------------------------------------------------------------ sparse tiles
+    # The same on the windows that are stored; all others have the maximum ``rest``, and their first place wins.
+
+    def _forward_sparse(self, x: SparseTiles, top: Blob) -> None:
+        places, C, A = x.values.shape
+        slabs = x.values.reshape(places, C * A)
+        maximum = slabs.max(axis=0)
+        if self.needs_backward:
+            self.winners = np.empty(C * A, np.uint8)
+            self._find_winners(slabs, maximum, self.winners)
+        y = self._dense_rows(top, top.data)
+        y[...] = x.rest[:, None, None]
+        y.reshape(-1)[self._places_in(y, x)] = maximum
+        self._store_rows(y, top, top.data)
+
+    def _backward_sparse(self, top: Blob, x: SparseTiles) -> None:
+        dy = self._load_rows(top, top.diff)
+        gradient = dy.reshape(-1)[self._places_in(dy, x)].reshape(dy.shape[1], -1)
+        C, A = gradient.shape
+        total = dy.sum(axis=(0, 2, 3), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
+        x.rest_diff = total.astype(self.dtype)
+        places = len(self.rank)
+        diff = self.buffer("sparse", (places * self.slabs[0] * self.slabs[2],))[: places * C * A]
+        diff.fill(0)
+        index = self.winners.astype(np.intp)
+        index *= C * A
+        index += np.arange(C * A)
+        diff[index] = gradient.reshape(-1)
+        x.diff = diff.reshape(places, C, A)
+
+    def _places_in(self, rows: Array, x: SparseTiles) -> Array:
+        """Index of every stored window and channel, (C A,), in an array (R, C, N, windows of a row)."""
+        _, C, N, P = rows.shape
+        index = (x.row * (C * N) + x.image) * P + x.column
+        return (np.arange(C)[:, None] * (N * P) + index).reshape(-1)
 
 
 def _or(value: int | None, default: int) -> int:

@@ -8,17 +8,40 @@ A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then h
 W / T. This is the order in which a convolution by matrix products writes and a T x T max pooling reads, both
 in long contiguous runs (see layers/convolution.py). The padding in ``data`` is any finite number, in
 ``diff`` it is zero. Only layers that say that they can handle tiles are ever given such a blob.
+
+A tiled blob that one layer writes and one reads may be *sparse* (``Blob.sparse``): only some of its T x T windows
+are stored, because all others hold one and the same value for each channel, as over the background of a depth image.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Array = NDArray[Any]
+
+
+@dataclass
+class SparseTiles:
+    """The windows of a sparse blob, A of them.
+
+    image, row, column   (A,) which image, row of windows and window in that row
+    values               (T T, C, A) data, place by place of the window; good until the thread's next slice
+    rest                 (C,) data everywhere else
+    diff, rest_diff      the same for the diff; ``rest_diff`` (C,) is summed over everything else
+    """
+
+    image: Array
+    row: Array
+    column: Array
+    values: Array
+    rest: Array
+    diff: Array | None = None
+    rest_diff: Array | None = None
 
 
 class Blob:
@@ -29,10 +52,13 @@ class Blob:
     diff     dL/d(data)
     tile     None, or T if the arrays are tiled (see the module)
     pitch    columns stored a row if tiled, T * P
+    sparse   None, or the windows that are stored, instead of ``data`` and ``diff``
     """
 
     tile: int | None = None
     pitch: int = 0
+    may_be_sparse: bool = False
+    sparse: SparseTiles | None = None
     _on_look: Callable[[], None] | None = None  # called before the first look at a blob that is not stored
 
     def __init__(self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32) -> None:

@@ -74,6 +74,7 @@ class Layer:
     reads_bottom: bool = True  # backward reads bottom data
     reads_top: bool = True  # backward reads top data
     needs_backward: bool = True  # set by the net: will backward be called at all
+    needs_bottom_diff: bool = True  # set by the net: will it be asked for the diff of any bottom
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
         self.spec = spec
@@ -114,6 +115,10 @@ class Layer:
 
     def writes_tiles(self) -> bool:
         """Can the tops be tiled, whatever the tile?"""
+        return False
+
+    def sparse_tiles(self) -> bool:
+        """Can tiled bottoms and tops be sparse?"""
         return False
 
     def state(self) -> dict[str, Any]:

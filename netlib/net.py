@@ -244,6 +244,7 @@ class Net:
                     down or at.layer.allow_force_backward(i) for i, down in enumerate(at.propagate_down)
                 ]
             at.layer.needs_backward = at.needs_backward
+            at.layer.needs_bottom_diff = any(at.propagate_down)
 
     # ------------------------------------------------------------------------------------------ running
 

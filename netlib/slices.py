@@ -162,6 +162,8 @@ class SlicedRun:
             return _Window(whole, rows, shape)
         blob = _Hidden(shape, whole.dtype, self._buffers, id(whole), id(whole) in self._kept)
         blob.tile = self._tiles.get(id(whole))
+        users = [at for at in self._order if any(b is whole for b in [*at.bottom, *at.top])]
+        blob.may_be_sparse = blob.tile is not None and len(users) == 2 and all(at.layer.sparse_tiles() for at in users)
         return blob
 
 

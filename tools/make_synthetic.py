@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import json
 import os
 import re
@@ -19,20 +20,24 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose.synthetic import Frames, Generator, Split, generate, processes
+from handpose.synthetic import Generator, Split, empty_frames, generate, processes
 from netlib.errors import NetlibError, os_reason
+from tools.console import duration, guarded, progress_bar
 
 FRAMES_PER_FILE = 2500
+BYTES_PER_FRAME = 67_000  # somewhat more than it takes
 MADE_FROM = "synthetic"
 DESCRIPTION = (
     "Rendered capsule hands with Kinect-like noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the crop "
@@ -40,32 +45,33 @@ DESCRIPTION = (
 )
 
 
-class Part(NamedTuple):
+@dataclass(frozen=True)
+class Part:
     """One file to be: which frames of which split."""
 
     path: Path
     generator: Generator
     start: int
-    count: int
+    frames: int
 
     @property
     def recipe(self) -> str:
         """All that the file depends on."""
-        return json.dumps({**self.generator.recipe(), "start": self.start, "count": self.count}, sort_keys=True)
+        return json.dumps({**self.generator.recipe(), "start": self.start, "frames": self.frames}, sort_keys=True)
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """A signal asked the run to end."""
 
 
 class Stopper:
     """Within it, the first Ctrl-C or SIGTERM is only noted, to be raised by ``check``; a second one hits at once.
 
-    An exception raised by the signal itself could fall into a place that swallows it, or half way into a file.
+    An exception that the signal itself raised could fall into a place that swallows it.
     """
 
     signum = 0
-    _before: dict[int, Any]
+    _before: dict[signal.Signals, Any]
 
     def __enter__(self) -> Stopper:
         self._before = {}
@@ -82,28 +88,20 @@ class Stopper:
         self.__exit__()
 
     def check(self) -> None:
-        """Raise Stopped if a signal came."""
+        """Raise StoppedError if a signal came."""
         if self.signum:
-            raise Stopped
+            raise StoppedError
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns its exit status."""
     args = _arguments(argv)
-    stopper = Stopper()
-    try:
-        with stopper:
-            return run(args.out, {"train": args.train, "test": args.test}, args.seed, args.workers, args.force, stopper)
-    except NetlibError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except (Stopped, KeyboardInterrupt):
-        print("stopped; whole files are kept, and the next run goes on after them", file=sys.stderr)
-        return 128 + (stopper.signum or signal.SIGINT)
+    counts: dict[Split, int] = {"train": args.train, "test": args.test}
+    return guarded(lambda: run(args.out, counts, args.seed, args.workers, args.force))
 
 
-def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: bool, stopper: Stopper) -> int:
-    """Write what is missing of ``counts`` frames a split into the folder ``out``."""
+def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: bool) -> int:
+    """Write what is missing of ``counts`` frames a split into the folder ``out``. Raises NetlibError."""
     parts = {split: _parts(out, Generator(seed, split), count) for split, count in counts.items()}
     every = [part for split in parts.values() for part in split]
     lists = {out / f"{split}.txt": "".join(f"{p.path.as_posix()}\n" for p in parts[split]) for split in parts}
@@ -116,19 +114,21 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
 
     begun = time.perf_counter()
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        for path in lists if missing else ():
-            path.unlink(missing_ok=True)  # no list may name files of two kinds
-        _check_space(out, missing)
-        with _progress(sum(part.count for part in missing)) as advance, processes(workers) as pool:
-            for part in missing:
-                _write(part, pool if workers > 1 else 1, advance, stopper)
-        for path, text in lists.items():
-            _replace(path, lambda temporary, text=text: temporary.write_text(text))
+        with Stopper() as stopper:
+            out.mkdir(parents=True, exist_ok=True)
+            for path in lists if missing else ():
+                path.unlink(missing_ok=True)  # no list may name files of two kinds
+            _check_space(out, missing)
+            _write_all(missing, workers, stopper)
+            for path, text in lists.items():
+                _replace(path, lambda temporary, text=text: temporary.write_text(text))  # type: ignore[misc]
+    except StoppedError:
+        print("stopped; whole files are kept, and the next run goes on after them", file=sys.stderr)
+        return 128 + stopper.signum
     except OSError as error:
         raise NetlibError(f"{out}: {_reason(error)}") from None
-    made = sum(part.count for part in missing)
-    print(f"{out}: {_summary(counts, seed)}; made {made} of them in {time.perf_counter() - begun:.0f} s")
+    made = sum(part.frames for part in missing)
+    print(f"{out}: {_summary(counts, seed)}; made {made} of them in {duration(time.perf_counter() - begun)}")
     return 0
 
 
@@ -139,13 +139,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--test", type=_at_least(1), default=2000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--seed", type=_at_least(0), default=0, metavar="N", help="random seed (default: %(default)s)")
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    parser.add_argument(
-        "--workers",
-        type=_at_least(1),
-        default=workers,
-        metavar="N",
-        help="processes (default: %(default)s, one a core)",
-    )
+    help_ = "processes (default: one a core, %(default)s)"
+    parser.add_argument("--workers", type=_at_least(1), default=workers, metavar="N", help=help_)
     parser.add_argument("--force", action="store_true", help="replace whatever is there, real data too")
     return parser.parse_args(argv)
 
@@ -217,7 +212,7 @@ def _text(path: Path) -> str | None:
 def _check_space(out: Path, missing: list[Part]) -> None:
     """Raise NetlibError at once rather than after a minute if the disk is too small."""
     replaced = sum(part.path.stat().st_size for part in missing if part.path.is_file())
-    need = sum(part.count for part in missing) * 67_000  # bytes a frame
+    need = sum(part.frames for part in missing) * BYTES_PER_FRAME
     free = shutil.disk_usage(out).free + replaced
     if need > free:
         raise NetlibError(f"{out}: needs {need / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
@@ -226,32 +221,62 @@ def _check_space(out: Path, missing: list[Part]) -> None:
 # --------------------------------------------------------------------------------------------- writing
 
 
-def _write(part: Part, workers: int | ProcessPoolExecutor, advance: Callable[[int], object], stopper: Stopper) -> None:
-    def fill(path: Path) -> None:
-        # Whole pages, so that readers can map the frames into memory.
-        with h5py.File(path, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
-            file.attrs["made_from"] = MADE_FROM
-            file.attrs["seed"] = part.generator.seed
-            file.attrs["description"] = DESCRIPTION
-            file.attrs["recipe"] = part.recipe
-            done = 0
-            with contextlib.closing(generate(part.count, part.generator, workers, part.start)) as blocks:
-                for frames in blocks:
-                    n = len(frames.index)
-                    for name, array in zip(Frames._fields, frames, strict=True):
-                        if not done:
-                            file.create_dataset(name, (part.count, *array.shape[1:]), array.dtype)
-                        file[name][done : done + n] = array
-                    done += n
-                    advance(n)
-                    stopper.check()
+def _write_all(parts: list[Part], workers: int, stopper: Stopper) -> None:
+    bar = progress_bar(sum(part.frames for part in parts), 0, " frames") if parts else None
 
-    try:
-        _replace(part.path, fill)
-    except RuntimeError as error:  # h5py's for a file that it cannot close, as after a failed write
-        if isinstance(error.__context__, OSError):
-            raise error.__context__ from None
-        raise
+    def advance(frames: int) -> None:
+        if bar:
+            bar.update(frames)
+        stopper.check()
+
+    with contextlib.ExitStack() as stack:
+        if bar:
+            stack.callback(bar.close)
+        pool = stack.enter_context(processes(workers)) if workers > 1 and parts else 1
+        for part in parts:
+            _replace(part.path, lambda path, part=part: _write(path, part, pool, advance))  # type: ignore[misc]
+
+
+def _write(path: Path, part: Part, workers: int | ProcessPoolExecutor, advance: Callable[[int], None]) -> None:
+    """HDF5 lays out the file, plain writes fill it: where HDF5 fails to write, it takes the process with it."""
+    with path.open("wb") as file:
+        _reserve(file.fileno(), part.frames * BYTES_PER_FRAME)
+    offsets = _lay_out(path, part)
+    with path.open("r+b") as file:
+        _reserve(file.fileno(), path.stat().st_size)
+        done = 0
+        for frames in generate(part.frames, part.generator, workers, part.start):
+            for name, array in frames.arrays().items():
+                file.seek(offsets[name] + done * array[0].nbytes)
+                file.write(np.ascontiguousarray(array).data)
+            done += len(frames)
+            advance(len(frames))
+
+
+def _lay_out(path: Path, part: Part) -> dict[str, int]:
+    """Make the file with its data sets still empty; returns where each begins."""
+    plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    # Whole pages, so that readers can map the frames into memory.
+    with h5py.File(path, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
+        file.attrs["made_from"] = MADE_FROM
+        file.attrs["seed"] = part.generator.seed
+        file.attrs["description"] = DESCRIPTION
+        file.attrs["recipe"] = part.recipe
+        for name, array in empty_frames().arrays().items():
+            file.create_dataset(name, (part.frames, *array.shape[1:]), array.dtype, dcpl=plist)
+        return {name: file[name].id.get_offset() for name in file}
+
+
+def _reserve(handle: int, size: int) -> None:
+    """Take the room on the disk before work goes into filling it."""
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(handle, 0, size)
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # some file systems cannot
+                raise
 
 
 def _replace(path: Path, fill: Callable[[Path], object]) -> None:
@@ -259,15 +284,15 @@ def _replace(path: Path, fill: Callable[[Path], object]) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         fill(temporary)
-        for written in (temporary, path.parent):
-            if written is temporary or os.name == "posix":
-                handle = os.open(written, os.O_RDONLY)
-                try:
-                    os.fsync(handle)
-                finally:
-                    os.close(handle)
-            if written is temporary:
-                os.replace(temporary, path)
+        with temporary.open("r+b") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        if os.name == "posix":  # the new name, too, must reach the disk
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -276,21 +301,6 @@ def _reason(error: OSError) -> str:
     """The plain reason, which HDF5 wraps in a long message."""
     wrapped = re.search(r"error message = '([^']*)'", str(error))
     return wrapped.group(1) if wrapped else os_reason(error)
-
-
-@contextlib.contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], object]]:
-    """A progress bar if there is a terminal to show it and tqdm to draw it; yields the function to advance it."""
-    if not sys.stderr.isatty():
-        yield lambda frames: None
-        return
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        yield lambda frames: None
-        return
-    with tqdm(total=total, unit=" frames", unit_scale=True, file=sys.stderr) as bar:
-        yield bar.update
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from handpose.camera import NYU
 from handpose.crop import crop, crop_pixels, restore_joints
 from handpose.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
 from handpose.render import Capsules, normalise_depth, render_crop, render_image
-from handpose.synthetic import BLOCK, Frames, Generator, HandShape, PosePrior, Sensor, generate, sense
+from handpose.synthetic import BLOCK, Frames, Generator, HandShape, PosePrior, Sensor, empty_frames, generate, sense
 from netlib.errors import DataError
 
 
@@ -29,23 +29,30 @@ def frames(generator: Generator) -> Frames:
     return generator.block(0)
 
 
+def assert_equal(one: Frames, two: Frames) -> None:
+    """Every array is the same."""
+    for name, array in one.arrays().items():
+        np.testing.assert_array_equal(array, two.arrays()[name], name)
+
+
 def test_arrays(frames: Frames) -> None:
     """Frames have the documented shapes, types and ranges."""
     shapes = [(BLOCK, 1, 128, 128), (BLOCK, 93), (BLOCK, 47), (BLOCK, 3), (BLOCK, 3), (BLOCK,), (BLOCK,)]
-    assert [array.shape for array in frames] == shapes
-    assert [array.dtype for array in frames] == [np.float32] * 5 + [np.int64, np.float32]
+    arrays = list(frames.arrays().values())
+    assert [array.shape for array in arrays] == shapes
+    assert [array.dtype for array in arrays] == [np.float32] * 5 + [np.int64, np.float32]
+    for array, empty in zip(arrays, empty_frames().arrays().values(), strict=True):
+        assert (array.shape[1:], array.dtype) == (empty.shape[1:], empty.dtype) and len(empty) == 0
     for array in (frames.depth, frames.joint):
-        assert -1 <= array.min() and array.max() == 1
-    assert all(np.isfinite(array).all() for array in frames)
+        assert array.min() >= -1 and array.max() == 1
+    assert all(np.isfinite(array).all() for array in arrays)
     np.testing.assert_array_equal(frames.index, np.arange(BLOCK))
 
 
 def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frames: Frames) -> None:
     """The same generator repeats itself whatever it drew before; another seed, split or block is different."""
     generator.block(3)
-    again = generator.block(0)
-    for a, b in zip(frames, again, strict=True):
-        np.testing.assert_array_equal(a, b)
+    assert_equal(generator.block(0), frames)
     for other in (Generator(8).block(0), Generator(7, "test").block(0), generator.block(1)):
         assert (np.abs(other.joint - frames.joint).max(axis=1) > 0.05).all()
 
@@ -53,7 +60,7 @@ def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frame
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
     """Frames of any stretch, over block borders, are those of the blocks."""
     pieces = list(generate(BLOCK, generator, start=BLOCK // 2))
-    assert [len(piece.index) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
+    assert [len(piece) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
     np.testing.assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
     np.testing.assert_array_equal(np.concatenate([p.index for p in pieces]), np.arange(BLOCK // 2, BLOCK * 3 // 2))
     (few,) = generate(3, generator)
@@ -65,8 +72,7 @@ def test_workers_change_nothing(generator: Generator) -> None:
     """Two processes draw the same frames in the same order as one."""
     count = 3 * BLOCK + 5
     for one, two in zip(generate(count, generator), generate(count, generator, workers=2), strict=True):
-        for a, b in zip(one, two, strict=True):
-            np.testing.assert_array_equal(a, b)
+        assert_equal(one, two)
 
 
 def test_bones_vary_within_reason(generator: Generator) -> None:

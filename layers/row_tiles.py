@@ -1,0 +1,138 @@
+r"""RowTiles: T neighbouring outputs of a row of a convolution come from one matrix product.
+
+Im2col copies each value of x kh * kw times and multiplies by a matrix of O rows only, far too flat for a fast
+product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1 inputs x[h + i, T t : T t + J], so
+
+    Y[h]  (T O, L)  =  M (T O, kh J C)  @  X[h : h + kh]  (kh J C, L)        L = N * W / T
+
+M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix): some products with zero, but T
+times the rows, and x copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X that
+an output row needs lie one after the other, so all right factors are one strided view of X, and the
+result is y as tiles of T (netlib/blob.py): what a T x T max pooling wants to read.
+
+The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of x is again such a
+convolution: of dy with the flipped kernel, with kh - 1 rows of zeros above and below and kw - 1 columns on the left.
+Images stand side by side in a row; the zero columns that dy has at the end of every image serve the next one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+
+from netlib.blob import Array, Blob, tiles_of, untile
+from netlib.layer import Layer
+
+
+class RowTiles:
+    """A convolution with stride 1, without padding, dilation or groups."""
+
+    def __init__(self) -> None:
+        self._matrices: tuple[Array, int, Array, Array] | None = None
+
+    def tile(self, y: Blob, w: tuple[int, ...]) -> int:
+        """T: what the top is stored in, else a guess: the flatter w is, the more it gains."""
+        if y.tile is not None:
+            return y.tile
+        return 4 if w[1] * w[3] <= 8 else 2 if w[1] * w[3] <= 40 else 1
+
+    def pitch(self, x: Blob, y: Blob, T: int) -> int:
+        """Columns stored a row."""
+        return y.pitch if y.tile else -(-(x.pitch or x.shape[3]) // T) * T
+
+    def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
+        """M of the kernel and of the flipped kernel. Made anew when the weights have changed."""
+        found = self._matrices
+        if found is None or found[1] != T or not np.array_equal(found[0], w):
+            flipped = w[:, :, ::-1, ::-1].transpose(1, 0, 2, 3)
+            found = self._matrices = (w.copy(), T, toeplitz(w, T), toeplitz(flipped, T))
+        return found[2], found[3]
+
+    def forward(self, layer: Layer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
+        """y from x."""
+        T = self.tile(y, w.shape)
+        N, O, Ho, Wo = y.shape
+        pitch = self.pitch(x, y, T)
+        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
+        out = y.data if y.tile else layer.buffer(f"Y{storage}", storage)
+        rows = out[:Ho].reshape(Ho, T * O, -1)
+        np.matmul(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), out=rows)
+        if bias is not None:
+            rows += np.tile(bias, T)[:, None]
+        if y.tile is None:
+            y.data[...] = untile(out, Ho, Wo)
+
+    def lower(self, layer: Layer, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
+        """All right factors, (Ho, kh J C, L), a view of X."""
+        (N, C, H, _), (_, _, kh, kw) = x.shape, w
+        J, P = T + kw - 1, pitch // T
+        X = layer.buffer(f"X{N, C, H, J, P}", (H, J, C, N, P))
+        if x.tile is not None and x.pitch == pitch:
+            X[:, :T] = x.data.reshape(H, C, N, P, T).transpose(0, 4, 1, 2, 3)
+        else:
+            tiles_of(x, x.data, T, pitch, X[:, :T])
+        rows = X.reshape(H, J, C, N * P)
+        for j in range(T, J):  # the last column of an image then comes from the next one; no valid output reads it
+            rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
+        return stacked_rows(rows.reshape(H, J * C, N * P), kh)
+
+    def backward(
+        self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool
+    ) -> None:
+        """Adds to dw and db; writes dx if ``down``."""
+        T = self.tile(y, w.shape)
+        N, O, Ho, _ = y.shape
+        pitch = self.pitch(x, y, T)
+        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
+        out = y.diff if y.tile else layer.buffer(f"dY{storage}", storage)
+        dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
+        right = self.lower(layer, x, w.shape, T, pitch)
+        product = layer.buffer(f"G{Ho, right.shape[1], T * O}", (Ho, right.shape[1], T * O))
+        np.matmul(right, dy.transpose(0, 2, 1), out=product)
+        dw += fold(product.sum(axis=0).T, w.shape, T)
+        if db is not None:
+            db += dy.reshape(Ho, T, O, -1).sum(axis=(0, 1, 3))
+        if down:
+            self.backward_x(layer, x, dy.reshape(Ho, T, O, -1), w, T, pitch)
+
+    def backward_x(self, layer: Layer, x: Blob, dy: Array, w: Array, T: int, pitch: int) -> None:
+        """dx from dy (Ho, T, O, L)."""
+        (N, C, H, W), (O, _, kh, kw), (Ho, _, _, L) = x.shape, w.shape, dy.shape
+        J = T + kw - 1
+        D = layer.buffer(f"D{N, H, pitch}", (H + kh - 1, J, O, L))  # zero rows above and below stay zero
+        rows = D[kh - 1 : kh - 1 + Ho]
+        for j in range(J):  # column T t + j - (kw - 1) of dy
+            back, phase = divmod(j - (kw - 1), T)
+            rows[:, j, :, -back if back else None :] = dy[:, phase, :, : L + back]
+        factors = stacked_rows(D.reshape(H + kh - 1, J * O, L), kh)
+        dx = layer.buffer(f"dX{N, H, pitch}", (H, T, C, N, pitch // T))
+        np.matmul(self.matrices(w, T)[1], factors, out=dx.reshape(H, T * C, L))
+        if x.tile is not None and x.pitch == pitch:
+            x.diff.reshape(H, C, N, pitch // T, T)[...] = dx.transpose(0, 2, 3, 4, 1)
+        elif x.tile is None:
+            x.diff[...] = untile(dx, H, W)
+        else:
+            tiles_of(Blob(x.shape, x.dtype), untile(dx, H, W), x.tile, x.pitch, x.diff)
+
+
+def toeplitz(w: Array, T: int) -> Array:
+    """M (T O, kh J C) of a kernel w (O, C, kh, kw): the kernel T times, each one column further right."""
+    O, C, kh, kw = w.shape
+    M = np.zeros((T, O, kh, T + kw - 1, C), w.dtype)
+    for p in range(T):
+        M[p, :, :, p : p + kw] = w.transpose(0, 2, 3, 1)
+    return M.reshape(T * O, -1)
+
+
+def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
+    """The adjoint of ``toeplitz``: what M's gradient (T O, kh J C) is for the kernel."""
+    O, C, kh, kw = w
+    M = M.reshape(T, O, kh, T + kw - 1, C)
+    total: Array = sum(M[p, :, :, p : p + kw] for p in range(T))
+    return total.transpose(0, 3, 1, 2)
+
+
+def stacked_rows(X: Array, kh: int) -> Array:
+    """(H, R, L) → (H - kh + 1, kh R, L): every kh rows in a row, a view."""
+    H, R, L = X.shape
+    return as_strided(X, (H - kh + 1, kh * R, L), X.strides, writeable=False)
