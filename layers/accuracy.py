@@ -68,6 +68,5 @@ class Accuracy(Layer):
             top[1].data[...] = np.bincount(labels, right, scores.shape[1]) / np.maximum(total, 1)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for x, down in zip(bottom, propagate_down):
-            if down:
-                raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")
+        if any(propagate_down):
+            raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")

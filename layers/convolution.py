@@ -130,7 +130,7 @@ class Convolution(Layer):
         for i, (x, y) in enumerate(zip(bottom, top)):
             self._check_bottom(x)
             *items, C, H, W = x.shape
-            if C != self.channels:
+            if self.channels != C:
                 raise self.fail(f"bottom {self.spec.bottom[i]!r} has {C} channels {x.shape}, "
                                 f"its weights {self.blobs[0].shape} expect {self.channels}")  # fmt: skip
             out = [
@@ -138,7 +138,9 @@ class Convolution(Layer):
                 for size, pad, reach, stride in zip((H, W), self.pad, self.reach, self.stride)
             ]
             if min(out) < 1:
-                raise self.fail(f"kernel {self.reach} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}")
+                raise self.fail(
+                    f"kernel {self.reach} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}"
+                )
             y.reshape(*items, self.param.num_output, *out)
             if y.tile is not None:
                 y.pitch = -(-(x.pitch or W) // y.tile) * y.tile

@@ -61,7 +61,7 @@ class Eltwise(Layer):
         if self.param.operation == "PROD":
             y[...] = reduce(np.multiply, xs)
         elif self.param.operation == "SUM":
-            y[...] = reduce(np.add, [c * x for c, x in zip(self.coeff, xs)])
+            y[...] = sum(c * x for c, x in zip(self.coeff, xs))
         else:
             self.winner = np.where(xs[0] > xs[1], 0, 1)
             np.maximum(xs[0], xs[1], out=y)

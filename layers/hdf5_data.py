@@ -7,7 +7,8 @@ the last file it starts over. With ``shuffle`` every pass takes the files in a n
 
 The order is a pure function of a *cursor* (pass, file, row) and the layer's seed. So a batch can be read ahead by a
 thread while the net computes, and a cursor is all that a snapshot needs to go on with the very next row.
-Data sets stored in one piece are mapped, not read: memory then holds only the batch.
+Data sets stored in one piece are mapped, not read: memory then holds only two batches, the one in the tops and the one
+that is being read. They change places, so an array taken from a top is good until the next forward.
 """
 
 from __future__ import annotations
@@ -59,7 +60,8 @@ class HDF5Data(Layer):
                                     f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {self.param.source}, made from {self._origin()}"]
         self.cursor: Cursor = (0, 0, 0)
-        self._ahead: Future[tuple[list[Array], Cursor]] | None = None
+        self._ahead: Future[Cursor] | None = None
+        self._next = [np.empty((self.param.batch_size, *a.shape[1:]), self.dtype) for a in self.files[0].arrays]
         self._reader = ThreadPoolExecutor(1, "hdf5_data")
 
     def _origin(self) -> str:
@@ -70,11 +72,13 @@ class HDF5Data(Layer):
             blob.reshape(self.param.batch_size, *array.shape[1:])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        ahead = self._ahead or self._reader.submit(self.read, self.cursor)
-        arrays, self.cursor = ahead.result()
-        for blob, array in zip(top, arrays):
-            blob.data[...] = array
-        self._ahead = self._reader.submit(self.read, self.cursor)
+        ahead = self._ahead or self._reader.submit(self.read, self.cursor, self._next)
+        self.cursor = ahead.result()
+        for i, blob in enumerate(top):
+            read, used = self._next[i], blob.data
+            blob.adopt(read)
+            self._next[i] = used
+        self._ahead = self._reader.submit(self.read, self.cursor, self._next)
 
     def state(self) -> dict[str, Any]:
         return {"seed": self.seed, "cursor": list(self.cursor), "rows": self.rows}
@@ -97,28 +101,27 @@ class HDF5Data(Layer):
 
     # ------------------------------------------------------------------------------------------ the order of rows
 
-    def read(self, cursor: Cursor) -> tuple[list[Array], Cursor]:
-        """The batch that starts at ``cursor``, and the cursor after it."""
-        batch = [np.empty((self.param.batch_size, *a.shape[1:]), self.dtype) for a in self.files[0].arrays]
-        done = 0
-        while done < self.param.batch_size:
+    def read(self, cursor: Cursor, batch: list[Array]) -> Cursor:
+        """Fill ``batch`` with the rows from ``cursor`` on; returns the cursor after them."""
+        done, size = 0, len(batch[0])
+        while done < size:
             turn, place, row = cursor
-            number = self._order(len(self.files), turn, 0)[place]
-            file = self.files[number]
-            take = min(self.param.batch_size - done, file.rows - row)
+            file = self.files[self._order(len(self.files), turn, 0)[place]]
+            take = min(size - done, file.rows - row)
             rows = self._order(file.rows, turn, 1 + place)[row : row + take] if self.param.shuffle else None
             for out, array in zip(batch, file.arrays):
+                target = out[done : done + take]
                 if rows is None:
-                    out[done : done + take] = array[row : row + take]
+                    target[...] = array[row : row + take]
+                elif array.dtype == target.dtype:
+                    np.take(array, rows, axis=0, out=target, mode="clip")
                 else:
-                    for i, r in enumerate(rows, done):
-                        out[i] = array[r]
+                    target[...] = array[rows]
             done += take
-            row += take
-            cursor = (turn, place, row)
-            if row == file.rows:
+            cursor = (turn, place, row + take)
+            if row + take == file.rows:
                 cursor = (turn, place + 1, 0) if place + 1 < len(self.files) else (turn + 1, 0, 0)
-        return batch, cursor
+        return cursor
 
     def _order(self, count: int, turn: int, stream: int) -> Array:
         if not self.param.shuffle or count == 1:
@@ -144,7 +147,9 @@ class File:
             raise DataError(f"{path}: cannot read the HDF5 file: {reason}") from error
         counts = {name: a.shape[0] if a.ndim else 0 for name, a in zip(names, self.arrays)}
         if len(set(counts.values())) > 1:
-            raise DataError(f"{path}: data sets of different length: {', '.join(f'{k} {v}' for k, v in counts.items())}")
+            raise DataError(
+                f"{path}: data sets of different length: {', '.join(f'{k} {v}' for k, v in counts.items())}"
+            )
         self.rows = counts[names[0]]
         if self.rows == 0:
             raise DataError(f"{path}: data set {names[0]!r} has no rows")
@@ -155,7 +160,7 @@ class File:
         offset = dataset.id.get_offset()
         if offset is None or dataset.size == 0:  # in chunks, compressed or empty
             return np.asarray(dataset[...])
-        return np.memmap(self.path, dataset.dtype, "r", offset, dataset.shape)
+        return np.memmap(self.path, dataset.dtype, "r", offset, dataset.shape).view(np.ndarray)
 
 
 def read_list(source: str, prototxt: str | None) -> list[Path]:

@@ -27,7 +27,8 @@ batch. Joints of the same depth and the same sequence of operations (four finger
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -94,30 +95,26 @@ class SkeletonParameter:
     joint: tuple[JointParameter, ...] = ()  # in output order
 
 
-class Motion(NamedTuple):
-    """One free DoF acting in one joint: about or along sign * (local axis)."""
+class Step(NamedTuple):
+    """One operation of one joint."""
 
-    axis: int
-    sign: float
-    dof: int
-    row: int  # its row in Pose.axis and Pose.pivot
-
-
-class Constant(NamedTuple):
-    """Fixed rotations in a row, multiplied out."""
-
-    matrix: Array  # (3, 3)
+    kind: Literal["translate", "rotate", "constant"]
+    axis: int = -1  # local axis of a motion
+    sign: float = 1.0  # -1: about or along the negative axis
+    dof: int = -1  # the free DoF of a motion
+    row: int = -1  # the motion's row in Pose.axis and Pose.pivot
+    matrix: Array | None = None  # of a constant: fixed rotations, multiplied out
 
 
 @dataclass
-class _Group:
-    """Joints of one depth whose operations have the same axes: they are computed as one array."""
+class Group:
+    """Joints of one depth whose operations have the same kinds and axes: they are computed as one array."""
 
     joints: list[int]
-    parent: int  # index of the parents' group, -1 at the root
+    parent: int  # the group of their parents, -1 for roots
     slots: slice | list[int]  # where the parents stand in that group
-    steps: list[tuple[str, list[Motion] | list[Constant]]] = field(default_factory=list)
-    bone_axis: int = 0
+    steps: list[list[Step]]  # for each operation, that of every joint
+    bone_axis: int
 
 
 @dataclass
@@ -153,104 +150,53 @@ class Skeleton:
                 raise PrototxtError(
                     schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
                 )
-        self.parents = np.array([self._parent(j) for j in param.joint])
+        self.parents = np.array([self._index(j.parent, self.joint_names, j, "parent") for j in param.joint], dtype=int)
         self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
-        self._plan(param)
+        lineage = [self._lineage(j, param.joint[j]) for j in range(len(param.joint))]
+        steps = self._steps(param.joint)
+        self._groups, self._places = _groups(param.joint, self.parents, [len(way) for way in lineage], steps)
+        motions = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
+        self._row_dof = np.array([step.dof for _, step in motions], dtype=int)
+        self._turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
+        self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
+        self._repeats = len(set(self._row_dof.tolist())) < len(self._row_dof)
 
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """(D,) bool: DoFs that follow their input."""
-        return ~self.fixed
-
-    def _parent(self, joint: JointParameter) -> int:
-        if joint.parent is None:
+    def _index(self, name: str | None, known: list[str], owner: object, field: str) -> int:
+        """Index of a name; -1 for none."""
+        if name is None:
             return -1
-        if joint.parent not in self.joint_names:
-            raise PrototxtError(
-                schema.position_of(joint, "parent"),
-                f"joint {joint.name!r} has an unknown parent {joint.parent!r}"
-                + did_you_mean(joint.parent, self.joint_names),
-            )
-        return self.joint_names.index(joint.parent)
+        if name not in known:
+            where = schema.position_of(owner, field)
+            raise PrototxtError(where, f"unknown {field} {name!r}{did_you_mean(name, known)}")
+        return known.index(name)
 
-    def _dof(self, motion: MotionParameter) -> int:
-        if motion.dof not in self.dof_names:
-            raise PrototxtError(
-                schema.position_of(motion, "dof"),
-                f"unknown DoF {motion.dof!r}" + did_you_mean(motion.dof, self.dof_names),
-            )
-        return self.dof_names.index(motion.dof)
+    def _lineage(self, joint: int, param: JointParameter) -> list[int]:
+        """The joint, its parent, and so on to its root."""
+        way = [joint]
+        while self.parents[way[-1]] >= 0:
+            way.append(int(self.parents[way[-1]]))
+            if len(way) > len(self.parents):
+                raise PrototxtError(schema.position_of(param), f"joint {param.name!r} is its own ancestor")
+        return way
 
-    def depth(self, joint: int) -> int:
-        """Number of joints between this one and its root."""
-        depth, j = 0, joint
-        while self.parents[j] >= 0:
-            depth, j = depth + 1, int(self.parents[j])
-            if depth > len(self.parents):
-                raise PrototxtError(self._positions[joint], f"joint {self.joint_names[joint]!r} is its own ancestor")
-        return depth
-
-    def _plan(self, param: SkeletonParameter) -> None:
-        """Arrange the joints into groups, and number the free motions."""
-        self._positions = [schema.position_of(j) for j in param.joint]
-        self._groups: list[_Group] = []
-        self._rows: list[Motion] = []
-        rotating: list[bool] = []
-        places: dict[int, tuple[int, int]] = {}  # joint -> (group, slot)
-        batches: dict[object, list[tuple[int, list[tuple[str, Motion | Constant]]]]] = {}
-        for j in sorted(range(len(param.joint)), key=self.depth):
-            steps = self._steps(param.joint[j], rotating)
-            bone = param.joint[j].bone
-            axes = tuple((kind, op.axis if isinstance(op, Motion) else None) for kind, op in steps)
-            key = (self.depth(j), axes, _signed(bone.axis)[0] if bone else 0)
-            batches.setdefault(key, []).append((j, steps))
-        for (_, _, bone_axis), members in batches.items():  # type: ignore[misc]
-            by_parent: dict[int, list[tuple[int, list[tuple[str, Motion | Constant]]]]] = {}
-            for j, steps in members:
-                group = places[int(self.parents[j])][0] if self.parents[j] >= 0 else -1
-                by_parent.setdefault(group, []).append((j, steps))
-            for parent, same in by_parent.items():
-                joints = [j for j, _ in same]
-                slots = [places[int(self.parents[j])][1] if parent >= 0 else 0 for j in joints]
-                together = [
-                    (kind, [steps[i][1] for _, steps in same]) for i, (kind, _) in enumerate(same[0][1])
-                ]
-                self._groups.append(_Group(joints, parent, _as_slice(slots), together, bone_axis))  # type: ignore[arg-type]
-                places.update({j: (len(self._groups) - 1, slot) for slot, j in enumerate(joints)})
-        self._places = places
-        self._turning = np.array(rotating, dtype=bool)
-        self._row_dof = np.array([m.dof for m in self._rows], dtype=int)
-        self._row_repeats = len(set(self._row_dof.tolist())) < len(self._row_dof)
-        self._moves = np.zeros((len(self._rows), len(param.joint)))  # DoF row q moves joint j
-        for j in range(len(param.joint)):
-            ancestor = j
-            while ancestor >= 0:
-                for q in self._rows_of.get(ancestor, ()):
-                    self._moves[q, j] = 1.0
-                ancestor = int(self.parents[ancestor])
-
-    def _steps(self, joint: JointParameter, rotating: list[bool]) -> list[tuple[str, Motion | Constant]]:
-        """A joint's operations in order; fixed ones are multiplied out."""
-        if not hasattr(self, "_rows_of"):
-            self._rows_of: dict[int, list[int]] = {}
-        steps: list[tuple[str, Motion | Constant]] = []
-        kinds = [("translate", m) for m in joint.translate] + [("rotate", m) for m in joint.rotate]
-        for kind, m in kinds:
-            axis, sign = _signed(m.axis)
-            dof = self._dof(m)
-            if kind == "rotate" and self.fixed[dof]:
-                matrix = rotation(axis, sign * self.initial[dof])
-                if steps and isinstance(steps[-1][1], Constant):
-                    steps[-1] = ("constant", Constant(steps[-1][1].matrix @ matrix))
+    def _steps(self, joints: Sequence[JointParameter]) -> list[list[Step]]:
+        """Every joint's operations in order; fixed rotations are multiplied out."""
+        row, result = 0, []
+        for joint in joints:
+            own: list[Step] = []
+            for kind, motion in [("translate", m) for m in joint.translate] + [("rotate", m) for m in joint.rotate]:
+                axis, sign = _signed(motion.axis)
+                dof = self._index(motion.dof, self.dof_names, motion, "dof")
+                if kind == "rotate" and self.fixed[dof]:
+                    matrix = rotation(axis, sign * self.initial[dof])
+                    if own and own[-1].matrix is not None:
+                        matrix = own.pop().matrix @ matrix
+                    own.append(Step("constant", matrix=matrix))
                 else:
-                    steps.append(("constant", Constant(matrix)))
-                continue
-            motion = Motion(axis, sign, dof, len(self._rows))
-            self._rows.append(motion)
-            rotating.append(kind == "rotate")
-            self._rows_of.setdefault(self.joint_names.index(joint.name), []).append(motion.row)
-            steps.append((kind, motion))
-        return steps
+                    own.append(Step("rotate" if kind == "rotate" else "translate", axis, sign, dof, row))
+                    row += 1
+            result.append(own)
+        return result
 
     # ------------------------------------------------------------------------------------------ motion
 
@@ -271,28 +217,24 @@ class Skeleton:
         value = theta[self._row_dof]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
         X = np.zeros((len(self.parents), 3, N))
-        axis, pivot = np.zeros((2, len(self._rows), 3, N))
+        axis, pivot = np.zeros((2, len(self._row_dof), 3, N))
         frames: list[tuple[Array, Array, Array]] = []
         lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
-        identity = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
+        origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
         for group in self._groups:
             if group.parent < 0:
-                frame, p = list(identity), np.zeros((1, 3, 1))
+                frame, p = list(origin), np.zeros((1, 3, 1))
             else:
                 frame = [column[group.slots] for column in frames[group.parent]]
                 p = X[self._groups[group.parent].joints][group.slots]
-            for kind, ops in group.steps:
-                if kind == "constant":
-                    frame = _turn_constant(frame, np.array([op.matrix for op in ops if isinstance(op, Constant)]))
+            for steps in group.steps:
+                if steps[0].kind == "constant":
+                    frame = _turn_constant(frame, np.array([step.matrix for step in steps]))
                     continue
-                motions = [op for op in ops if isinstance(op, Motion)]
-                rows, k = _as_slice([m.row for m in motions]), motions[0].axis
-                sign = np.array([m.sign for m in motions])[:, None, None]
-                np.multiply(frame[k], sign, out=axis[rows]) if isinstance(rows, slice) else axis.__setitem__(
-                    rows, frame[k] * sign
-                )
-                pivot[rows] = p
-                if kind == "translate":
+                k, rows = steps[0].axis, _as_slice([step.row for step in steps])
+                sign = np.array([step.sign for step in steps])[:, None, None]
+                axis[rows], pivot[rows] = frame[k] * sign, p
+                if steps[0].kind == "translate":
                     p = p + axis[rows] * value[rows][:, None]
                 else:  # right-multiplying by R_k(angle) mixes the two other columns
                     i, j = (k + 1) % 3, (k + 2) % 3
@@ -308,13 +250,14 @@ class Skeleton:
         force = (self._moves @ dX.reshape(K, -1)).reshape(-1, 3, N)
         torque = (self._moves @ _cross(pose.joints, dX).reshape(K, -1)).reshape(-1, 3, N)
         torque -= _cross(pose.pivot, force)
-        torque[~self._turning] = force[~self._turning]
+        torque[~self._turns] = force[~self._turns]
         torque *= pose.axis
         gradient = np.zeros((len(self.initial), N))
-        if self._row_repeats:  # one DoF drives several joints
+        if self._repeats:  # one DoF drives several joints
             np.add.at(gradient, self._row_dof, torque.sum(axis=1))
         else:
             gradient[self._row_dof] = torque.sum(axis=1)
+        gradient[self.fixed] = 0
         return gradient.T
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
@@ -322,6 +265,31 @@ class Skeleton:
         group, slot = self._places[joint]
         columns = [np.broadcast_to(c[slot], pose.joints.shape[1:]) for c in pose.frames[group]]
         return np.stack(columns, axis=1).transpose(2, 0, 1)
+
+
+def _groups(
+    params: Sequence[JointParameter], parents: NDArray[np.int_], depths: list[int], steps: list[list[Step]]
+) -> tuple[list[Group], dict[int, tuple[int, int]]]:
+    """Joints that can be computed together, parents first; and the (group, slot) of every joint."""
+    alike: dict[object, list[int]] = {}
+    places: dict[int, tuple[int, int]] = {}
+    for j in sorted(range(len(params)), key=lambda j: depths[j]):
+        bone = params[j].bone
+        key = (depths[j], [(step.kind, step.axis) for step in steps[j]], _signed(bone.axis)[0] if bone else 0)
+        alike.setdefault(repr(key), []).append(j)
+    groups: list[Group] = []
+    for same in alike.values():  # depth by depth
+        by_parent: dict[int, list[int]] = {}
+        for j in same:
+            by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(j)
+        for parent, joints in by_parent.items():
+            slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
+            together = [list(operation) for operation in zip(*(steps[j] for j in joints))]
+            bone = params[joints[0]].bone
+            axis = _signed(bone.axis)[0] if bone else 0
+            places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
+            groups.append(Group(joints, parent, _as_slice(slots), together, axis))
+    return groups, places
 
 
 def rotation(axis: int, angle: float) -> Array:

@@ -55,7 +55,7 @@ class ReLU(Layer):
         if self.slope:
             np.multiply(x, np.where(x > 0, self.dtype.type(1), self.dtype.type(self.slope)), out=y)
         elif x.size < ROW or not (x.flags.c_contiguous and y.flags.c_contiguous):
-            np.maximum(x, self.zeros[: x.shape[-1]] if 0 < x.ndim and x.shape[-1] <= ROW else 0, out=y)
+            np.maximum(x, self.zeros[: x.shape[-1]] if x.ndim > 0 and x.shape[-1] <= ROW else 0, out=y)
         else:
             self._rectify(x.reshape(-1), y.reshape(-1))
 

@@ -76,9 +76,7 @@ class RowTiles:
             rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
         return stacked_rows(rows.reshape(H, J * C, N * P), kh)
 
-    def backward(
-        self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool
-    ) -> None:
+    def backward(self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db; writes dx if ``down``."""
         T = self.tile(y, w.shape)
         N, O, Ho, _ = y.shape
@@ -128,7 +126,9 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
     """The adjoint of ``toeplitz``: what M's gradient (T O, kh J C) is for the kernel."""
     O, C, kh, kw = w
     M = M.reshape(T, O, kh, T + kw - 1, C)
-    total: Array = sum(M[p, :, :, p : p + kw] for p in range(T))
+    total = np.zeros((O, kh, kw, C), M.dtype)
+    for p in range(T):
+        total += M[p, :, :, p : p + kw]
     return total.transpose(0, 3, 1, 2)
 
 

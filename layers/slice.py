@@ -45,7 +45,7 @@ class Slice(Layer):
                 raise self.fail(f"axis {self.axis} of {x.shape} cannot be cut into {len(top)} equal parts")
             points = [size // len(top) * i for i in range(1, len(top))]
         ends = [0, *points, size]
-        if len(points) != len(top) - 1 or any(b <= a for a, b in zip(ends, ends[1:])):
+        if len(points) != len(top) - 1 or min(np.diff(ends)) < 1:
             raise self.fail(
                 f"slice_point {points} must be {len(top) - 1} increasing numbers between 0 and {size}", "slice_point"
             )

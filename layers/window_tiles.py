@@ -91,9 +91,7 @@ class WindowTiles:
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
         return out.view(x.dtype)
 
-    def backward(
-        self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool
-    ) -> None:
+    def backward(self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db."""
         found = y.sparse
         assert found is not None and found.diff is not None and found.rest_diff is not None and not down

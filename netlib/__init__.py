@@ -1,10 +1,10 @@
 """A Caffe-style layer graph on NumPy: prototxt in, layers, a solver, snapshots. The interface is pycaffe's.
 
-    net = netlib.Net("prototxt/nyu_deploy.prototxt", "weights.caffemodel.h5", netlib.TEST)
-    joints = net.forward(depth=crop)["joint_xyz"]
+net = netlib.Net("prototxt/nyu_deploy.prototxt", "weights.caffemodel.h5", netlib.TEST)
+joints = net.forward(depth=crop)["joint_xyz"]
 
-    solver = netlib.get_solver("prototxt/nyu_solver.prototxt")
-    solver.step(10)
+solver = netlib.get_solver("prototxt/nyu_solver.prototxt")
+solver.step(10)
 """
 
 from netlib import blas

@@ -69,6 +69,7 @@ class Blob:
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Sizes of the axes."""
         return self._shape
 
     @property
@@ -90,6 +91,14 @@ class Blob:
             self._shape = shape
             self._data = self._diff = None
 
+    def adopt(self, data: Array) -> None:
+        """Make ``data`` the blob's data, without a copy."""
+        if data.shape != self.storage_shape or data.dtype != self.dtype:
+            raise ValueError(
+                f"expected an array {self.storage_shape} of {self.dtype}, not {data.shape} of {data.dtype}"
+            )
+        self._data = data
+
     @property
     def storage_shape(self) -> tuple[int, ...]:
         """Shape of the arrays: ``shape``, or (R, T, C, N, P) if tiled."""
@@ -100,6 +109,7 @@ class Blob:
 
     @property
     def data(self) -> Array:
+        """Values, of ``storage_shape``."""
         if self._on_look is not None:
             self._on_look()
         if self._data is None:
@@ -108,6 +118,7 @@ class Blob:
 
     @property
     def diff(self) -> Array:
+        """Gradient of the loss at the values, of ``storage_shape``."""
         if self._on_look is not None:
             self._on_look()
         if self._diff is None:
@@ -117,18 +128,22 @@ class Blob:
     # Caffe's names for the first axes
     @property
     def num(self) -> int:
+        """Size of axis 0, 1 if there is none."""
         return self._axis(0)
 
     @property
     def channels(self) -> int:
+        """Size of axis 1, 1 if there is none."""
         return self._axis(1)
 
     @property
     def height(self) -> int:
+        """Size of axis 2, 1 if there is none."""
         return self._axis(2)
 
     @property
     def width(self) -> int:
+        """Size of axis 3, 1 if there is none."""
         return self._axis(3)
 
     def _axis(self, i: int) -> int:
@@ -158,7 +173,7 @@ def tiles_of(blob: Blob, array: Array, tile: int, pitch: int, out: Array) -> Arr
     """
     if blob.tile == tile and blob.pitch == pitch:
         return array
-    _, _, H, W = blob.shape
+    H = blob.shape[2]
     plain = plain_of(blob, array)
     for phase in range(tile):
         columns = plain[..., phase::tile]
@@ -170,11 +185,10 @@ def plain_of(blob: Blob, array: Array) -> Array:
     """``array`` (a data or diff of ``blob``) as (N, C, H, W): itself, a view or a copy."""
     if blob.tile is None:
         return array
-    N, C, H, W = blob.shape
-    return untile(array, H, W)
+    return untile(array, *blob.shape[2:])
 
 
 def untile(array: Array, H: int, W: int) -> Array:
     """Tiles (R, T, C, N, P) → (N, C, H, W), a view where T is 1, else a copy."""
-    R, T, C, N, P = array.shape
+    _, T, C, N, P = array.shape
     return array[:H].transpose(3, 2, 0, 4, 1).reshape(N, C, H, P * T)[..., :W]

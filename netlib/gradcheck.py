@@ -120,7 +120,9 @@ def _compare(what: str, gradient: Array, array: Array, value: Any, step: float, 
     scale = max(1.0, float(np.abs(numeric).max()))
     if not error[worst] <= tolerance * scale:
         place = tuple(int(i) for i in worst)
-        raise GradientError(f"{what} at {place}: backward says {gradient[worst]:.9g}, differences say {numeric[worst]:.9g}")
+        raise GradientError(
+            f"{what} at {place}: backward says {gradient[worst]:.9g}, differences say {numeric[worst]:.9g}"
+        )
 
 
 def _blobs(arrays: Sequence[ArrayLike]) -> Blobs:

@@ -198,7 +198,9 @@ def layer_types() -> dict[str, type[Layer]]:
 
 def block_name(cls: type[Layer], type_name: str) -> str:
     """Name of the options block of a layer type."""
-    return cls.param_name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name).lower() + "_param"
+    return (
+        cls.param_name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name).lower() + "_param"
+    )
 
 
 def create(spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> Layer:

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from netlib import prototxt, schema, slices, snapshot
 from netlib import layer as layers
+from netlib import prototxt, schema, slices, snapshot
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError, NetlibError, PrototxtError, WeightsError, did_you_mean
 from netlib.layer import PHASES, Layer
@@ -48,6 +48,7 @@ class Param:
 
     @property
     def label(self) -> str:
+        """``layer/index``."""
         return f"{self.layer}/{self.index}"
 
 
@@ -399,7 +400,10 @@ class Net:
         Raises WeightsError if a shape does not fit, or if no layer fits at all.
         """
         if isinstance(source, Net):
-            what, found = f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
+            what, found = (
+                f"net {source.name!r}",
+                {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()},
+            )
         else:
             what, found = str(source), snapshot.read_weights(source)
         ignored = [name for name, arrays in found.items() if name not in self.layer_dict and arrays]
@@ -504,7 +508,8 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
     for item in tree.fields:
         if item.name == "layers":
             raise PrototxtError(
-                item.position, "'layers' is Caffe's V1 format; expected 'layer' (Caffe's upgrade_net_proto_text converts)"
+                item.position,
+                "'layers' is Caffe's V1 format; expected 'layer' (Caffe's upgrade_net_proto_text converts)",
             )
     param = schema.read(tree, NetParameter, "net")
     if not param.layer and not param.input:
@@ -550,7 +555,11 @@ def _input_layer(param: NetParameter) -> LayerParameter:
         raise PrototxtError(where, f"{len(param.input)} inputs need as many input_shape, found {len(dims)}")
     position = where if isinstance(where, prototxt.Position) else prototxt.Position("<net>", 1, 1)
     shapes = [
-        Field("shape", Message([Field("dim", Scalar("number", str(n), position), position) for n in d], position), position)
+        Field(
+            "shape",
+            Message([Field("dim", Scalar("number", str(n), position), position) for n in d], position),
+            position,
+        )
         for d in dims
     ]
     block = Message(shapes, position)

@@ -164,8 +164,11 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
         if item.name in hints:
             found.setdefault(item.name, []).append(item)
         elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
-            blocks[item.name] = Message(blocks[item.name].fields + item.value.fields, item.value.position) \
-                if item.name in blocks else item.value
+            blocks[item.name] = (
+                Message(blocks[item.name].fields + item.value.fields, item.value.position)
+                if item.name in blocks
+                else item.value
+            )
         else:
             raise unknown_field(item, hints)
     values: dict[str, Any] = {name: _field_value(items, hints[name]) for name, items in found.items()}
@@ -218,7 +221,7 @@ def _field_value(items: Sequence[Field], kind: Any) -> Any:
     if len(items) > 1:  # protobuf merges a message that is written in parts
         parts = [item.value for item in items if isinstance(item.value, Message)]
         merged = Message([f for part in parts for f in part.fields], parts[0].position)
-        return read(merged, kind, items[0].name)
+        return read(merged, typing.cast(type[Any], kind), items[0].name)
     return _value(items[0], kind)
 
 
@@ -227,7 +230,7 @@ def _value(item: Field, kind: Any) -> Any:
     if kind is Message or dataclasses.is_dataclass(kind):
         if not isinstance(value, Message):
             raise PrototxtError(position, f"{item.name!r} is a message: expected {item.name} {{ ... }}, found {value}")
-        return value if kind is Message else read(value, kind, item.name)  # type: ignore[type-var]
+        return value if kind is Message else read(value, kind, item.name)
     if isinstance(value, Message):
         raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {_expected(kind)}'")
     result = _scalar(value, kind)
@@ -269,8 +272,8 @@ def _scalar(value: Scalar, kind: Any) -> Any:
     if kind is Double:
         return _float(value)
     if kind is float:
-        number = _float(value)
-        return None if number is None else _round_to_32_bits(number)
+        double = _float(value)
+        return None if double is None else _round_to_32_bits(double)
     number = _integer(value)
     return None if kind is UInt and number is not None and number < 0 else number
 

@@ -32,7 +32,7 @@ from netlib import parallel
 from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 
-SLICE_BYTES = 4 << 20  # aim for the largest blob of a slice: about the cache that one core can call its own
+SLICE_BYTES = 8 << 20  # aim for the largest blob of a slice: about the cache that one core can call its own
 LARGEST_SLICE = 64
 LANES = 16
 
@@ -56,11 +56,13 @@ class WholeStep:
         self.hidden: list[Blob] = []
 
     def forward(self) -> None:
+        """Shape the tops and compute them."""
         at = self.connections[0]
         at.layer.reshape(at.bottom, at.top)
         at.layer.forward(at.bottom, at.top)
 
     def backward(self) -> None:
+        """Compute the diffs, if somebody needs them."""
         at = self.connections[0]
         if at.needs_backward:
             at.layer.backward(at.top, at.propagate_down, at.bottom)
@@ -75,8 +77,7 @@ class SlicedRun:
         self.needs_backward = any(at.needs_backward for at in connections)
         self._order = _pool_first(self.connections, hidden)
         self._tiles = _agree_on_tiles(self._order, hidden)
-        self._kept = {id(b) for at in self._order if at.needs_backward
-                      for b in (at.bottom if at.layer.reads_bottom else []) + (at.top if at.layer.reads_top else [])}  # fmt: skip
+        self._kept = {id(b) for at in self._order for b in _read_again(at)}
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[list[list[Connection]]] = []
@@ -87,6 +88,7 @@ class SlicedRun:
         return [b for at in self.connections for b in getattr(at, blobs) if id(b) not in secret]
 
     def forward(self) -> None:
+        """Run the layers forwards on all slices."""
         self._reshape()
         parallel.run([self._forward_job(lane) for lane in self._lanes])
 
@@ -99,6 +101,7 @@ class SlicedRun:
         return job
 
     def backward(self) -> None:
+        """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self.needs_backward:
             return
         parallel.run([self._backward_job(lane) for lane in self._lanes])
@@ -203,7 +206,7 @@ class _Hidden(Blob):
         return self._buffer("diff")
 
     def _buffer(self, half: str) -> Array:
-        buffers, key, shape = self._buffers.__dict__, (half, self._key), self.storage_shape
+        buffers, key, shape = self._buffers.__dict__, f"{half}{self._key}", self.storage_shape
         found: Array | None = buffers.get(key)
         if found is None or found.shape != shape:
             found = buffers[key] = np.zeros(shape, self.dtype)
@@ -220,6 +223,13 @@ class _ParamTwin(Blob):
     @property
     def data(self) -> Array:
         return self._original.data
+
+
+def _read_again(at: Connection) -> list[Blob]:
+    """The blobs whose data a layer's backward reads."""
+    if not at.needs_backward:
+        return []
+    return [*(at.bottom if at.layer.reads_bottom else []), *(at.top if at.layer.reads_top else [])]
 
 
 def _pool_first(connections: list[Connection], hidden: list[Blob]) -> list[Connection]:

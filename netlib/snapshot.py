@@ -147,8 +147,9 @@ def read_weights(path: str | Path) -> Weights:
     """Layer name -> parameter index -> array. Raises WeightsError if the file is not such a file."""
     with _open(path, "weights") as file:
         if "history" in file and "data" not in file:
-            raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, "
-                               f"{_learned_net(file) or '*.caffemodel.h5'} (resume a training with --snapshot)")  # fmt: skip
+            pair = _learned_net(file) or "*.caffemodel.h5"
+            raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
+                               "(resume a training with --snapshot)")  # fmt: skip
         if not isinstance(file.get("data"), h5py.Group):
             raise WeightsError(f"{path}: no group /data in it; expected weights as Caffe's HDF5 snapshots have them")
         found: Weights = {}

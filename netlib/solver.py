@@ -70,9 +70,7 @@ class Solver:
 
     # ------------------------------------------------------------------------------------------ nets
 
-    def _make_net(
-        self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int
-    ) -> Net:
+    def _make_net(self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int) -> Net:
         log.info("Creating %s net from net file: %s", "training" if phase == "TRAIN" else "test", name)
         merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
         net = Net(param, state=merged, seed=self.seed + number)
@@ -83,10 +81,11 @@ class Solver:
         nets = []
         p = self.param
         sources = _test_nets(p, self.source)
-        if len(p.test_iter) != len(sources) and (p.test_iter or p.test_interval):
-            raise PrototxtError(schema.position_of(p, "test_iter"), f"{len(p.test_iter)} test_iter for {len(sources)} test nets; expected one each")  # fmt: skip
-        if p.test_state and len(p.test_state) != len(sources):
-            raise PrototxtError(schema.position_of(p, "test_state"), f"{len(p.test_state)} test_state for {len(sources)} test nets; expected none or one each")  # fmt: skip
+        for field in ("test_iter", "test_state"):
+            given = len(getattr(p, field))
+            if given != len(sources) and (given or (field == "test_iter" and p.test_interval)):
+                where = schema.position_of(p, field)
+                raise PrototxtError(where, f"{given} {field} for {len(sources)} test nets; expected one each")
         for i, (name, param) in enumerate(sources):
             state = p.test_state[i] if p.test_state else NetState()
             nets.append(self._make_net(name, param, state, phase="TEST", number=i + 1))
@@ -243,7 +242,9 @@ class Solver:
                 continue
             for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
                 if down:
-                    log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
+                    log.info(
+                        "    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff)
+                    )
         for p in self.net.learnable:
             log.info("    [Update] Layer %s, param %d data: %.6g; diff: %.6g",
                      p.layer, p.index, _mean(p.blob.data), _mean(p.blob.diff))  # fmt: skip
@@ -357,7 +358,9 @@ class Solver:
         now = snapshot.as_plain({**{name: getattr(self.param, name) for name in _COURSE}, "batch": self._batch()})
         for name, old in state.extra.get("solver", {}).items():
             if name in now and now[name] != old:
-                log.info("Changed: %s was %s, is now %s", "batch size" if name == "batch" else name, _g(old), _g(now[name]))
+                log.info(
+                    "Changed: %s was %s, is now %s", "batch size" if name == "batch" else name, _g(old), _g(now[name])
+                )
 
     def _same_data(self, state: SolverState) -> bool:
         then, now = state.extra.get("layers", [{}])[0], self.net.layer_states()
@@ -397,7 +400,9 @@ def _checked(p: SolverParameter) -> SolverParameter:
     if p.type not in RULES:
         raise fail("type", f"unknown solver type {p.type!r}{did_you_mean(p.type, RULES)}; known: {', '.join(RULES)}")
     if p.lr_policy not in POLICIES:
-        found = f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}" if p.lr_policy else "no lr_policy"
+        found = (
+            f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}" if p.lr_policy else "no lr_policy"
+        )
         raise fail("lr_policy", f"{found}; known: {', '.join(POLICIES)}")
     if p.lr_policy == "step" and not p.stepsize:
         raise fail("lr_policy", "lr_policy 'step' needs a stepsize of at least 1")

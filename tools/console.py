@@ -35,6 +35,7 @@ class CaffeFormatter(logging.Formatter):
     """``I20261121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format."""
 
     def format(self, record: logging.LogRecord) -> str:
+        """The line for one record."""
         stamp = time.strftime("%Y%m%d %H:%M:%S", time.localtime(record.created))
         micro = int(record.created % 1 * 1e6)
         text = record.getMessage()
@@ -48,6 +49,7 @@ class BarHandler(logging.StreamHandler[TextIO]):
     bar: Any = None
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
         if self.bar is None:
             super().emit(record)
         else:

@@ -39,9 +39,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="normalised depth crops")
     parser.add_argument("--model", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
-                        help="a net with the input depth and the output pred (default: nyu_deploy.prototxt)")  # fmt: skip
+                        help="net with the input depth and the output pred (default: nyu_deploy.prototxt)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
-    parser.add_argument("--cube", type=float, default=CUBE_MM, metavar="MM", help="edge of the cube (default: %(default)g)")
+    parser.add_argument(
+        "--cube", type=float, default=CUBE_MM, metavar="MM", help="edge of the cube (default: %(default)g)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if not args.cube > 0:
@@ -54,7 +56,9 @@ def run(args: argparse.Namespace) -> int:
     net = Net(args.model, args.snapshot, netlib.TEST)
     for name in ("depth", "pred"):
         if name not in net.blobs:
-            raise NetlibError(f"{args.model}: no blob {name!r}; expected a net with the input depth and the output pred")
+            raise NetlibError(
+                f"{args.model}: no blob {name!r}; expected a net with the input depth and the output pred"
+            )
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{args.model}: no HandModel layer, so the skeleton to draw is unknown")
@@ -93,8 +97,8 @@ def read_crop(path: str) -> NDArray[np.float32]:
     if image.ndim == 3:
         image = image[..., 0] if np.ptp(image[..., :3], axis=2).max() == 0 else image
     if image.dtype != np.uint8 or image.ndim != 2:
-        raise DataError(f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised depth "
-                        "(a raw depth frame must be cropped first)")  # fmt: skip
+        raise DataError(f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
+                        "depth (a raw depth frame must be cropped first)")  # fmt: skip
     if image.shape[0] != image.shape[1]:
         raise DataError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels; expected a square crop")
     if image.shape != (SIZE, SIZE):

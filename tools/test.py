@@ -42,7 +42,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", default="prototxt/nyu_train_test.prototxt", help="default: %(default)s")
+    parser.add_argument(
+        "--model", metavar="NET", default="prototxt/nyu_train_test.prototxt", help="default: %(default)s"
+    )
     parser.add_argument("--picture", metavar="FILE", help="draw the first frames with the last snapshot's hands")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
@@ -119,7 +121,10 @@ def _table(rows: list[dict[str, object]]) -> str:
     for row in rows:
         lines.append([str(row["snapshot"]), *(COLUMNS.get(n, ("", "{:.5g}"))[1].format(row[n]) for n in names)])
     widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
-    return "\n".join("  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths))) for line in lines)
+    return "\n".join(
+        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths)))
+        for line in lines
+    )
 
 
 if __name__ == "__main__":

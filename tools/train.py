@@ -116,7 +116,9 @@ def _describe(solver: Solver) -> None:
         log.info("Creating Layer %s%s", at.layer.name, "" if tree else " (split)")
         for name, blob in zip(at.layer.spec.top, at.top):
             where = " (in-place)" if name in at.layer.spec.bottom else ""
-            log.info("%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count)
+            log.info(
+                "%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count
+            )
         for note in getattr(at.layer, "notes", ()):
             log.info("%s: %s", at.layer.name, note)
     for name in net.outputs:
