@@ -47,7 +47,7 @@ class Eltwise(Layer):
             raise self.fail("coeff is for operation SUM only", "coeff")
         if coeff and len(coeff) != len(bottom):
             raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
-        self.coeff = [self.dtype.type(c) for c in coeff or (1.0,) * len(bottom)]
+        self.coeff = coeff or (1.0,) * len(bottom)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for i, x in enumerate(bottom):
@@ -61,7 +61,9 @@ class Eltwise(Layer):
         if self.param.operation == "PROD":
             y[...] = reduce(np.multiply, xs)
         elif self.param.operation == "SUM":
-            y[...] = sum(c * x for c, x in zip(self.coeff, xs))
+            np.multiply(xs[0], self.coeff[0], out=y)
+            for c, x in zip(self.coeff[1:], xs[1:]):
+                y += c * x
         else:
             self.winner = np.where(xs[0] > xs[1], 0, 1)
             np.maximum(xs[0], xs[1], out=y)

@@ -189,8 +189,10 @@ class Skeleton:
                 dof = self._index(motion.dof, self.dof_names, motion, "dof")
                 if kind == "rotate" and self.fixed[dof]:
                     matrix = rotation(axis, sign * self.initial[dof])
-                    if own and own[-1].matrix is not None:
-                        matrix = own.pop().matrix @ matrix
+                    before = own[-1].matrix if own else None
+                    if before is not None:
+                        own.pop()
+                        matrix = before @ matrix
                     own.append(Step("constant", matrix=matrix))
                 else:
                     own.append(Step("rotate" if kind == "rotate" else "translate", axis, sign, dof, row))

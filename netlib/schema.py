@@ -227,7 +227,7 @@ def _field_value(items: Sequence[Field], kind: Any) -> Any:
 
 def _value(item: Field, kind: Any) -> Any:
     value, position = item.value, item.position
-    if kind is Message or dataclasses.is_dataclass(kind):
+    if kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
         if not isinstance(value, Message):
             raise PrototxtError(position, f"{item.name!r} is a message: expected {item.name} {{ ... }}, found {value}")
         return value if kind is Message else read(value, kind, item.name)
