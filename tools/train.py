@@ -49,21 +49,22 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Train as the parsed arguments say."""
-    console = _start_log(args.log)
-    if args.threads:
-        netlib.set_threads(args.threads)
-    log.info("Use CPU, %d thread%s. %s", netlib.threads(), "" if netlib.threads() == 1 else "s", netlib.BLAS_NOTE)
-    log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(args.solver)).rstrip())
-    changes: dict[str, Any] = {} if args.max_iter is None else {"max_iter": args.max_iter}
-    if args.snapshot or args.weights:
-        changes["weights"] = tuple(args.weights or ())
-    with with_advice():
-        solver = netlib.get_solver(args.solver, args.seed, **changes)
-    _describe(solver)
-    stopped = _catch_signals(solver)
-    with _Progress(solver, console):
-        finished = solver.solve(args.snapshot)
-    return DONE if finished else 128 + stopped[0] if stopped else DONE
+    with _log_to(args.log) as console:
+        if args.threads:
+            netlib.set_threads(args.threads)
+        count = netlib.threads()
+        log.info("Use CPU, %d thread%s. %s", count, "" if count == 1 else "s", netlib.BLAS_NOTE)
+        log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(args.solver)).rstrip())
+        changes: dict[str, Any] = {} if args.max_iter is None else {"max_iter": args.max_iter}
+        if args.snapshot or args.weights:
+            changes["weights"] = tuple(args.weights or ())
+        with with_advice():
+            solver = netlib.get_solver(args.solver, args.seed, **changes)
+        _describe(solver)
+        stopped = _catch_signals(solver)
+        with _Progress(solver, console):
+            finished = solver.solve(args.snapshot)
+        return DONE if finished or not stopped else 128 + stopped[0]
 
 
 def _positive(text: str) -> int:
@@ -78,21 +79,29 @@ def _natural(text: str) -> int:
     return int(text)
 
 
-def _start_log(path: str | None) -> BarHandler:
+@contextlib.contextmanager
+def _log_to(path: str | None) -> Iterator[BarHandler]:
+    """Send the log to stderr, and to a file if one is named."""
     console = BarHandler(sys.stderr)
     handlers: list[logging.Handler] = [console]
     if path:
         try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
             handlers.append(logging.FileHandler(path, mode="w", encoding="utf-8"))
         except OSError as error:
             raise NetlibError(f"{path}: cannot write the log: {os_reason(error)}") from error
-    log.handlers.clear()
     log.setLevel(logging.INFO)
     log.propagate = False
     for handler in handlers:
         handler.setFormatter(CaffeFormatter())
         log.addHandler(handler)
-    return console
+    try:
+        yield console
+    finally:
+        for handler in handlers:
+            log.removeHandler(handler)
+            if handler is not console:
+                handler.close()
 
 
 @contextlib.contextmanager

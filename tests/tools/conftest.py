@@ -1,0 +1,37 @@
+"""A folder with a small data set, the paper's network on it, and a solver."""
+
+from pathlib import Path
+
+import pytest
+
+from tools import make_synthetic
+
+ROOT = Path(__file__).resolve().parents[2]
+
+SOLVER = """
+net: "net.prototxt"
+base_lr: 0.003 momentum: 0.9 lr_policy: "fixed"
+max_iter: 6 display: 2 average_loss: 2
+test_iter: 2 test_interval: 3
+snapshot: 3 snapshot_prefix: "snapshots/net"
+random_seed: 1
+"""
+
+
+@pytest.fixture(scope="session")
+def small_data(tmp_path_factory):
+    """64 training and 24 test frames."""
+    out = tmp_path_factory.mktemp("data") / "nyu"
+    assert make_synthetic.main(["--out", str(out), "--train", "64", "--test", "24", "--workers", "1"]) == 0
+    return out
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch, small_data):
+    """The working directory, with net.prototxt, solver.prototxt and deploy.prototxt in it."""
+    net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
+    net = net.replace("data/nyu", str(small_data)).replace("batch_size: 512", "batch_size: 16")
+    (tmp_path / "net.prototxt").write_text(net.replace("batch_size: 250", "batch_size: 10"))
+    (tmp_path / "solver.prototxt").write_text(SOLVER)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

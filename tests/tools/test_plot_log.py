@@ -1,0 +1,52 @@
+"""tools/plot_log.py: reads this project's logs and Caffe's."""
+
+import cv2
+import pytest
+
+from netlib.errors import DataError
+from tests.tools.conftest import ROOT
+from tools import plot_log
+
+LOG = """I20261121 01:57:02.9 1 solver.cpp:347] Iteration 0, Testing net (#0)
+I20261121 01:57:02.9 1 solver.cpp:414]     Test net output #0: loss = 2.5 (* 1 = 2.5 loss)
+I20261121 01:57:02.9 1 solver.cpp:239] Iteration 0 (0 iter/s, 0s/3 iters), loss = 2.4
+I20261121 01:57:02.9 1 solver.cpp:258]     Train net output #0: loss = 2.4 (* 1 = 2.4 loss)
+I20261121 01:57:02.9 1 sgd_solver.cpp:112] Iteration 0, lr = 0.02
+I20261121 01:57:02.9 1 solver.cpp:239] Iteration 3 (9 iter/s, 0.3s/3 iters), loss = 1e-3
+I20261121 01:57:02.9 1 solver.cpp:327] Iteration 6, loss = nan
+"""
+
+
+def test_curves(tmp_path):
+    """Losses, train and test outputs with their iterations; a NaN is kept."""
+    (tmp_path / "a.log").write_text(LOG)
+    log = plot_log.read_log(tmp_path / "a.log")
+    assert log.loss[:2] == [(0, 2.4), (3, 0.001)] and log.loss[2][0] == 6
+    assert log.test == {"loss": [(0, 2.5)]} and log.train == {"loss": [(0, 2.4)]}
+
+
+def test_picture(tmp_path, capsys):
+    """Two logs make one picture."""
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.log").write_text(LOG)
+    out = tmp_path / "log.png"
+    assert plot_log.main([str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--out", str(out)]) == 0
+    assert cv2.imread(str(out)) is not None
+
+
+def test_caffes_own_log():
+    """A log recorded from Caffe is read whole."""
+    path = ROOT.parent / "shared" / "data" / "caffe" / "logs" / "deepmodel_train.log"
+    if not path.exists():
+        pytest.skip("the recorded log is not here")
+    log = plot_log.read_log(path)
+    assert len(log.loss) == 51 and log.loss[-1] == (50, 0.990677)
+    assert log.test["DeepHandModelxyzloss"][-1] == (50, 1.02335)
+
+
+def test_mistakes(tmp_path):
+    """A file that is no log, and one that is not there."""
+    (tmp_path / "no.log").write_text("hello")
+    with pytest.raises(DataError, match="expected a training log"):
+        plot_log.read_log(tmp_path / "no.log")
+    assert plot_log.main([str(tmp_path / "missing.log")]) == 1

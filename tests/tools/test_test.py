@@ -1,0 +1,57 @@
+"""tools/test.py: figures in mm, a table, JSON, a picture."""
+
+import json
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from tools import test, train
+
+
+@pytest.fixture
+def snapshot(work):
+    assert train.main(["solver.prototxt", "--max-iter", "1"]) == 0
+    return "snapshots/net_iter_1.caffemodel.h5"
+
+
+def test_figures_are_those_of_the_frames(work, small_data, snapshot, capsys):
+    """The errors are the distances between predicted and true joints in mm, every frame counted once."""
+    assert test.main(["--model", "net.prototxt", snapshot, snapshot, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    first, second = report["snapshots"]
+    assert report["frames"] == 24 and report["data"] == "synthetic"
+    assert first == second
+    net = netlib.Net("net.prototxt", snapshot, netlib.TEST)
+    with h5py.File(small_data / "test_000.h5") as file:
+        joint, half = file["joint"][...], file["half_cube"][...]
+    predicted = []
+    for _ in range(3):
+        net.run_forward()
+        predicted.append(net.blobs["pred"].data.copy())
+    difference = (np.concatenate(predicted)[:24] - joint).reshape(24, 31, 3) * half.reshape(-1, 1, 1)
+    assert first["error_mm"] == pytest.approx(np.linalg.norm(difference, axis=2).mean(), rel=1e-5)
+
+
+def test_table_and_picture(work, snapshot, capsys):
+    """The table has a line for each snapshot; the picture shows frames with both skeletons."""
+    assert test.main(["--model", "net.prototxt", snapshot, "--picture", "pictures/hands.png"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("24 frames (synthetic), errors about the crop's centre, cube 300 mm")
+    assert "14 joints mm" in lines[1] and lines[2].startswith(snapshot)
+    assert cv2.imread("pictures/hands.png").shape[2] == 3
+
+
+def test_mistakes(work, snapshot, capsys):
+    """Weights of another net, a missing file, a net without test data: one line each."""
+    assert test.main(["--model", "net.prototxt", "nothing.h5"]) == 1
+    assert capsys.readouterr().err == "nothing.h5: cannot read weights: No such file or directory\n"
+    with h5py.File("other.h5", "w") as file:
+        file["data/other/0"] = np.zeros(3)
+    assert test.main(["--model", "net.prototxt", "other.h5"]) == 1
+    assert "no layer of net 'DeepModel' is in it" in capsys.readouterr().err
+    (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')
+    assert test.main(["--model", "deploy.prototxt", snapshot]) == 1
+    assert "no HDF5Data layer in phase TEST" in capsys.readouterr().err

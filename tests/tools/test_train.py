@@ -1,0 +1,161 @@
+"""tools/train.py: Caffe's log, resume, signals, and one line for each mistake."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.tools.conftest import ROOT
+from tools import train
+
+STAMP = r"I\d{8} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
+
+
+def mistake(capsys, argv, status=1):
+    """The one line that a mistake prints."""
+    assert train.main(argv) == status
+    lines = [line for line in capsys.readouterr().err.splitlines() if not re.match(STAMP + "|[a-z_]+:", line)]
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+def weights(path):
+    with h5py.File(path) as file:
+        return {f"{k}/{i}": v[i][...] for k, v in file["data"].items() for i in v}
+
+
+def test_log_is_caffes(work, capsys):
+    """Existing log parsers find iterations, losses, outputs and learning rates."""
+    assert train.main(["solver.prototxt", "--log", "train.log"]) == 0
+    log = (work / "train.log").read_text()
+    number = r"[-+\d.e]+"
+    assert re.search(rf"{STAMP}Iteration 4 \({number} iter/s, {number}s/2 iters\), loss = {number}\n", log)
+    assert re.search(rf"{STAMP}    Train net output #0: joint_loss = {number} \(\* 1 = {number} loss\)\n", log)
+    assert re.search(rf"{STAMP}Iteration 3, Testing net \(#0\)\n", log)
+    assert re.search(rf"{STAMP}    Test net output #1: limit_loss = {number} \(\* 1 = {number} loss\)\n", log)
+    assert re.search(rf"{STAMP}Iteration 2, lr = 0\.003\n", log)
+    assert re.search(rf"{STAMP}Optimization Done\.\n", log)
+    assert "made from synthetic" in log
+    assert log == capsys.readouterr().err
+
+
+def test_resume_is_exact(work):
+    """Six iterations are three, a new process's resume, and three more."""
+    assert train.main(["solver.prototxt"]) == 0
+    whole = weights("snapshots/net_iter_6.caffemodel.h5")
+    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate.h5"]) == 0
+    resumed = weights("snapshots/net_iter_6.caffemodel.h5")
+    assert all(np.array_equal(whole[name], resumed[name]) for name in whole)
+
+
+def test_seed_and_threads(work):
+    """The seed decides the result, the number of threads does not."""
+    results = []
+    for extra in (["--seed", "5"], ["--seed", "5", "--threads", "1"], ["--seed", "6"]):
+        assert train.main(["solver.prototxt", "--max-iter", "2", *extra]) == 0
+        results.append(weights("snapshots/net_iter_2.caffemodel.h5")["DoF/0"])
+    assert np.array_equal(results[0], results[1])
+    assert not np.array_equal(results[0], results[2])
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signal_snapshots_and_stops(work, number, status):
+    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and say so in the exit status."""
+    command = [sys.executable, str(ROOT / "tools" / "train.py"), "solver.prototxt", "--max-iter", "100000"]
+    lines = []
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        for line in process.stderr:
+            lines.append(line)
+            if "Iteration 4 " in line:
+                process.send_signal(number)
+    assert process.returncode == status
+    assert "Optimization stopped early." in lines[-1]
+    last = int(re.search(r"net_iter_(\d+)\.solverstate", "".join(lines[-4:])).group(1))
+    assert (work / f"snapshots/net_iter_{last}.caffemodel.h5").exists()
+
+
+def test_hangup_snapshots_and_goes_on(work):
+    """SIGHUP writes a snapshot without stopping."""
+    timer = threading.Timer(0, os.kill, [os.getpid(), signal.SIGHUP])
+    original = train._catch_signals
+
+    def catch(solver):
+        stopped = original(solver)
+        timer.start()
+        timer.join()
+        return stopped
+
+    train._catch_signals = catch
+    try:
+        assert train.main(["solver.prototxt", "--max-iter", "2"]) == 0
+    finally:
+        train._catch_signals = original
+    assert (work / "snapshots/net_iter_1.solverstate.h5").exists()
+
+
+@pytest.fixture(autouse=True)
+def keep_signals():
+    """The tool sets handlers; put the old ones back."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    kept = [signal.getsignal(n) for n in numbers]
+    yield
+    for number, handler in zip(numbers, kept):
+        signal.signal(number, handler)
+
+
+def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch, capsys):
+    """Without data/nyu, one line with the two commands that make it."""
+    shutil.copytree(ROOT / "prototxt", tmp_path / "prototxt")
+    monkeypatch.chdir(tmp_path)
+    line = mistake(capsys, ["prototxt/nyu_solver.prototxt"])
+    assert line.startswith("data/nyu/train.txt: cannot read the list of HDF5 files: No such file or directory")
+    assert "tools/make_synthetic.py" in line and "tools/prepare_nyu.py NYU_ROOT" in line
+
+
+def test_mistakes(work, capsys):
+    """Each mistake is one line with its place."""
+    train.main(["solver.prototxt", "--max-iter", "3"])
+    capsys.readouterr()
+    state, model = "snapshots/net_iter_3.solverstate.h5", "snapshots/net_iter_3.caffemodel.h5"
+    assert (
+        mistake(capsys, ["nothing.prototxt"]) == "nothing.prototxt: cannot read the prototxt: No such file or directory"
+    )
+    assert "this is a weights file" in mistake(capsys, ["solver.prototxt", "--snapshot", model])
+    assert "this is a solver state" in mistake(capsys, ["solver.prototxt", "--weights", state])
+    (work / "bad.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
+    assert mistake(capsys, ["bad.prototxt"]).startswith(
+        "bad.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean"
+    )
+    (work / "cut.h5").write_bytes((work / state).read_bytes()[:3000])
+    assert "cut.h5: damaged or truncated" in mistake(capsys, ["solver.prototxt", "--snapshot", "cut.h5"])
+
+
+def test_usage(capsys):
+    """Wrong usage is argparse's own message and status 2."""
+    for argv in ([], ["s", "--max-iter", "0"], ["s", "--snapshot", "a", "--weights", "b"]):
+        with pytest.raises(SystemExit) as stopped:
+            train.main(argv)
+        assert stopped.value.code == 2
+
+
+def test_nan_in_the_data_stops(work, small_data, capsys):
+    """A frame with NaN stops the training and names the blob; no snapshot is written over."""
+    with h5py.File(small_data / "train_000.h5") as file:
+        arrays = {name: file[name][...] for name in ("depth", "joint")}
+    arrays["depth"][5, 0, 3, 3] = np.nan
+    with h5py.File("nan.h5", "w") as file:
+        for name, array in arrays.items():
+            file[name] = array
+    (work / "nan.txt").write_text("nan.h5\n")
+    net = (work / "net.prototxt").read_text().replace(f"{small_data}/train.txt", "nan.txt")
+    (work / "net.prototxt").write_text(net.replace("shuffle: true", ""))
+    line = mistake(capsys, ["solver.prototxt"])
+    assert "iteration 0: the loss is nan" in line and "top blob 'depth' of layer 'data'" in line
+    assert not list(work.glob("snapshots/*.h5"))
