@@ -1,41 +1,49 @@
-"""Choose BLAS kernels and threads, before NumPy is first imported.
+"""Choose BLAS kernels and threads.
 
-NumPy's OpenBLAS decides once, when it is loaded, from the environment:
+NumPy's OpenBLAS decides when it is loaded, from the environment:
 
-- Threads: the net cuts a batch into slices and gives every slice a thread of its own (see slices.py);
-  a product inside a slice should then use one thread. BLAS threads on top of that only get in the way.
-- Kernels: OpenBLAS knows processors by model number and takes its AVX2 kernels for a model that is too
-  new for it, even where AVX-512 is there. Naming a model it knows doubles the speed of a product.
+- Threads: the net cuts a batch into slices and gives every slice a thread of its own (see slices.py); a product
+  inside a slice should then use one thread. BLAS threads on top of that only get in the way: ten times slower and
+  more. This can still be mended after NumPy was imported.
+- Kernels: OpenBLAS knows processors by model number and takes its AVX2 kernels for a model that is too new for it,
+  even where AVX-512 is there. Naming a model it knows can double the speed of a product. This cannot be changed
+  once NumPy is there, so import netlib first.
 
-Nothing that the user has set is touched, and nothing happens if NumPy was imported first.
+Nothing that the user has set is touched.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}  # what OpenBLAS's SkylakeX kernels use
+_SETTERS = ("scipy_openblas_set_num_threads64_", "scipy_openblas_set_num_threads", "openblas_set_num_threads64_",
+            "openblas_set_num_threads")  # fmt: skip
 
 
 def configure() -> str:
-    """Set the environment for OpenBLAS; returns one line for the log."""
-    if "numpy" in sys.modules and "OPENBLAS_NUM_THREADS" not in os.environ:
-        return "BLAS: NumPy was imported before netlib, its threads and kernels are left as they are"
-    notes = []
-    if not any(name in os.environ for name in _THREAD_VARIABLES):
+    """Prepare the environment for OpenBLAS, or set its threads if it is loaded; returns a line for the log."""
+    late = "numpy" in sys.modules
+    given = next((f"{os.environ[n]} ({n})" for n in _THREAD_VARIABLES if n in os.environ), None)
+    if given is None:
         os.environ["OPENBLAS_NUM_THREADS"] = "1"
+        if late:
+            _set_threads(1)
     if "OPENBLAS_CORETYPE" in os.environ:
-        notes.append(f"kernels {os.environ['OPENBLAS_CORETYPE']} (OPENBLAS_CORETYPE)")
-    elif _is_amd_with_avx512():
-        os.environ["OPENBLAS_CORETYPE"] = "SkylakeX"
-        notes.append("AVX-512 kernels (OPENBLAS_CORETYPE=SkylakeX)")
+        kernels = f"kernels {os.environ['OPENBLAS_CORETYPE']} (OPENBLAS_CORETYPE)"
+    elif not _is_amd_with_avx512():
+        kernels = "kernels chosen by OpenBLAS"
+    elif late:
+        kernels = "kernels chosen by OpenBLAS (import netlib before numpy for AVX-512 kernels)"
     else:
-        notes.append("kernels chosen by OpenBLAS")
-    threads = next((os.environ[n] for n in _THREAD_VARIABLES if n in os.environ), "1")
-    return f"BLAS: {', '.join(notes)}, {threads} thread{'' if threads == '1' else 's'} per product"
+        os.environ["OPENBLAS_CORETYPE"] = "SkylakeX"
+        kernels = "AVX-512 kernels (OPENBLAS_CORETYPE=SkylakeX)"
+    return f"BLAS: {kernels}, threads per product: {given or 1}"
 
 
 def _is_amd_with_avx512() -> bool:
@@ -46,3 +54,25 @@ def _is_amd_with_avx512() -> bool:
         return False
     flags = next((set(line.split()) for line in info.splitlines() if line.startswith("flags")), set())
     return "AuthenticAMD" in info and flags >= _AVX512
+
+
+def _set_threads(count: int) -> None:
+    """Tell every OpenBLAS that is loaded how many threads to use."""
+    for library in _loaded("openblas"):
+        for name in _SETTERS:
+            if setter := getattr(library, name, None):
+                setter(ctypes.c_int(count))
+                break
+
+
+def _loaded(name: str) -> Iterator[ctypes.CDLL]:
+    """The shared libraries of this process whose file name contains ``name``."""
+    try:
+        maps = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return
+    for path in sorted({line.split(maxsplit=5)[-1] for line in maps.splitlines() if name in line.rsplit("/", 1)[-1]}):
+        try:
+            yield ctypes.CDLL(path)
+        except OSError:
+            continue

@@ -61,6 +61,7 @@ class Net:
     params          layer name -> its parameters, for layers that have some
     inputs, outputs names of the blobs that come from outside, and of those that no layer reads
     layers          the layers in order; layer_dict by name
+    steps           how they are run: one by one, or several on slices of the batch (slices.py)
     learnable       list of Param, shared ones once
 
     Raises NetlibError (PrototxtError, LayerError, WeightsError) for whatever is wrong with the files.
@@ -254,12 +255,12 @@ class Net:
         for blob in self.blobs.values():
             blob._on_look = None
         fixed = {id(self.blobs[n]) for n in [*self.inputs, *self.outputs]} | {id(b) for b, _, _ in self.losses}
-        self._steps: list[WholeStep | SlicedRun]
+        self.steps: list[WholeStep | SlicedRun]
         if self._by_layer:
-            self._steps = [WholeStep(at) for at in self.connections]
+            self.steps = [WholeStep(at) for at in self.connections]
         else:
-            self._steps = slices.plan(self.connections, lambda b: id(b) in fixed or id(b) in self._visible)
-        for step in self._steps:
+            self.steps = slices.plan(self.connections, lambda b: id(b) in fixed or id(b) in self._visible)
+        for step in self.steps:
             for blob in step.hidden:
                 blob._on_look = functools.partial(self._reveal, blob)
 
@@ -267,7 +268,7 @@ class Net:
         """Somebody looks at a hidden blob: store it from now on, and compute what it would hold."""
         self._visible.add(id(blob))
         self._plan()
-        step = next((s for s in self._steps if any(blob is t for at in s.connections for t in at.top)), None)
+        step = next((s for s in self.steps if any(blob is t for at in s.connections for t in at.top)), None)
         if not isinstance(step, SlicedRun):
             return
         if self._seen[0]:
@@ -299,7 +300,7 @@ class Net:
 
     def run_forward(self) -> float:
         """Run all layers; returns the loss, the sum of loss_weight x top over all losses."""
-        for step in self._steps:
+        for step in self.steps:
             step.forward()
         self._seen[0] = True
         return self.loss()
@@ -328,7 +329,7 @@ class Net:
     def run_backward(self) -> None:
         """Run all layers backwards; the diffs of the parameters are added to."""
         self._seed_losses()
-        for step in reversed(self._steps):
+        for step in reversed(self.steps):
             step.backward()
         self._seen[1] = True
 
@@ -350,7 +351,7 @@ class Net:
                 raise NetlibError(f"net {self.name!r} has no layer {name!r}{did_you_mean(name, names)}")
         begin = 0 if first is None else names.index(first)
         stop = len(names) if last is None else names.index(last) + 1
-        return self._steps[begin:stop]
+        return self.steps[begin:stop]
 
     def _set_input(self, name: str, array: NDArray[Any]) -> None:
         if name not in self.inputs:

@@ -61,6 +61,10 @@ class WholeStep:
         at.layer.reshape(at.bottom, at.top)
         at.layer.forward(at.bottom, at.top)
 
+    def pieces(self) -> list[list[Connection]]:
+        """The layer, for the whole batch."""
+        return [self.connections]
+
     def backward(self) -> None:
         """Compute the diffs, if somebody needs them."""
         at = self.connections[0]
@@ -86,6 +90,11 @@ class SlicedRun:
         """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
         secret = {id(b) for b in self.hidden}
         return [b for at in self.connections for b in getattr(at, blobs) if id(b) not in secret]
+
+    def pieces(self) -> list[list[Connection]]:
+        """The twins of the layers for every slice, in the order in which they run."""
+        self._reshape()
+        return [piece for lane in self._lanes for piece in lane]
 
     def forward(self) -> None:
         """Run the layers forwards on all slices."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 import os
 import sys
@@ -29,6 +30,20 @@ def guarded(run: Callable[[], int]) -> int:
         print("interrupted", file=sys.stderr)
         return 130
     return FAILED
+
+
+def positive(text: str) -> int:
+    """A command-line number of at least 1."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text!r}")
+    return int(text)
+
+
+def natural(text: str) -> int:
+    """A command-line number of at least 0."""
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
+    return int(text)
 
 
 class CaffeFormatter(logging.Formatter):

@@ -17,11 +17,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-import netlib
 from handpose import draw
 from handpose.evaluation import hand_layer
 from handpose.nyu import CUBE_MM

@@ -16,10 +16,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
 import cv2
 import numpy as np
 
-import netlib
 from handpose import draw
 from handpose.evaluation import Predictions, data_layer, hand_layer, predict, score
 from handpose.metrics import joint_errors

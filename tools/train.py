@@ -22,11 +22,23 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
 from netlib import prototxt, schema
 from netlib.errors import DataError, NetlibError, os_reason
 from netlib.solver import Solver
-from tools.console import DONE, BarHandler, CaffeFormatter, duration, guarded, progress_bar
+from tools.console import (
+    DONE,
+    BarHandler,
+    CaffeFormatter,
+    duration,
+    guarded,
+    natural,
+    positive,
+    progress_bar,
+)
 
 log = logging.getLogger("netlib")
 
@@ -37,9 +49,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("solver", metavar="SOLVER", help="the solver's prototxt")
     parser.add_argument("--snapshot", metavar="STATE", help="go on from this solver state (*.solverstate.h5)")
     parser.add_argument("--weights", metavar="FILE", action="append", help="start from these weights (*.caffemodel.h5)")
-    parser.add_argument("--max-iter", type=_positive, metavar="N", help="instead of the solver's max_iter")
-    parser.add_argument("--seed", type=_natural, metavar="N", help="instead of the solver's random_seed")
-    parser.add_argument("--threads", type=_positive, metavar="N", help="threads (default: one per processor)")
+    parser.add_argument("--max-iter", type=positive, metavar="N", help="instead of the solver's max_iter")
+    parser.add_argument("--seed", type=natural, metavar="N", help="instead of the solver's random_seed")
+    parser.add_argument("--threads", type=positive, metavar="N", help="threads (default: one per processor)")
     parser.add_argument("--log", metavar="FILE", help="write the log here as well")
     args = parser.parse_args(argv)
     if args.snapshot and args.weights:
@@ -65,18 +77,6 @@ def run(args: argparse.Namespace) -> int:
         with _Progress(solver, console):
             finished = solver.solve(args.snapshot)
         return DONE if finished or not stopped else 128 + stopped[0]
-
-
-def _positive(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text!r}")
-    return int(text)
-
-
-def _natural(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
-    return int(text)
 
 
 @contextlib.contextmanager
