@@ -1,5 +1,6 @@
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
 # make test    set up and run the tests
+# make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make lint    the style and type checks of the continuous integration
 PYTHON ?= python3
 ITERATIONS ?= 1000
@@ -8,7 +9,10 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: train test lint clean
+bench: .venv/bench
+	$(RUN) benchmarks/bench.py
+
+.PHONY: train test lint bench clean
 
 train: .venv/tools
 	$(RUN) tools/make_synthetic.py
@@ -27,7 +31,7 @@ lint: .venv/dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-.venv/tools .venv/test .venv/dev: setup.cfg
+.venv/tools .venv/test .venv/dev .venv/bench: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv
 	$(RUN) -m pip install --quiet --disable-pip-version-check -e '.[$(notdir $@)]'
 	@touch $@

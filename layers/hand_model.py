@@ -46,8 +46,12 @@ class HandModel(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         N = len(bottom[0].data)
-        self.pose = self.skeleton.forward(bottom[0].data.reshape(N, -1))
-        top[0].data[...] = self.pose.joints.reshape(-1, N).T
+        x = bottom[0].data.reshape(N, -1)
+        if self.needs_backward:
+            self.pose = self.skeleton.forward(x)
+            top[0].data[...] = self.pose.joints.reshape(-1, N).T
+        else:
+            top[0].data[...] = self.skeleton.joints(x).reshape(N, -1)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

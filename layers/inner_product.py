@@ -110,4 +110,7 @@ class InnerProduct(Layer):
 
 
 def _each(job: Callable[[slice], None], count: int) -> None:
-    parallel.run([partial(job, rows) for rows in parallel.blocks(count, BLOCK)])
+    if count <= BLOCK:
+        job(slice(0, count))
+    else:
+        parallel.run([partial(job, rows) for rows in parallel.blocks(count, BLOCK)])

@@ -42,6 +42,7 @@ from netlib.schema import Double
 
 Array = NDArray[np.float64]
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+FEW = 8  # poses
 NYU_HAND = Path(__file__).parent.parent / "prototxt" / "hand" / "nyu.prototxt"
 
 
@@ -95,6 +96,9 @@ class SkeletonParameter:
     joint: tuple[JointParameter, ...] = ()  # in output order
 
 
+_IDENTITY, _ORIGIN = np.eye(3)[None, None], np.zeros((1, 1, 3))
+
+
 class Step(NamedTuple):
     """One operation of one joint."""
 
@@ -106,14 +110,24 @@ class Step(NamedTuple):
     matrix: Array | None = None  # of a constant: fixed rotations, multiplied out
 
 
+class Operation(NamedTuple):
+    """The same step of n joints."""
+
+    kind: Literal["translate", "rotate", "constant"]
+    axis: int
+    rows: slice | list[int]  # of the motions
+    sign: Array  # (n, 1, 1)
+    matrices: Array  # (n, 3, 3) of the constants
+
+
 @dataclass
 class Group:
-    """Joints of one depth whose operations have the same kinds and axes: they are computed as one array."""
+    """Joints of one depth whose steps have the same kinds and axes: they are computed as one array."""
 
     joints: list[int]
     parent: int  # the group of their parents, -1 for roots
     slots: slice | list[int]  # where the parents stand in that group
-    steps: list[list[Step]]  # for each operation, that of every joint
+    operations: list[Operation]
     bone_axis: int
 
 
@@ -159,6 +173,8 @@ class Skeleton:
         self._row_dof = np.array([step.dof for _, step in motions], dtype=int)
         self._turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
         self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
+        self._rodrigues = _rodrigues([step for _, step in motions])
+        self._order = np.argsort([j for group in self._groups for j in group.joints])
         self._repeats = len(set(self._row_dof.tolist())) < len(self._row_dof)
 
     def _index(self, name: str | None, known: list[str], owner: object, field: str) -> int:
@@ -208,7 +224,35 @@ class Skeleton:
 
     def joints(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
+        if bones is None and len(inputs) <= FEW:
+            return self._joints_of_few(inputs)
         return self.forward(inputs, bones).joints.transpose(2, 0, 1)
+
+    def _joints_of_few(self, inputs: NDArray[np.floating]) -> Array:
+        """The same for a few poses, where the number of NumPy calls counts and not the arithmetic.
+
+        A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of
+        a pose come from three operations, and a group's frames from one stacked 3 x 3 product a turn.
+        """
+        value = self.theta(inputs)[:, self._row_dof]
+        P, C, S = self._rodrigues
+        R = P + np.cos(value)[..., None, None] * C + np.sin(value)[..., None, None] * S  # (N, Q, 3, 3)
+        frames: list[Array] = []
+        positions: list[Array] = []
+        for group in self._groups:
+            F = _IDENTITY if group.parent < 0 else frames[group.parent][:, group.slots]
+            p = _ORIGIN if group.parent < 0 else positions[group.parent][:, group.slots]
+            for do in group.operations:
+                if do.kind == "constant":
+                    F = F @ do.matrices
+                elif do.kind == "rotate":
+                    F = F @ R[:, do.rows]
+                else:
+                    p = p + F[..., do.axis] * do.sign[:, 0] * value[:, do.rows, None]
+            frames.append(F)
+            positions.append(p + F[..., group.bone_axis] * self.bones[group.joints][:, None])
+        everything = np.concatenate([np.broadcast_to(p, (len(value), *p.shape[1:])) for p in positions], axis=1)
+        return everything[:, self._order]
 
     def forward(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Pose:
         """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own bone lengths."""
@@ -229,14 +273,12 @@ class Skeleton:
             else:
                 frame = [column[group.slots] for column in frames[group.parent]]
                 p = X[self._groups[group.parent].joints][group.slots]
-            for steps in group.steps:
-                if steps[0].kind == "constant":
-                    frame = _turn_constant(frame, np.array([step.matrix for step in steps]))
+            for kind, k, rows, sign, matrices in group.operations:
+                if kind == "constant":
+                    frame = _turn_constant(frame, matrices)
                     continue
-                k, rows = steps[0].axis, _as_slice([step.row for step in steps])
-                sign = np.array([step.sign for step in steps])[:, None, None]
                 axis[rows], pivot[rows] = frame[k] * sign, p
-                if steps[0].kind == "translate":
+                if kind == "translate":
                     p = p + axis[rows] * value[rows][:, None]
                 else:  # right-multiplying by R_k(angle) mixes the two other columns
                     i, j = (k + 1) % 3, (k + 2) % 3
@@ -286,12 +328,33 @@ def _groups(
             by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(j)
         for parent, joints in by_parent.items():
             slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
-            together = [list(operation) for operation in zip(*(steps[j] for j in joints))]
+            together = [_together(same_step) for same_step in zip(*(steps[j] for j in joints))]
             bone = params[joints[0]].bone
             axis = _signed(bone.axis)[0] if bone else 0
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
             groups.append(Group(joints, parent, _as_slice(slots), together, axis))
     return groups, places
+
+
+def _together(steps: Sequence[Step]) -> Operation:
+    matrices = [step.matrix for step in steps if step.matrix is not None]
+    return Operation(
+        kind=steps[0].kind,
+        axis=steps[0].axis,
+        rows=_as_slice([step.row for step in steps]),
+        sign=np.array([step.sign for step in steps])[:, None, None],
+        matrices=np.array(matrices).reshape(-1, 3, 3),
+    )
+
+
+def _rodrigues(motions: Sequence[Step]) -> tuple[Array, Array, Array]:
+    """P, C, S (Q, 3, 3) with R(t) = P + cos t C + sin t S; the identity for a translation."""
+    P, C, S = np.zeros((3, len(motions), 3, 3))
+    for q, step in enumerate(motions):
+        start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))
+        P[q] = (start + half) / 2
+        C[q], S[q] = start - P[q], quarter - P[q]
+    return P, C, S
 
 
 def rotation(axis: int, angle: float) -> Array:

@@ -73,6 +73,7 @@ class Layer:
     takes_maximum: bool = False  # a max pooling: every top value is one of the bottom values
     reads_bottom: bool = True  # backward reads bottom data
     reads_top: bool = True  # backward reads top data
+    steady: bool = False  # set by ``create``: reshape depends on the bottoms' shapes only
     needs_backward: bool = True  # set by the net: will backward be called at all
     needs_bottom_diff: bool = True  # set by the net: will it be asked for the diff of any bottom
 
@@ -219,6 +220,7 @@ def create(spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: 
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
     _check_blocks(spec, types)
     layer = cls(spec, phase, rng, dtype)
+    layer.steady = spec.type != "Python"  # a Python layer may do what it likes
     if spec.type == "Python":
         layer.param_str = schema.read(spec.blocks["python_param"], PythonParameter).param_str
     return layer

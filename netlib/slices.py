@@ -54,11 +54,15 @@ class WholeStep:
     def __init__(self, at: Connection) -> None:
         self.connections = [at]
         self.hidden: list[Blob] = []
+        self._shapes: list[tuple[int, ...]] | None = None
 
     def forward(self) -> None:
         """Shape the tops and compute them."""
         at = self.connections[0]
-        at.layer.reshape(at.bottom, at.top)
+        shapes = [blob.shape for blob in at.bottom]
+        if shapes != self._shapes or not at.layer.steady:
+            at.layer.reshape(at.bottom, at.top)
+            self._shapes = shapes
         at.layer.forward(at.bottom, at.top)
 
     def pieces(self) -> list[list[Connection]]:
@@ -85,6 +89,7 @@ class SlicedRun:
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[list[list[Connection]]] = []
+        self._inputs = self.outside("bottom")
 
     def outside(self, blobs: str) -> list[Blob]:
         """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
@@ -133,7 +138,7 @@ class SlicedRun:
 
     def _reshape(self) -> None:
         """Cut the batch into slices, if that is not done yet for these shapes."""
-        shapes = [b.shape for b in self.outside("bottom")]
+        shapes = [b.shape for b in self._inputs]
         if shapes == self._shapes and self._lanes:
             return
         for at in self.connections:

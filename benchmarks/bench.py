@@ -1,0 +1,360 @@
+#!/usr/bin/env python3
+"""Speed against peers, in one run: PyTorch, onnxruntime and OpenCV on the same network with the same weights.
+
+    make bench                                  or: python benchmarks/bench.py --json speed.json
+
+First every peer's outputs, and PyTorch's gradients, are compared with ours; nothing is timed unless they agree. Then
+each pair is timed in turn, A B A B ..., and the median of each and the median of the ratios are printed. Depth
+images are synthetic hands. Run it on a quiet machine: it warns if the machine is busy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import cv2
+import h5py
+import numpy as np
+import onnxruntime
+import torch
+
+from benchmarks.peers import WEIGHTS, TorchHand, TorchNet, onnx_model
+from handpose.synthetic import Generator, generate
+from layers import kinematics
+from netlib.net import Net
+from netlib.solver import Solver
+
+FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
+FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution passes no gradient down
+Job = Callable[[], Any]
+
+
+def main() -> int:
+    """Run all comparisons."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=15, help="timings of each (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser.add_argument("--json", metavar="FILE", help="write the figures here as well")
+    args = parser.parse_args()
+    netlib.set_threads(args.threads)
+    torch.set_num_threads(args.threads)
+    load = os.getloadavg()[0]
+    if load > 0.5:
+        print(f"warning: the machine is busy (load {load:.1f}); the figures will be uneven", file=sys.stderr)
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(Path(folder), args.rounds, args.threads)
+        bench.check()
+        bench.run()
+    print(bench.table())
+    if args.json:
+        facts = {"blas": netlib.BLAS_NOTE, "threads": args.threads, "load": load, "torch": torch.__version__,
+        print(f"warning: the machine is busy (load {load:.1f}); the figures will be uneven", file=sys.stderr)
+                 "onnxruntime": onnxruntime.__version__, "opencv": cv2.__version__, "numpy": np.__version__}  # fmt: skip
+    return 0
+
+
+class Bench:
+    """The data, the nets and the figures."""
+
+    def __init__(self, folder: Path, rounds: int, threads: int) -> None:
+        self.folder, self.rounds, self.threads = folder, rounds, threads
+        self.rows: list[dict[str, Any]] = []
+        blocks = list(generate(1024, Generator(seed=0, split="train"), workers=threads))
+        self.depth = np.concatenate([b.depth for b in blocks]).reshape(-1, 1, 128, 128)
+        self.joint = np.concatenate([b.joint for b in blocks]).reshape(-1, 93)
+        with h5py.File(folder / "a.h5", "w") as file:
+            file["depth"], file["joint"] = self.depth, self.joint
+        (folder / "list.txt").write_text("a.h5\n")
+        self.skeleton = kinematics.load()
+
+    def solver(self, batch: int) -> Solver:
+        """The paper's training, on this data."""
+        net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
+        for name in ("train", "test"):
+            net = net.replace(f"data/nyu/{name}.txt", str(self.folder / "list.txt"))
+        (self.folder / "net.prototxt").write_text(net.replace("batch_size: 512", f"batch_size: {batch}"))
+        path = self.folder / "solver.prototxt"
+        path.write_text(
+            f'net: "{self.folder}/net.prototxt" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" random_seed: 1'
+        )
+        return netlib.get_solver(path)
+
+    def deploy(self, batch: int) -> Net:
+        """The net for predictions."""
+        net = Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=1)
+        for name in WEIGHTS[3:]:  # not the fillers' 0.001, so that outputs differ from image to image
+            net.params[name][0].data[...] = np.random.default_rng(0).normal(0, 0.03, net.params[name][0].shape)
+        net.forward(depth=self.depth[:batch])
+        return net
+
+    # ------------------------------------------------------------------------------------------ agreement
+
+    def check(self) -> None:
+        """Outputs and gradients agree with the peers', or the run ends here."""
+        net = self.deploy(8)
+        x = self.depth[:8]
+        ours = net.forward(depth=x)["pred"].copy()
+        angles = net.blobs["DoF"].data.copy()
+        peer = TorchNet(net, self.skeleton).eval()
+        with torch.inference_mode():
+            self._agree("PyTorch joints", ours, peer(torch.from_numpy(x)).numpy())
+        session = onnxruntime.InferenceSession(onnx_model(net, 8), providers=["CPUExecutionProvider"])
+        self._agree("onnxruntime angles", angles, session.run(None, {"depth": x})[0])
+        self._agree("OpenCV angles", angles, self._opencv(net, 8)(x))
+        train = self.solver(64)
+        train.net.copy_from(net)
+        for layer in train.net.layers:
+            if layer.type == "Dropout":
+                layer.active = False
+        loss = train.net.run_forward()
+        train.net.clear_param_diffs()
+        train.net.run_backward()
+        peer = TorchNet(net, self.skeleton).eval()
+        depth, joint = (torch.from_numpy(train.net.blobs[n].data.copy()) for n in ("depth", "joint"))
+        value = peer.loss(depth, joint)
+        value.backward()
+        self._agree("PyTorch loss", np.array(loss), np.array(value.item()))
+        for name, layer in zip(WEIGHTS, peer.trained):
+            self._agree(f"PyTorch gradient of {name}", train.net.params[name][0].diff, layer.weight.grad.numpy())
+            self._agree(f"PyTorch gradient of {name}'s bias", train.net.params[name][1].diff, layer.bias.grad.numpy())
+
+    def _agree(self, what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
+        error = float(np.abs(ours - theirs).max() / np.abs(theirs).max())
+        if not error < 1e-3:
+            sys.exit(f"{what}: differs from ours by {error:.2g} of the largest value; nothing was timed")
+
+    def _opencv(self, net: Net, batch: int) -> Callable[[np.ndarray], np.ndarray]:
+        path = self.folder / "net.onnx"
+        path.write_bytes(onnx_model(net, batch))
+        peer = cv2.dnn.readNetFromONNX(str(path))
+
+        def run(x: np.ndarray) -> np.ndarray:
+            peer.setInput(x)
+            return peer.forward()
+
+        return run
+
+    # ------------------------------------------------------------------------------------------ timing
+
+    def compare(self, what: str, ours: Job, theirs: dict[str, Job], goals: tuple[float, ...], rounds: int = 0) -> float:
+        """Time ours and each peer in turn; a row for each peer. Returns our median, in seconds."""
+        times: dict[str, list[float]] = {name: [] for name in ("ours", *theirs)}
+        for job in (ours, *theirs.values()):
+            job()
+        for _ in range(rounds or self.rounds):
+            for name, job in (("ours", ours), *theirs.items()):
+                begin = time.perf_counter()
+                job()
+                times[name].append(time.perf_counter() - begin)
+        for (name, job_times), goal in zip([(n, times[n]) for n in theirs], goals):
+            ratio = float(np.median(np.array(job_times) / np.array(times["ours"])))
+            self.rows.append({"what": what, "peer": name, "ours_ms": float(np.median(times["ours"])) * 1e3,
+                              "peer_ms": float(np.median(job_times)) * 1e3, "ratio": ratio, "goal": goal})  # fmt: skip
+        return float(np.median(times["ours"]))
+
+    def figure(self, what: str, value: float, unit: str, goal: str) -> None:
+        """A row without a peer."""
+        self.rows.append({"what": what, "value": value, "unit": unit, "goal": goal})
+
+    def run(self) -> None:
+        """All rows of the table."""
+        step = {batch: self.training(batch) for batch in (512, 64)}
+        forward = self.forward_512()
+        self.forward_64()
+        self.one_image()
+        self.hand()
+        peak = self.sgemm_peak()
+        self.figure("sgemm peak", peak / 1e9, "GFLOP/s", "")
+        self.figure("share of the peak, training", 100 * 512 * FLOPS_TRAINING / step[512] / peak, "%", ">= 38")
+        self.figure("share of the peak, forward", 100 * 512 * FLOPS_FORWARD / forward / peak, "%", ">= 48")
+        self.figure("time of 512 against 8 x 64", step[512] / (8 * step[64]), "x", "0.9 to 1.1")
+        self.figure("data, log and bookkeeping", self.overhead(), "% of a step", "< 5")
+        self.figure("peak memory, training at 512", self.memory(), "MB", "< 1500, 500")
+
+    def training(self, batch: int) -> float:
+        """solver.step(1) against PyTorch's training step."""
+        solver = self.solver(batch)
+        depth, joint = torch.from_numpy(self.depth[:batch]), torch.from_numpy(self.joint[:batch])
+        jobs: dict[str, Job] = {}
+        for name, form in (("PyTorch eager", torch.contiguous_format), ("PyTorch channels_last", torch.channels_last)):
+            jobs[name] = self._torch_step(TorchNet(solver.net, self.skeleton).train(), depth, joint, form)
+        goals = (5.0, 2.8) if batch == 512 else (0.0, 2.6)
+        return self.compare(f"training step, batch {batch}", lambda: solver.step(1), jobs, goals)
+
+    def _torch_step(self, peer: TorchNet, depth: torch.Tensor, joint: torch.Tensor, form: Any) -> Job:
+        peer.conv.to(memory_format=form)
+        depth = depth.to(memory_format=form)
+        optimiser = torch.optim.SGD(peer.parameters(), lr=0.003, momentum=0.9)
+
+        def job() -> None:
+            optimiser.zero_grad(set_to_none=True)
+            peer.loss(depth, joint).backward()
+            optimiser.step()
+
+        return job
+
+    def forward_512(self) -> float:
+        """net.forward against onnxruntime."""
+        net = self.deploy(512)
+        x = self.depth[:512]
+        session = self._session(net, 512, self.threads)
+        return self.compare("forward, batch 512", lambda: net.forward(depth=x),
+                            {"onnxruntime (no hand)": lambda: session.run(None, {"depth": x})}, (1.2,))  # fmt: skip
+
+    def forward_64(self) -> None:
+        """net.forward against OpenCV's dnn."""
+        net = self.deploy(64)
+        x = self.depth[:64]
+        cv2.setNumThreads(self.threads)
+        peer = self._opencv(net, 64)
+        self.compare(
+            "forward, batch 64", lambda: net.forward(depth=x), {"OpenCV dnn (no hand)": lambda: peer(x)}, (2.0,)
+        )
+
+    def one_image(self) -> None:
+        """One image on one thread, with the hand against PyTorch, without it against onnxruntime."""
+        netlib.set_threads(1)
+        torch.set_num_threads(1)
+        net, bare = self.deploy(1), self._without_hand()
+        x = self.depth[:1]
+        tensor = torch.from_numpy(x)
+        jobs: dict[str, Job] = {}
+        for name, form in (("PyTorch eager", torch.contiguous_format), ("PyTorch channels_last", torch.channels_last)):
+            jobs[name] = self._torch_forward(TorchNet(net, self.skeleton).eval(), tensor, form)
+        many = self.rounds * 10
+        self.compare("one image with the hand, 1 thread", lambda: net.forward(depth=x), jobs, (2.6, 1.9), many)
+        session = self._session(net, 1, 1)
+        self.compare("one image without the hand, 1 thread", lambda: bare.forward(depth=x),
+                     {"onnxruntime": lambda: session.run(None, {"depth": x})}, (0.73,), many)  # fmt: skip
+        netlib.set_threads(self.threads)
+        torch.set_num_threads(self.threads)
+
+    def _torch_forward(self, peer: TorchNet, x: torch.Tensor, form: Any) -> Job:
+        peer.conv.to(memory_format=form)
+        x = x.to(memory_format=form)
+
+        def job() -> None:
+            with torch.inference_mode():
+                peer(x)
+
+        return job
+
+    def _without_hand(self) -> Net:
+        text = (ROOT / "prototxt" / "nyu_deploy.prototxt").read_text()
+        (self.folder / "bare.prototxt").write_text(text[: text.index("# Joint angles")])
+        return Net(self.folder / "bare.prototxt", netlib.TEST, seed=1)
+
+    def _session(self, net: Net, batch: int, threads: int) -> Any:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        return onnxruntime.InferenceSession(onnx_model(net, batch), options, providers=["CPUExecutionProvider"])
+
+    def hand(self) -> None:
+        """HandModel forward and backward against the same with autograd."""
+        x = np.random.default_rng(0).normal(0, 0.3, (512, 47)).astype(np.float32)
+        dy = np.random.default_rng(1).normal(size=(512, 93)).astype(np.float32)
+        text = """force_backward: true
+            layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 512 dim: 47 } } }
+            layer { name: "h" type: "HandModel" bottom: "x" top: "y" }"""
+        (self.folder / "hand.prototxt").write_text(text)
+        net = Net(self.folder / "hand.prototxt", netlib.TRAIN)
+
+        def ours() -> None:
+            net.forward(x=x)
+            net.backward(y=dy)
+
+        peer, tensor, gradient = TorchHand(self.skeleton), torch.from_numpy(x), torch.from_numpy(dy)
+
+        def theirs() -> np.ndarray:
+            tensor.grad = None
+            tensor.requires_grad_(True)
+            peer(tensor).backward(gradient)
+            return tensor.grad.numpy()
+
+        ours()
+        self._agree("PyTorch gradient of the hand", net.blobs["x"].diff, theirs())
+        self.compare("HandModel forward + backward, 512", ours, {"PyTorch autograd": theirs}, (11.0,), self.rounds * 3)
+
+    def sgemm_peak(self) -> float:
+        """FLOP/s of large products, one a thread."""
+        n = 1536
+        a = [np.random.default_rng(i).random((n, n), dtype=np.float32) for i in range(self.threads)]
+        best = 0.0
+        for _ in range(self.rounds):
+            workers = [threading.Thread(target=np.matmul, args=(m, m)) for m in a]
+            begin = time.perf_counter()
+            for worker in workers:
+                worker.start()
+            for worker in workers:
+                worker.join()
+            best = max(best, 2 * n**3 * self.threads / (time.perf_counter() - begin))
+        return best
+
+    def overhead(self) -> float:
+        """How much longer a step of solver.step is than the net's own passes and the update, in percent."""
+        solver = self.solver(512)
+        data = solver.net.steps[0]
+        solver.step(2)
+        whole, bare = [], []
+        for _ in range(self.rounds):
+            begin = time.perf_counter()
+            solver.step(1)
+            whole.append(time.perf_counter() - begin)
+            begin = time.perf_counter()
+            solver.net.clear_param_diffs()
+            for step in solver.net.steps:
+                if step is not data:
+                    step.forward()
+            solver.net.run_backward()
+            solver._update()
+            bare.append(time.perf_counter() - begin)
+        return 100 * (float(np.median(whole)) / float(np.median(bare)) - 1)
+
+    def memory(self) -> float:
+        """Peak memory of a process that trains at batch 512, MB."""
+        self.solver(512)
+        code = (f"import sys; sys.path.insert(0, {str(ROOT)!r}); import netlib; "
+                f"netlib.set_threads({self.threads}); "
+                f"netlib.get_solver({str(self.folder / 'solver.prototxt')!r}).step(4); "
+                "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])")  # fmt: skip
+        done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+        return int(done.stdout) * 1024 / 1e6
+
+    # ------------------------------------------------------------------------------------------ the table
+
+    def table(self) -> str:
+        """All rows as text."""
+        lines = [f"{netlib.BLAS_NOTE}; {self.threads} threads; medians of interleaved runs"]
+        for row in self.rows:
+            if "ratio" in row:
+                goal = f"goal {row['goal']:.2f}" if row["goal"] else ""
+                lines.append(f"{row['what']:<38}{row['ours_ms']:9.2f} ms  {row['peer']:<24}{row['peer_ms']:9.2f} ms "
+                             f"{row['ratio']:6.2f}x  {goal}")  # fmt: skip
+            else:
+                goal = f"goal {row['goal']}" if row["goal"] else ""
+                lines.append(f"{row['what']:<38}{row['value']:9.2f} {row['unit']}  {goal}")
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        lines.append(f"(this process, peers included: {peak:.0f} MiB)")
+        return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

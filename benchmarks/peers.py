@@ -1,0 +1,144 @@
+"""The paper's network in other frameworks, with the same weights: PyTorch, ONNX (for onnxruntime and OpenCV)."""
+
+from __future__ import annotations
+
+import numpy as np
+import onnx
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import nn
+
+from layers.kinematics import Skeleton, rotation
+from netlib.net import Net
+
+WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
+
+
+class TorchHand(nn.Module):
+    """Forward kinematics as one would write it for autograd: joints of one depth and kind together, 3 x 3 matrices."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        super().__init__()
+        self.skeleton = skeleton
+        self.register_buffer("initial", torch.tensor(skeleton.initial, dtype=torch.float32))
+        self.register_buffer("free", torch.tensor(~skeleton.fixed))
+        self.register_buffer("bones", torch.tensor(skeleton.bones, dtype=torch.float32))
+        for i, group in enumerate(skeleton._groups):
+            for s, do in enumerate(group.operations):
+                if do.kind == "constant":
+                    self.register_buffer(f"c{i}_{s}", torch.tensor(do.matrices, dtype=torch.float32))
+                elif do.kind == "rotate":  # R(t) = P + cos t Q + sin t S
+                    R0, R1, Rpi = (rotation(do.axis, a) for a in (0.0, np.pi / 2, np.pi))
+                    P = (R0 + Rpi) / 2
+                    parts = np.array([P, R0 - P, R1 - P])
+                    self.register_buffer(f"r{i}_{s}", torch.tensor(parts, dtype=torch.float32))
+                    self.register_buffer(f"s{i}_{s}", torch.tensor(do.sign[:, 0, 0], dtype=torch.float32))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(N, D) inputs → (N, 3 K) joints."""
+        N = len(x)
+        theta = torch.where(self.free, x, torch.zeros((), dtype=x.dtype)) + self.initial
+        X: list[torch.Tensor] = [x] * len(self.bones)
+        frames: list[torch.Tensor] = []
+        for i, group in enumerate(self.skeleton._groups):
+            if group.parent < 0:
+                F = torch.eye(3).expand(N, 1, 3, 3)
+                p = torch.zeros(N, 1, 3)
+            else:
+                parent = self.skeleton._groups[group.parent]
+                F = frames[group.parent][:, group.slots]
+                p = torch.stack([X[j] for j in parent.joints], 1)[:, group.slots]
+            for s, do in enumerate(group.operations):
+                dofs = self.skeleton._row_dof[do.rows]
+                if do.kind == "constant":
+                    F = F @ getattr(self, f"c{i}_{s}")
+                elif do.kind == "translate":
+                    p = p + F[..., do.axis] * theta[:, dofs, None]
+                else:
+                    P, Q, S = getattr(self, f"r{i}_{s}")
+                    t = theta[:, dofs] * getattr(self, f"s{i}_{s}")
+                    F = F @ (P + torch.cos(t)[..., None, None] * Q + torch.sin(t)[..., None, None] * S)
+            at = p + F[..., group.bone_axis] * self.bones[group.joints][:, None]
+            for n, j in enumerate(group.joints):
+                X[j] = at[:, n]
+            frames.append(F)
+        return torch.stack(X, 1).reshape(N, -1)
+
+
+class TorchNet(nn.Module):
+    """The network with its hand."""
+
+    def __init__(self, net: Net, skeleton: Skeleton) -> None:
+        super().__init__()
+        self.conv = nn.Sequential(
+            nn.Conv2d(1, 8, 5), nn.ReLU(), nn.MaxPool2d(4),
+            nn.Conv2d(8, 8, 5), nn.ReLU(), nn.MaxPool2d(2, ceil_mode=True),
+            nn.Conv2d(8, 8, 3), nn.ReLU(), nn.Flatten(),
+        )  # fmt: skip
+        self.fc = nn.Sequential(
+            nn.Linear(1152, 1024), nn.ReLU(), nn.Dropout(0.3), nn.Linear(1024, 1024), nn.ReLU(), nn.Dropout(0.3),
+            nn.Linear(1024, 47),
+        )  # fmt: skip
+        self.hand = TorchHand(skeleton)
+        self.lower = torch.tensor(np.where(skeleton.fixed, -np.inf, skeleton.lower), dtype=torch.float32)
+        self.upper = torch.tensor(np.where(skeleton.fixed, np.inf, skeleton.upper), dtype=torch.float32)
+        layers = [m for m in [*self.conv, *self.fc] if isinstance(m, (nn.Conv2d, nn.Linear))]
+        with torch.no_grad():
+            for name, layer in zip(WEIGHTS, layers):
+                layer.weight.copy_(torch.from_numpy(net.params[name][0].data))
+                layer.bias.copy_(torch.from_numpy(net.params[name][1].data))
+        self.trained = layers
+
+    def angles(self, depth: torch.Tensor) -> torch.Tensor:
+        """(N, 1, 128, 128) → (N, 47)."""
+        return self.fc(self.conv(depth))
+
+    def forward(self, depth: torch.Tensor) -> torch.Tensor:
+        """(N, 1, 128, 128) → (N, 93)."""
+        return self.hand(self.angles(depth))
+
+    def loss(self, depth: torch.Tensor, joint: torch.Tensor) -> torch.Tensor:
+        """The paper's loss: half the squared distance, plus the linear hinge on the limits, a frame."""
+        x = self.angles(depth)
+        hinge = torch.relu(x - self.upper).sum() + torch.relu(self.lower - x).sum()
+        return ((self.hand(x) - joint) ** 2).sum() / (2 * len(depth)) + hinge / len(depth)
+
+
+def onnx_model(net: Net, batch: int) -> bytes:
+    """The network up to the angles as ONNX."""
+    nodes, constants = [], []
+    previous = "depth"
+
+    def constant(name: str, array: np.ndarray) -> str:
+        constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return name
+
+    for i, pool in ((1, 4), (2, 2), (3, None)):
+        w, b = (blob.data for blob in net.params[f"convL{i}"])
+        nodes.append(helper.make_node("Conv", [previous, constant(f"w{i}", w), constant(f"b{i}", b)], [f"c{i}"]))
+        nodes.append(helper.make_node("Relu", [f"c{i}"], [f"r{i}"]))
+        previous = f"r{i}"
+        if pool:
+            window = {"kernel_shape": [pool, pool], "strides": [pool, pool], "ceil_mode": 1}
+            nodes.append(helper.make_node("MaxPool", [previous], [f"p{i}"], **window))
+            previous = f"p{i}"
+    nodes.append(helper.make_node("Flatten", [previous], ["f"]))
+    previous = "f"
+    for name in ("FC1", "FC2", "DoF"):
+        w, b = (blob.data for blob in net.params[name])
+        inputs = [previous, constant(f"w{name}", w), constant(f"b{name}", b)]
+        nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
+        previous = name
+        if name != "DoF":
+            nodes.append(helper.make_node("Relu", [name], [f"r{name}"]))
+            previous = f"r{name}"
+    graph = helper.make_graph(
+        nodes,
+        "hand",
+        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, [batch, 1, 128, 128])],
+        [helper.make_tensor_value_info("DoF", TensorProto.FLOAT, [batch, 47])],
+        constants,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
