@@ -65,9 +65,9 @@ def main() -> int:
         bench.run()
     print(bench.table())
     if args.json:
-        facts = {"blas": netlib.BLAS_NOTE, "threads": args.threads, "load": load, "torch": torch.__version__,
-        print(f"warning: the machine is busy (load {load:.1f}); the figures will be uneven", file=sys.stderr)
-                 "onnxruntime": onnxruntime.__version__, "opencv": cv2.__version__, "numpy": np.__version__}  # fmt: skip
+        versions = {peer.__name__: peer.__version__ for peer in (np, torch, onnxruntime, cv2)}
+        facts = {"blas": netlib.BLAS_NOTE, "threads": args.threads, "load": load, **versions}
+        Path(args.json).write_text(json.dumps({**facts, "rows": bench.rows}, indent=2), encoding="utf-8")
     return 0
 
 
