@@ -1,6 +1,7 @@
 """The layers, and the table that gives each type name its class."""
 
 from layers.accuracy import Accuracy
+from layers.augment import HandAugment
 from layers.concat import Concat
 from layers.convolution import Convolution
 from layers.dropout import Dropout
@@ -39,6 +40,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "EuclideanLoss": EuclideanLoss,
     "Flatten": Flatten,
     "HDF5Data": HDF5Data,
+    "HandAugment": HandAugment,
     "HandModel": HandModel,
     "InnerProduct": InnerProduct,
     "Input": Input,

@@ -117,8 +117,8 @@ class Convolution(Layer):
         if len(blob.shape) < 4:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {blob.shape}, expected (N, C, H, W)")
 
-    def bottom_tile(self, bottom_index: int) -> int | None:
-        return 1 if self.simple else None
+    def bottom_tile(self, bottom_index: int, top_tile: int | None) -> int | None:
+        return self.row_tiles.tile(top_tile, self.blobs[0].shape) if self.simple else None
 
     def writes_tiles(self) -> bool:
         return self.simple

@@ -78,7 +78,7 @@ class Pooling(Layer):
         plain_windows = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and p.round_mode == "CEIL"
         self.tile = k if self.takes_maximum and plain_windows and 1 < k <= 15 else None
 
-    def bottom_tile(self, bottom_index: int) -> int | None:
+    def bottom_tile(self, bottom_index: int, top_tile: int | None) -> int | None:
         return self.tile
 
     def writes_tiles(self) -> bool:
@@ -222,16 +222,22 @@ class Pooling(Layer):
         storage = (R * T, T, C, N, self.pitch // T)
         out = self.buffer("values", storage) if bottom.tile != T else bottom.data
         x = tiles_of(bottom, bottom.data, T, self.pitch, out)
-        x[H:] = -np.inf  # windows that hang over the edge must not see padding
-        for phase in range(W % T or T, T):
-            x[:, phase, ..., W // T] = -np.inf
+        self._fill_overhang(x, H, W, -np.inf)  # windows that hang over the edge must not see padding
         slabs = x.reshape(R, places, L)
         y = self._dense_rows(top, top.data)
         np.max(slabs, axis=1, out=y.reshape(R, L))
         if self.needs_backward:
             self._find_winners(slabs, y.reshape(R, 1, L), self.winners)
+        self._fill_overhang(x, H, W, 0)  # others, who read x again, must not see infinity
         y[..., -(-W // T) :] = 0  # windows of padding only
         self._store_rows(y, top, top.data)
+
+    def _fill_overhang(self, x: Array, H: int, W: int, value: float) -> None:
+        """Set the padding inside the last row and column of windows."""
+        T = x.shape[1]
+        x[H:] = value
+        for phase in range(W % T or T, T):
+            x[:, phase, ..., W // T] = value
 
     def _find_winners(self, slabs: Array, maximum: Array, winners: Array) -> None:
         """Of (..., places, L) values the first place that holds the maximum."""
@@ -292,16 +298,19 @@ class Pooling(Layer):
         if self.needs_backward:
             self.winners = np.empty(C * A, np.uint8)
             self._find_winners(slabs, maximum, self.winners)
-        y = self._dense_rows(top, top.data)
+        y = self._tiled(top, top.data)
         y[...] = x.rest[:, None, None]
         y.reshape(-1)[self._places_in(y, x)] = maximum
-        self._store_rows(y, top, top.data)
+        if top.tile is None:
+            top.data[...] = untile(y, *top.shape[2:])
 
     def _backward_sparse(self, top: Blob, x: SparseTiles) -> None:
-        dy = self._load_rows(top, top.diff)
-        gradient = dy.reshape(-1)[self._places_in(dy, x)].reshape(dy.shape[1], -1)
+        dy = self._tiled(top, top.diff)
+        if top.tile is None:
+            tiles_of(top, top.diff, 1, dy.shape[-1], dy)
+        gradient = dy.reshape(-1)[self._places_in(dy, x)].reshape(dy.shape[2], -1)
         C, A = gradient.shape
-        total = dy.sum(axis=(0, 2, 3), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
+        total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
         x.rest_diff = total.astype(self.dtype)
         places = len(self.rank)
         diff = self.buffer("sparse", (places * self.slabs[0] * self.slabs[2],))[: places * C * A]
@@ -312,10 +321,16 @@ class Pooling(Layer):
         diff[index] = gradient.reshape(-1)
         x.diff = diff.reshape(places, C, A)
 
-    def _places_in(self, rows: Array, x: SparseTiles) -> Array:
-        """Index of every stored window and channel, (C A,), in an array (R, C, N, windows of a row)."""
-        _, C, N, P = rows.shape
-        index = (x.row * (C * N) + x.image) * P + x.column
+    def _tiled(self, top: Blob, array: Array) -> Array:
+        """The top as tiles: as it is stored, or a buffer for tiles of 1."""
+        N, C, Ho, Wo = top.shape
+        return array if top.tile else self.buffer("top", (Ho, 1, C, N, Wo))
+
+    def _places_in(self, tiles: Array, x: SparseTiles) -> Array:
+        """Index of every stored window and channel, (C A,), in the top as tiles (R, T, C, N, P)."""
+        _, T, C, N, P = tiles.shape
+        t, phase = np.divmod(x.column, T)
+        index = ((x.row * T + phase) * (C * N) + x.image) * P + t
         return (np.arange(C)[:, None] * (N * P) + index).reshape(-1)
 
 

@@ -30,10 +30,10 @@ class RowTiles:
     def __init__(self) -> None:
         self._matrices: tuple[Array, int, Array, Array] | None = None
 
-    def tile(self, y: Blob, w: tuple[int, ...]) -> int:
+    def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
         """T: what the top is stored in, else a guess: the flatter w is, the more it gains."""
-        if y.tile is not None:
-            return y.tile
+        if top_tile is not None:
+            return top_tile
         return 4 if w[1] * w[3] <= 8 else 2 if w[1] * w[3] <= 40 else 1
 
     def pitch(self, x: Blob, y: Blob, T: int) -> int:
@@ -50,7 +50,7 @@ class RowTiles:
 
     def forward(self, layer: Layer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
         """y from x."""
-        T = self.tile(y, w.shape)
+        T = self.tile(y.tile, w.shape)
         N, O, Ho, Wo = y.shape
         pitch = self.pitch(x, y, T)
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
@@ -67,8 +67,8 @@ class RowTiles:
         (N, C, H, _), (_, _, kh, kw) = x.shape, w
         J, P = T + kw - 1, pitch // T
         X = layer.buffer(f"X{N, C, H, J, P}", (H, J, C, N, P))
-        if x.tile is not None and x.pitch == pitch:
-            X[:, :T] = x.data.reshape(H, C, N, P, T).transpose(0, 4, 1, 2, 3)
+        if x.tile == T and x.pitch == pitch:
+            X[:, :T] = x.data[:H]
         else:
             tiles_of(x, x.data, T, pitch, X[:, :T])
         rows = X.reshape(H, J, C, N * P)
@@ -78,7 +78,7 @@ class RowTiles:
 
     def backward(self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db; writes dx if ``down``."""
-        T = self.tile(y, w.shape)
+        T = self.tile(y.tile, w.shape)
         N, O, Ho, _ = y.shape
         pitch = self.pitch(x, y, T)
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
@@ -103,11 +103,12 @@ class RowTiles:
             back, phase = divmod(j - (kw - 1), T)
             rows[:, j, :, -back if back else None :] = dy[:, phase, :, : L + back]
         factors = stacked_rows(D.reshape(H + kh - 1, J * O, L), kh)
-        dx = layer.buffer(f"dX{N, H, pitch}", (H, T, C, N, pitch // T))
+        direct = x.tile == T and x.pitch == pitch
+        dx = x.diff[:H] if direct else layer.buffer(f"dX{N, H, pitch}", (H, T, C, N, pitch // T))
         np.matmul(self.matrices(w, T)[1], factors, out=dx.reshape(H, T * C, L))
-        if x.tile is not None and x.pitch == pitch:
-            x.diff.reshape(H, C, N, pitch // T, T)[...] = dx.transpose(0, 2, 3, 4, 1)
-        elif x.tile is None:
+        if direct:
+            return
+        if x.tile is None:
             x.diff[...] = untile(dx, H, W)
         else:
             tiles_of(Blob(x.shape, x.dtype), untile(dx, H, W), x.tile, x.pitch, x.diff)

@@ -87,9 +87,9 @@ class WindowTiles:
         inside = (np.arange(S)[:, None] * (W // per) + np.arange(S // per)).reshape(-1)
         first = (image * H + row * T) * (W // per) + column * (T // per)
         most = N * (H // T) * (W // T)
-        out = layer.buffer("X", (most * S * S,))[: A * S * S].view(unit).reshape(A, -1)
+        out = layer.buffer("X", (most * S * S,))[: A * S * S].view(unit).reshape(A, S * S // per)
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
-        return out.view(x.dtype)
+        return out.view(x.dtype).reshape(A, S * S)
 
     def backward(self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db."""

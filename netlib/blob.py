@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -115,6 +115,10 @@ class Blob:
         if self._data is None:
             self._data = np.zeros(self.storage_shape, self.dtype)
         return self._data
+
+    def ensure(self, half: Literal["data", "diff"]) -> None:
+        """Take the memory of ``data`` or ``diff`` now."""
+        getattr(self, half)
 
     @property
     def diff(self) -> Array:

@@ -110,8 +110,8 @@ class Layer:
         """May force_backward ask for the gradient of this bottom? Not of labels."""
         return True
 
-    def bottom_tile(self, bottom_index: int) -> int | None:
-        """The tile in which this layer would like a bottom, None for the plain order (see blob.py)."""
+    def bottom_tile(self, bottom_index: int, top_tile: int | None) -> int | None:
+        """The tile in which this layer would like a bottom if its top has ``top_tile``; None: plain (see blob.py)."""
         return None
 
     def writes_tiles(self) -> bool:

@@ -266,19 +266,21 @@ class Net:
 
     def _reveal(self, blob: Blob) -> None:
         """Somebody looks at a hidden blob: store it from now on, and compute what it would hold."""
+        run = next(step for step in self.steps if any(blob is h for h in step.hidden))
         self._visible.add(id(blob))
         self._plan()
-        step = next((s for s in self.steps if any(blob is t for at in s.connections for t in at.top)), None)
-        if not isinstance(step, SlicedRun):
-            return
+        inside = {id(at) for at in run.connections}
+        again = [step for step in self.steps if id(step.connections[0]) in inside]
         if self._seen[0]:
-            kept = [(t.data, t.data.copy()) for t in step.outside("top") if t is not blob]
-            step.forward()
+            kept = [(t.data, t.data.copy()) for t in run.outside("top")]
+            for step in again:
+                step.forward()
             _put_back(kept)
         if self._seen[1]:
-            kept = [(b.diff, b.diff.copy()) for b in step.outside("bottom") if b is not blob]
-            kept += [(p.diff, p.diff.copy()) for at in step.connections for p in at.layer.blobs]
-            step.backward()
+            kept = [(b.diff, b.diff.copy()) for b in run.outside("bottom")]
+            kept += [(p.diff, p.diff.copy()) for at in run.connections for p in at.layer.blobs]
+            for step in reversed(again):
+                step.backward()
             _put_back(kept)
 
     def forward(

@@ -89,7 +89,7 @@ class SlicedRun:
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[list[list[Connection]]] = []
-        self._inputs = self.outside("bottom")
+        self._inputs, self._outputs = self.outside("bottom"), self.outside("top")
 
     def outside(self, blobs: str) -> list[Blob]:
         """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
@@ -104,6 +104,8 @@ class SlicedRun:
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
         self._reshape()
+        for blob in self._outputs:
+            blob.ensure("data")  # memory is taken here, not by several threads at once
         parallel.run([self._forward_job(lane) for lane in self._lanes])
 
     def _forward_job(self, lane: list[list[Connection]]) -> Callable[[], None]:
@@ -118,6 +120,8 @@ class SlicedRun:
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self.needs_backward:
             return
+        for blob in [*self._inputs, *self._outputs]:
+            blob.ensure("diff")
         parallel.run([self._backward_job(lane) for lane in self._lanes])
         for i, at in enumerate(self._order):
             for j, whole in enumerate(at.layer.blobs):
@@ -247,7 +251,7 @@ def _read_again(at: Connection) -> list[Blob]:
 
 
 def _pool_first(connections: list[Connection], hidden: list[Blob]) -> list[Connection]:
-    """Move a monotone layer, in place on a hidden blob, behind the max pooling that is the blob's only reader."""
+    """Move a monotone layer, in place on a hidden blob, behind the max pooling that reads it to a hidden blob."""
     secret, order = {id(b) for b in hidden}, list(connections)
     for i in range(len(order) - 1):
         at, pool = order[i], order[i + 1]
@@ -257,7 +261,7 @@ def _pool_first(connections: list[Connection], hidden: list[Blob]) -> list[Conne
             and id(at.top[0]) in secret
             and pool.layer.takes_maximum
             and pool.bottom[0] is at.top[0]
-            and pool.top[0] is not at.top[0]
+            and id(pool.top[0]) in secret  # else its diff would be seen with the layer's gradient in it
         ):
             moved = Connection(at.layer, Blobs(pool.top[:1]), Blobs(pool.top[:1]), at.propagate_down, at.needs_backward)
             order[i], order[i + 1] = pool, moved
@@ -267,14 +271,15 @@ def _pool_first(connections: list[Connection], hidden: list[Blob]) -> list[Conne
 def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, int]:
     """The tile of every hidden blob whose writer and readers can do with tiles."""
     tiles: dict[int, int] = {}
-    for blob in hidden:
+    for blob in reversed(hidden):  # readers first: what they want may depend on their own tops
         wishes: set[int | None] = set()
         for at in order:
             in_place = any(b is blob for b in at.bottom) and any(b is blob for b in at.top)
             if in_place:
                 wishes |= set() if at.layer.elementwise else {None}
                 continue
-            wishes |= {at.layer.bottom_tile(i) for i, b in enumerate(at.bottom) if b is blob}
+            top_tile = tiles.get(id(at.top[0])) if at.top else None
+            wishes |= {at.layer.bottom_tile(i, top_tile) for i, b in enumerate(at.bottom) if b is blob}
             wishes |= {None for b in at.top if b is blob and not at.layer.writes_tiles()}
         if len(wishes) == 1 and (tile := wishes.pop()) is not None:
             tiles[id(blob)] = tile
