@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import metrics
-from handpose.nyu import CUBE_MM
+from handpose.nyu import ANNOTATION_OF_JOINT, CUBE_MM
 from layers import kinematics
 from layers.hand_model import HandModel
 from layers.hdf5_data import HDF5Data
@@ -46,12 +46,17 @@ def hand_layer(net: Net) -> HandModel | None:
     return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
 
 
-def predict(net: Net, prediction: str = "pred", truth: str = "joint") -> Iterator[int | Predictions]:
-    """Run the whole test set once: yields the number of frames done after each batch, then the Predictions."""
+def predict(
+    net: Net, prediction: str = "pred", truth: str = "joint", progress: Callable[[int], None] = lambda done: None
+) -> Predictions:
+    """Run the whole test set once, from its first frame. ``progress`` is told the number of frames done."""
     data, hand = data_layer(net), hand_layer(net)
     for name in (prediction, truth):
         if name not in net.blobs:
             raise NetlibError(f"{net.source}: no blob {name!r}; expected the net to make 'pred' and to read 'joint'")
+    if data.param.shuffle:
+        raise NetlibError(f"{net.source}: layer {data.name!r} shuffles its frames; a test set is read in order")
+    data.rewind()
     wanted = [prediction, truth, *((hand.spec.bottom[0],) if hand else ())]
     found: dict[str, list[Array]] = {name: [] for name in wanted}
     sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
@@ -64,30 +69,28 @@ def predict(net: Net, prediction: str = "pred", truth: str = "joint") -> Iterato
         for name, values in sums.items():
             values.append(float(net.blobs[name].data.sum()))
         done += take
-        yield done
+        progress(done)
     arrays = {name: np.concatenate(parts) for name, parts in found.items()}
-    half, made_from = _facts(data)
-    yield Predictions(
+    return Predictions(
         joints=arrays[prediction].reshape(done, -1, 3),
         truth=arrays[truth].reshape(done, -1, 3),
         dof=arrays[hand.spec.bottom[0]] if hand else None,
-        half_cube=half,
+        half_cube=_half_cubes(data),
         outputs={name: float(np.mean(values)) for name, values in sums.items()},
-        made_from=made_from,
+        made_from=", ".join(sorted({file.made_from for file in data.files})),
     )
 
 
-def _facts(data: HDF5Data) -> tuple[Array, str]:
-    """Half-cubes (mm) of all frames, and what the files say they are made from."""
-    halves, origins = [], []
+def _half_cubes(data: HDF5Data) -> Array:
+    """Half-cubes (mm) of all frames; the usual 150 mm where a file does not say."""
+    halves = []
     for source in data.files:
         with h5py.File(source.path, "r") as file:
             known = "half_cube" in file
             halves.append(file["half_cube"][...].reshape(-1) if known else np.full(source.rows, CUBE_MM / 2))
-            origins.append(str(file.attrs.get("made_from", "unknown")))
         if len(halves[-1]) != source.rows:
             raise DataError(f"{source.path}: {len(halves[-1])} values of half_cube for {source.rows} frames")
-    return np.concatenate(halves).astype(np.float64), ", ".join(sorted(set(origins)))
+    return np.concatenate(halves).astype(np.float64)
 
 
 def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:
@@ -99,7 +102,7 @@ def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:
     """
     scale = p.half_cube[:, None, None]
     errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
-    few = errors[:, list(metrics.EVALUATION_JOINTS)] if errors.shape[1] == len(skeleton.joint_names) else errors
+    few = errors[:, list(metrics.EVALUATION_JOINTS)] if errors.shape[1] == len(ANNOTATION_OF_JOINT) else errors
     within = metrics.success_rate(few, [20.0, 40.0])
     figures = {
         "error_mm": metrics.mean_error(errors),

@@ -33,6 +33,7 @@ from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 
 _BLOCK = 16  # crops a job
+_MIDDLE = 0.75  # px from S/2 to where a crop shows its centre: .765, .909 on the mean of NYU's, both roundings are down
 
 
 @dataclass(frozen=True)
@@ -115,14 +116,13 @@ class HandAugment(Layer):
         background = old >= 1
         np.multiply(old, s.astype(self.dtype)[:, None, None], out=y)
         y += d.astype(self.dtype)[:, None, None]
-        np.minimum(y, 1, out=y)
-        np.maximum(y, -1, out=y)
+        np.clip(y, -1, 1, out=y)
         np.copyto(y, 1, where=background)
 
 
 def _source_of(turn: Array, s: Array, move: Array, S: int) -> Array:
     """For each item the matrix (2, 3) that says of a new pixel (column, row, 1) which old one it shows."""
     back = turn.transpose(0, 2, 1) / s[:, None, None]
-    middle = np.full(2, S / 2)
+    middle = np.full(2, S / 2 + _MIDDLE)
     offset = middle - np.einsum("nij,nj->ni", back, middle + move)
     return np.concatenate([back, offset[:, :, None]], axis=2)

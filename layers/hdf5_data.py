@@ -84,12 +84,22 @@ class HDF5Data(Layer):
         return {"seed": self.seed, "cursor": list(self.cursor), "rows": self.rows}
 
     def restore(self, state: dict[str, Any]) -> None:
-        if self._ahead is not None:
-            self._ahead.result()
-            self._ahead = None
+        if "seed" not in state:  # of a layer of another type
+            return
+        self._drop_ahead()
         self.seed = int(state["seed"])
         if state.get("rows") == self.rows:  # with other data there is no such place to go on
             self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]), int(state["cursor"][2]))
+
+    def rewind(self) -> None:
+        """Go on from the first row."""
+        self._drop_ahead()
+        self.cursor = (0, 0, 0)
+
+    def _drop_ahead(self) -> None:
+        if self._ahead is not None:
+            self._ahead.result()
+            self._ahead = None
 
     def row(self, number: int) -> list[Array]:
         """One row of every data set, counted over all files in the order of the list."""

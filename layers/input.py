@@ -25,6 +25,7 @@ class Input(Layer):
     param_type = InputParameter
     bottoms = (0, 0)
     tops = (1, None)
+    is_input = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         shapes = self.param.shape

@@ -11,6 +11,8 @@ window that starts in the padding is dropped. MAX takes the first of equal value
 AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives -FLT_MAX or NaN.
 
 Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
+
+Square windows side by side, as the hand network has them, are computed by max_tiles.py; any others here.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from typing import Literal
 
 import numpy as np
 
-from netlib.blob import Array, Blob, Blobs, SparseTiles, plain_of, tiles_of, untile
+from layers.max_tiles import MaxTiles
+from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 from netlib.schema import Engine, UInt
 
@@ -73,10 +76,11 @@ class Pooling(Layer):
             raise self.fail("stride must be at least 1", "stride")
         if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
             raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
-        self.takes_maximum = p.pool == "MAX"
+        self.is_max = p.pool == "MAX"
+        self.takes_maximum = self.is_max and all(s <= k for s, k in zip(self.stride, self.kernel))  # of something
         k = self.kernel[0]
         plain_windows = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and p.round_mode == "CEIL"
-        self.tile = k if self.takes_maximum and plain_windows and 1 < k <= 15 else None
+        self.tile = k if self.is_max and plain_windows and 1 < k <= 15 else None
 
     def bottom_tile(self, bottom_index: int, top_tile: int | None) -> int | None:
         return self.tile
@@ -95,8 +99,8 @@ class Pooling(Layer):
             self.kernel = (H, W)
         top[0].reshape(N, C, self._outputs(0, H), self._outputs(1, W))
         if self.tile:
-            self._reshape_tiles(bottom[0], top[0])
-        elif self.takes_maximum:
+            self.tiles = MaxTiles(self, self.tile, bottom[0], top[0])
+        elif self.is_max:
             self.winners = np.empty(top[0].shape, np.uint32)
 
     def _outputs(self, i: int, size: int) -> int:
@@ -109,11 +113,9 @@ class Pooling(Layer):
         return count
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        if bottom[0].sparse is not None:
-            self._forward_sparse(bottom[0].sparse, top[0])
-        elif self.tile:
-            self._forward_tiles(bottom[0], top[0])
-        elif self.takes_maximum:
+        if self.tile:
+            self.tiles.forward(bottom[0], top[0])
+        elif self.is_max:
             self._forward_max(bottom[0].data, top[0].data)
         else:
             self._forward_mean(bottom[0].data, top[0].data)
@@ -121,11 +123,9 @@ class Pooling(Layer):
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
-        if bottom[0].sparse is not None:
-            self._backward_sparse(top[0], bottom[0].sparse)
-        elif self.tile:
-            self._backward_tiles(top[0], bottom[0])
-        elif self.takes_maximum:
+        if self.tile:
+            self.tiles.backward(top[0], bottom[0])
+        elif self.is_max:
             self._backward_max(top[0].diff, bottom[0].diff)
         else:
             self._backward_mean(top[0].diff, bottom[0].diff)
@@ -154,7 +154,7 @@ class Pooling(Layer):
         ]
 
     def _forward_max(self, x: Array, y: Array) -> None:
-        if y.shape[2:] == (1, 1) and self.kernel == x.shape[2:]:  # one window
+        if self.kernel == x.shape[2:] and self.pad == (0, 0) and y.shape[2:] == (1, 1):  # one window
             flat = x.reshape(*x.shape[:2], -1)
             self.winners[...] = flat.argmax(axis=2)[..., None, None]
             y[...] = flat.max(axis=2)[..., None, None]
@@ -197,141 +197,6 @@ class Pooling(Layer):
             start = np.arange(outputs[2 + i]) * self.stride[i] - self.pad[i]
             sizes.append(np.minimum(start + self.kernel[i], inputs[2 + i] + self.pad[i]) - start)
         return np.outer(*sizes).astype(self.dtype)
-
-    # ------------------------------------------------------------------------------------------ tiles
-    # Windows side by side, T x T, on a tiled blob (netlib/blob.py): the T*T values of a window stand in T*T
-    # slabs, each contiguous over channels, images and windows of a row of windows. So the maximum is taken
-    # between long vectors, and a winner is a small integer.
-
-    def _reshape_tiles(self, bottom: Blob, top: Blob) -> None:
-        T = self.tile
-        assert T is not None
-        N, C, H, W = bottom.shape
-        self.pitch = bottom.pitch if bottom.tile == T else -(-W // T) * T
-        if top.tile is not None:
-            top.pitch = -(-(self.pitch // T) // top.tile) * top.tile
-        self.slabs = (-(-H // T), T * T, C * N * (self.pitch // T))  # rows of windows, places, windows of a row
-        self.winners = np.empty((self.slabs[0], self.slabs[2]), np.uint8)
-        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]  # the first place ranks highest
-
-    def _forward_tiles(self, bottom: Blob, top: Blob) -> None:
-        T = self.tile
-        assert T is not None
-        N, C, H, W = bottom.shape
-        R, places, L = self.slabs
-        storage = (R * T, T, C, N, self.pitch // T)
-        out = self.buffer("values", storage) if bottom.tile != T else bottom.data
-        x = tiles_of(bottom, bottom.data, T, self.pitch, out)
-        self._fill_overhang(x, H, W, -np.inf)  # windows that hang over the edge must not see padding
-        slabs = x.reshape(R, places, L)
-        y = self._dense_rows(top, top.data)
-        np.max(slabs, axis=1, out=y.reshape(R, L))
-        if self.needs_backward:
-            self._find_winners(slabs, y.reshape(R, 1, L), self.winners)
-        self._fill_overhang(x, H, W, 0)  # others, who read x again, must not see infinity
-        y[..., -(-W // T) :] = 0  # windows of padding only
-        self._store_rows(y, top, top.data)
-
-    def _fill_overhang(self, x: Array, H: int, W: int, value: float) -> None:
-        """Set the padding inside the last row and column of windows."""
-        T = x.shape[1]
-        x[H:] = value
-        for phase in range(W % T or T, T):
-            x[:, phase, ..., W // T] = value
-
-    def _find_winners(self, slabs: Array, maximum: Array, winners: Array) -> None:
-        """Of (..., places, L) values the first place that holds the maximum."""
-        first = self.buffer("first", slabs.shape, np.uint8)
-        np.equal(slabs, maximum, out=first.view(bool))
-        first *= self.rank
-        np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
-        np.minimum(winners, np.uint8(len(self.rank) - 1), out=winners)  # a NaN equals nothing, not even itself
-
-    def _backward_tiles(self, top: Blob, bottom: Blob) -> None:
-        T = self.tile
-        assert T is not None
-        C, N = bottom.shape[1], bottom.shape[0]
-        R, places, L = self.slabs
-        dy = self._load_rows(top, top.diff)
-        direct = bottom.tile == T
-        dx = bottom.diff if direct else self.buffer("dx", (R * T, T, C, N, self.pitch // T))
-        dx.fill(0)
-        index = self.winners.astype(np.intp)  # where each winner stands in dx
-        index *= L
-        index += (np.arange(R)[:, None] * (places * L)) + np.arange(L)
-        dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
-        if not direct:
-            bottom.diff[...] = untile(dx, *bottom.shape[2:])
-
-    # The top in rows of windows, (R, C, N, windows of a row): the top itself if it is stored so, else a buffer.
-
-    def _dense_rows(self, top: Blob, array: Array) -> Array:
-        shape = (self.slabs[0], top.shape[1], top.shape[0], self.pitch // (self.tile or 1))
-        return array.reshape(shape) if self._stores_rows(top) else self.buffer("rows", shape)
-
-    def _stores_rows(self, top: Blob) -> bool:
-        return top.tile == 1 and top.pitch == self.pitch // (self.tile or 1)
-
-    def _store_rows(self, y: Array, top: Blob, out: Array) -> None:
-        if self._stores_rows(top):
-            return
-        plain = untile(y[:, None], *top.shape[2:])
-        if top.tile is None:
-            out[...] = plain
-        else:
-            tiles_of(Blob(top.shape, top.dtype), plain, top.tile, top.pitch, out)
-
-    def _load_rows(self, top: Blob, array: Array) -> Array:
-        rows = self._dense_rows(top, array)
-        if not self._stores_rows(top):
-            rows[..., top.shape[3] :] = 0
-            rows[..., : top.shape[3]] = plain_of(top, array).transpose(2, 1, 0, 3)
-        return rows
-
-    # ------------------------------------------------------------------------------------------ sparse tiles
-    # The same on the windows that are stored; all others have the maximum ``rest``, and their first place wins.
-
-    def _forward_sparse(self, x: SparseTiles, top: Blob) -> None:
-        places, C, A = x.values.shape
-        slabs = x.values.reshape(places, C * A)
-        maximum = slabs.max(axis=0)
-        if self.needs_backward:
-            self.winners = np.empty(C * A, np.uint8)
-            self._find_winners(slabs, maximum, self.winners)
-        y = self._tiled(top, top.data)
-        y[...] = x.rest[:, None, None]
-        y.reshape(-1)[self._places_in(y, x)] = maximum
-        if top.tile is None:
-            top.data[...] = untile(y, *top.shape[2:])
-
-    def _backward_sparse(self, top: Blob, x: SparseTiles) -> None:
-        dy = self._tiled(top, top.diff)
-        if top.tile is None:
-            tiles_of(top, top.diff, 1, dy.shape[-1], dy)
-        gradient = dy.reshape(-1)[self._places_in(dy, x)].reshape(dy.shape[2], -1)
-        C, A = gradient.shape
-        total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
-        x.rest_diff = total.astype(self.dtype)
-        places = len(self.rank)
-        diff = self.buffer("sparse", (places * self.slabs[0] * self.slabs[2],))[: places * C * A]
-        diff.fill(0)
-        index = self.winners.astype(np.intp)
-        index *= C * A
-        index += np.arange(C * A)
-        diff[index] = gradient.reshape(-1)
-        x.diff = diff.reshape(places, C, A)
-
-    def _tiled(self, top: Blob, array: Array) -> Array:
-        """The top as tiles: as it is stored, or a buffer for tiles of 1."""
-        N, C, Ho, Wo = top.shape
-        return array if top.tile else self.buffer("top", (Ho, 1, C, N, Wo))
-
-    def _places_in(self, tiles: Array, x: SparseTiles) -> Array:
-        """Index of every stored window and channel, (C A,), in the top as tiles (R, T, C, N, P)."""
-        _, T, C, N, P = tiles.shape
-        t, phase = np.divmod(x.column, T)
-        index = ((x.row * T + phase) * (C * N) + x.image) * P + t
-        return (np.arange(C)[:, None] * (N * P) + index).reshape(-1)
 
 
 def _or(value: int | None, default: int) -> int:

@@ -47,7 +47,8 @@ class Power(Layer):
         y += self.dtype.type(p.shift)
         if p.power != 1:
             with np.errstate(divide="ignore", invalid="ignore"):  # a NaN that follows is found by the solver
-                self.slope[...] = p.power * p.scale * y ** self.dtype.type(p.power - 1)
+                slope = p.power * p.scale
+                self.slope[...] = slope * y ** self.dtype.type(p.power - 1) if slope else 0
                 np.power(y, self.dtype.type(p.power), out=y)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

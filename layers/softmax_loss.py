@@ -9,7 +9,8 @@ p  = softmax of x
 L  = - 1 / M sum of log p[label]
 dx = dL / M (p - [class = label])          0 where the label is ``ignore_label``
 
-M (``loss_param { normalization }``): VALID labels that are not ignored, FULL all labels, BATCH_SIZE items, NONE 1.
+M (``loss_param { normalization }``): VALID labels that are not ignored, FULL all labels, BATCH_SIZE items (the axes
+before ``axis``), NONE 1.
 Kept for backward: ``p``.
 """
 
@@ -85,7 +86,7 @@ class SoftmaxWithLoss(Layer):
             return max(1, int(counts.sum()))
         if self.normalization == "FULL":
             return max(1, counts.size)
-        return max(1, self.places[0]) if self.normalization == "BATCH_SIZE" else 1
+        return max(1, int(np.prod(self.places[: self.axis]))) if self.normalization == "BATCH_SIZE" else 1
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.p = softmax(bottom[0].data, axis=self.axis)

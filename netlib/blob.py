@@ -66,6 +66,7 @@ class Blob:
         self._shape = tuple(int(n) for n in shape)
         self._data: Array | None = None
         self._diff: Array | None = None
+        self._owner: Blob | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -91,6 +92,10 @@ class Blob:
             self._shape = shape
             self._data = self._diff = None
 
+    def share(self, owner: Blob) -> None:
+        """Use the memory of ``owner``, data and diff, in this blob's own shape (of the same count)."""
+        self._owner, self._data, self._diff = owner, None, None
+
     def adopt(self, data: Array) -> None:
         """Make ``data`` the blob's data, without a copy."""
         if data.shape != self.storage_shape or data.dtype != self.dtype:
@@ -110,6 +115,8 @@ class Blob:
     @property
     def data(self) -> Array:
         """Values, of ``storage_shape``."""
+        if self._owner is not None:
+            return self._owner.data.reshape(self._shape)
         if self._on_look is not None:
             self._on_look()
         if self._data is None:
@@ -123,6 +130,8 @@ class Blob:
     @property
     def diff(self) -> Array:
         """Gradient of the loss at the values, of ``storage_shape``."""
+        if self._owner is not None:
+            return self._owner.diff.reshape(self._shape)
         if self._on_look is not None:
             self._on_look()
         if self._diff is None:

@@ -40,6 +40,16 @@ class NoParameter:
 
 
 @dataclass(frozen=True)
+class PythonParameter:
+    """The ``python_param { ... }`` block of a layer of type Python."""
+
+    module: str  # imported from the working directory or PYTHONPATH
+    layer: str  # the class
+    param_str: str = ""
+    share_in_parallel: bool = False
+
+
+@dataclass(frozen=True)
 class LossParameter:
     """The ``loss_param { ... }`` of loss layers that normalise over labels."""
 
@@ -65,15 +75,17 @@ class Layer:
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # may a top be the same blob as its bottom
     loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
+    is_input: ClassVar[bool] = False  # the caller writes the tops
 
     # What the net may do to save time. An instance may set them in setup.
-    batchwise: bool = False  # item n of a top depends only on item n of the bottoms: may run on a slice of the batch
+    batchwise: bool = False  # item n of a top depends only on item n of the bottoms: may run on a slice of the batch;
+    # such a layer reaches its parameters through self.blobs only, which is another list for every slice
     elementwise: bool = False  # every value for itself, f(0) finite: tiled blobs are welcome
     monotone: bool = False  # elementwise, non-decreasing and f(f(x)) = f(x): may as well run after a max pooling
     takes_maximum: bool = False  # a max pooling: every top value is one of the bottom values
     reads_bottom: bool = True  # backward reads bottom data
     reads_top: bool = True  # backward reads top data
-    steady: bool = False  # set by ``create``: reshape depends on the bottoms' shapes only
+    steady: bool = False  # reshape depends on the bottoms' shapes only: need not be called before each forward
     needs_backward: bool = True  # set by the net: will backward be called at all
     needs_bottom_diff: bool = True  # set by the net: will it be asked for the diff of any bottom
 
@@ -82,8 +94,10 @@ class Layer:
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng, self.dtype = rng, np.dtype(dtype)
         self.blobs = Blobs(dtype=self.dtype)
-        self.param_str = ""
-        self.param: Any = self._read_block(block_name(type(self), spec.type), self.param_type)
+        self.steady = spec.type != "Python"  # a Python layer may do what it likes
+        options = PythonParameter if spec.type == "Python" else self.param_type
+        self.param: Any = self._read_block(block_name(type(self), spec.type), options)
+        self.param_str: str = self.param.param_str if spec.type == "Python" else ""
         self._buffers = threading.local()
 
     def _read_block(self, name: str, kind: type) -> Any:
@@ -181,16 +195,6 @@ PHASES: dict[str, int] = {"TRAIN": 0, "TEST": 1}  # pycaffe's caffe.TRAIN and ca
 # ---------------------------------------------------------------------------------------------- making layers
 
 
-@dataclass(frozen=True)
-class PythonParameter:
-    """The ``python_param { ... }`` block."""
-
-    module: str  # imported from the working directory or PYTHONPATH
-    layer: str  # the class
-    param_str: str = ""
-    share_in_parallel: bool = False
-
-
 def layer_types() -> dict[str, type[Layer]]:
     """Every known layer type by name. The package ``layers`` is loaded here and nowhere else in netlib."""
     types: dict[str, type[Layer]] = importlib.import_module("layers").LAYER_TYPES
@@ -219,11 +223,7 @@ def create(spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: 
         known = ", ".join(sorted([*types, "Python"]))
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
     _check_blocks(spec, types)
-    layer = cls(spec, phase, rng, dtype)
-    layer.steady = spec.type != "Python"  # a Python layer may do what it likes
-    if spec.type == "Python":
-        layer.param_str = schema.read(spec.blocks["python_param"], PythonParameter).param_str
-    return layer
+    return cls(spec, phase, rng, dtype)
 
 
 def _check_blocks(spec: LayerParameter, types: dict[str, type[Layer]]) -> None:

@@ -2,13 +2,15 @@
 
 The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``net.backward()``, ``net.save()``.
 ``net.blobs[name].data`` is always true: a blob that slices.py keeps hidden is computed when somebody first looks
-at it, and is stored from then on.
+at it, and is stored from then on. A first look shows the last pass, as long as its inputs have not been overwritten
+and, for a diff, until the next forward.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,13 +132,13 @@ class Net:
             top = Blobs(self._top(layer, name, unread) for name in spec.top)
             layer.setup(bottom, top)
             layer.reshape(bottom, top)
-            self._share(layer)
+            params = self._share(layer)
             down = [needs.get(id(b), False) for b in bottom]
             if spec.propagate_down:
                 if len(spec.propagate_down) != len(bottom):
                     raise layer.fail(f"has {len(bottom)} bottoms, but {len(spec.propagate_down)} propagate_down")
                 down = list(spec.propagate_down)
-            trains = any(p.spec.lr_mult != 0 for p in self._specs(layer))
+            trains = any(p.spec.lr_mult != 0 for p in params)
             at = Connection(layer, bottom, top, down, any(down) or trains)
             for blob in top:
                 needs[id(blob)] = needs.get(id(blob), False) or at.needs_backward
@@ -178,28 +180,29 @@ class Net:
         if name not in self.blobs:
             self.blobs[name] = Blob((), self.dtype)
             self._writer[name] = layer.name
-            if layer.type == "Input":
+            if layer.is_input:
                 self.inputs.append(name)
         unread[name] = None
         return self.blobs[name]
 
-    def _specs(self, layer: Layer) -> list[Param]:
-        return [p for p in self.learnable if any(p.blob is b for b in layer.blobs)]
-
-    def _share(self, layer: Layer) -> None:
-        """Enter the layer's parameters; a name seen before makes two of them one."""
+    def _share(self, layer: Layer) -> list[Param]:
+        """Enter the layer's parameters; a name seen before makes two of them one. Returns them, or their owners."""
         if len(layer.spec.param) > len(layer.blobs):
             raise layer.fail(f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks")
+        entered = []
         for i, blob in enumerate(layer.blobs):
             spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
             owner = self._named.get(spec.name or "")
             if owner is None:
-                self.learnable.append(Param(blob, layer.name, i, spec))
+                entered.append(Param(blob, layer.name, i, spec))
+                self.learnable.append(entered[-1])
                 if spec.name:
-                    self._named[spec.name] = self.learnable[-1]
-                continue
-            self._check_sharing(layer, i, blob, spec, owner)
-            layer.blobs[i] = owner.blob if owner.blob.shape == blob.shape else _SameMemory(owner.blob, blob.shape)
+                    self._named[spec.name] = entered[-1]
+            else:
+                self._check_sharing(layer, i, blob, spec, owner)
+                blob.share(owner.blob)
+                entered.append(owner)
+        return entered
 
     def _check_sharing(self, layer: Layer, i: int, blob: Blob, spec: ParamSpec, owner: Param) -> None:
         same = blob.count == owner.blob.count if spec.share_mode == "PERMISSIVE" else blob.shape == owner.blob.shape
@@ -209,12 +212,14 @@ class Net:
                 f"parameter {owner.index} {owner.blob.shape}"
             )
         for name in ("lr_mult", "decay_mult"):
+            if not _gives(spec, name):
+                continue
             mine, theirs = getattr(spec, name), getattr(owner.spec, name)
-            given = {f.name for tree in [schema.tree_of(spec)] if tree for f in tree.fields}
-            if name in given and mine != theirs:
+            if _gives(owner.spec, name) and mine != theirs:
                 raise layer.fail(
                     f"shared parameter {spec.name!r} has {name} {mine:g}, but {theirs:g} in layer {owner.layer!r}"
                 )
+            owner.spec = dataclasses.replace(owner.spec, **{name: mine})
 
     def _weigh(self, layer: Layer, top: Blobs) -> None:
         weights = layer.spec.loss_weight
@@ -262,26 +267,38 @@ class Net:
             self.steps = slices.plan(self.connections, lambda b: id(b) in fixed or id(b) in self._visible)
         for step in self.steps:
             for blob in step.hidden:
-                blob._on_look = functools.partial(self._reveal, blob)
+                blob._on_look = functools.partial(_look, weakref.ref(self), blob)
 
     def _reveal(self, blob: Blob) -> None:
-        """Somebody looks at a hidden blob: store it from now on, and compute what it would hold."""
-        run = next(step for step in self.steps if any(blob is h for h in step.hidden))
+        """Somebody looks at a hidden blob: store it from now on, with what the last pass put there."""
         self._visible.add(id(blob))
+        self._replan()
+
+    def _replan(self) -> None:
+        """Plan anew, and let the new steps know what the old ones knew: values, winners, masks."""
+        runs = [step for step in self.steps if isinstance(step, SlicedRun)]
         self._plan()
+        for run in runs:
+            self._repeat(run)
+
+    def _repeat(self, run: SlicedRun) -> None:
+        """Compute again what ``run`` computed in the last pass; whatever others can see stays as it is."""
         inside = {id(at) for at in run.connections}
-        again = [step for step in self.steps if id(step.connections[0]) in inside]
+        steps = [step for step in self.steps if id(step.connections[0]) in inside]
+        params = [p for at in run.connections for p in at.layer.blobs]
+        now = [(p.data, p.data.copy()) for p in params]
+        _put_back(run.weights)
         if self._seen[0]:
-            kept = [(t.data, t.data.copy()) for t in run.outside("top")]
-            for step in again:
+            kept = [(b.data, b.data.copy()) for b in run.outside("top")]
+            for step in steps:
                 step.forward()
             _put_back(kept)
         if self._seen[1]:
-            kept = [(b.diff, b.diff.copy()) for b in run.outside("bottom")]
-            kept += [(p.diff, p.diff.copy()) for at in run.connections for p in at.layer.blobs]
-            for step in reversed(again):
+            kept = [(b.diff, b.diff.copy()) for b in [*run.outside("bottom"), *params]]
+            for step in reversed(steps):
                 step.backward()
             _put_back(kept)
+        _put_back(now)
 
     def forward(
         self, blobs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **inputs: Any
@@ -304,7 +321,7 @@ class Net:
         """Run all layers; returns the loss, the sum of loss_weight x top over all losses."""
         for step in self.steps:
             step.forward()
-        self._seen[0] = True
+        self._seen = [True, False]
         return self.loss()
 
     def loss(self) -> float:
@@ -318,14 +335,13 @@ class Net:
 
         ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more blobs whose diff to return.
         """
+        steps = self.steps if start is None and end is None else self._part(end, start)
+        self._seed_losses()
         for name, array in tops.items():
             self._blob(name).diff[...] = array
-        if start is None and end is None:
-            self.run_backward()
-        else:
-            self._seed_losses()
-            for step in reversed(self._part(end, start)):
-                step.backward()
+        for step in reversed(steps):
+            step.backward()
+        self._seen[1] = True
         return {name: self._blob(name).diff for name in [*self.inputs, *(diffs or [])]}
 
     def run_backward(self) -> None:
@@ -342,11 +358,8 @@ class Net:
     def _part(self, first: str | None, last: str | None) -> list[WholeStep | SlicedRun]:
         """The steps of some layers. A net that is run in parts runs layer by layer from then on."""
         if not self._by_layer:
-            for blob in self.blobs.values():
-                if blob._on_look is not None:
-                    blob._on_look()
             self._by_layer = True
-            self._plan()
+            self._replan()
         names = [layer.name for layer in self.layers]
         for name in (first, last):
             if name is not None and name not in names:
@@ -438,19 +451,14 @@ class Net:
     def share_params(self, other: Net) -> None:
         """Use the other net's parameters, by layer name (a test net those of the training net)."""
         for name, theirs in other.params.items():
-            if name not in self.params:
+            mine = self.params.get(name)
+            if mine is None:
                 continue
-            mine = self.params[name]
-            for i, blob in enumerate(theirs):
-                if mine[i].shape != blob.shape:
-                    raise LayerError(f"layer {name!r} parameter {i} has shape {mine[i].shape} in net {self.source}, "
-                                     f"{blob.shape} in {other.source}")  # fmt: skip
-                old = mine[i]
-                for at in self.connections:
-                    at.layer.blobs[:] = [blob if b is old else b for b in at.layer.blobs]
-                for param in self.learnable:
-                    param.blob = blob if param.blob is old else param.blob
-        self._plan()
+            if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
+                raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {self.source}, "
+                                 f"{[b.shape for b in theirs]} in {other.source}")  # fmt: skip
+            for blob, owner in zip(mine, theirs):
+                blob.share(owner)
 
     def save(self, path: str | Path) -> None:
         """Write the weights as Caffe's HDF5, atomically."""
@@ -467,20 +475,16 @@ class Net:
                 self.layer_dict[name].restore(state)
 
 
-class _SameMemory(Blob):
-    """A parameter that shares another's memory in another shape (share_mode: PERMISSIVE)."""
+def _gives(spec: ParamSpec, name: str) -> bool:
+    """Does the prototxt say this field?"""
+    tree = schema.tree_of(spec)
+    return tree is not None and bool(tree.values(name))
 
-    def __init__(self, owner: Blob, shape: tuple[int, ...]) -> None:
-        super().__init__(shape, owner.dtype)
-        self._owner = owner
 
-    @property
-    def data(self) -> NDArray[Any]:
-        return self._owner.data.reshape(self.shape)
-
-    @property
-    def diff(self) -> NDArray[Any]:
-        return self._owner.diff.reshape(self.shape)
+def _look(net: weakref.ref[Net], blob: Blob) -> None:
+    """Tell the net, if it is still there, that somebody looks at a hidden blob."""
+    if (owner := net()) is not None:
+        owner._reveal(blob)
 
 
 def _put_back(kept: list[tuple[NDArray[Any], NDArray[Any]]]) -> None:

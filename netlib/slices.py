@@ -89,6 +89,7 @@ class SlicedRun:
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[list[list[Connection]]] = []
+        self.weights: list[tuple[Array, Array]] = []  # parameters, and their values in the last forward
         self._inputs, self._outputs = self.outside("bottom"), self.outside("top")
 
     def outside(self, blobs: str) -> list[Blob]:
@@ -104,6 +105,7 @@ class SlicedRun:
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
         self._reshape()
+        self.weights = [(p.data, p.data.copy()) for at in self.connections for p in at.layer.blobs]
         for blob in self._outputs:
             blob.ensure("data")  # memory is taken here, not by several threads at once
         parallel.run([self._forward_job(lane) for lane in self._lanes])

@@ -98,8 +98,10 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
     """Write all files beside their targets, then rename them in order."""
     made: list[Path] = []
+    current = files[0][0]
     try:
         for path, content in files:
+            current = path
             path.parent.mkdir(parents=True, exist_ok=True)
             made.append(path.with_name(f".{path.name}.{os.getpid()}.tmp"))
             with open(made[-1], "wb") as out:
@@ -107,10 +109,11 @@ def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
                 out.flush()
                 os.fsync(out.fileno())
         for (path, _), temporary in zip(files, made):
+            current = path
             os.replace(temporary, path)
             _sync_directory(path.parent)
     except OSError as error:
-        raise WeightsError(f"{files[len(made) - 1][0]}: cannot write the snapshot: {os_reason(error)}") from error
+        raise WeightsError(f"{current}: cannot write the snapshot: {os_reason(error)}") from error
     finally:
         for temporary in made:
             with contextlib.suppress(OSError):

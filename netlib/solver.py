@@ -144,8 +144,8 @@ class Solver:
                 self.on_iteration(self)
             if self.requested == "stop":
                 return self._stop()
-            if self.requested == "snapshot" or (self.param.snapshot and self.iter % self.param.snapshot == 0):
-                self.requested = None
+            asked, self.requested = self.requested, None
+            if asked == "snapshot" or (self.param.snapshot and self.iter % self.param.snapshot == 0):
                 self.snapshot()
         return True
 
@@ -255,11 +255,17 @@ class Solver:
 
     def test_all(self) -> list[dict[str, Any]]:
         """Test every test net; returns the mean of each output."""
-        return [self.test(i) for i in range(len(self.test_nets))]
+        means = []
+        for i in range(len(self.test_nets)):
+            if self.requested == "stop":
+                break
+            means.append(self.test(i))
+        return means
 
     def test(self, number: int) -> dict[str, Any]:
         """Run one test net over test_iter batches; returns and logs the mean of each output."""
         net, batches = self.test_nets[number], self.param.test_iter[number]
+        begun = time.perf_counter()
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
         sums: dict[str, Any] = {}
         loss = 0.0
@@ -274,7 +280,7 @@ class Solver:
         if self.param.test_compute_loss:
             log.info("Test loss: %.6g", loss / batches)
         self._report("Test", net, means)
-        self._lap = (self.iter, time.perf_counter())
+        self._lap = (self._lap[0], self._lap[1] + time.perf_counter() - begun)  # tests do not count as training
         return means
 
     # ------------------------------------------------------------------------------------------ snapshots
@@ -297,6 +303,12 @@ class Solver:
 
     def snapshot(self) -> Path:
         """Write weights and solver state; returns the path of the state. Raises WeightsError."""
+        for param in self.net.learnable:
+            if not np.isfinite(param.blob.data).all():
+                raise DivergenceError(
+                    f"iteration {self.iter}: parameter {param.index} of layer {param.layer!r} is not finite, so no "
+                    "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
+                )
         weights_path, state_path = self.snapshot_paths(self.iter)
         log.info("Snapshotting to HDF5 file %s", weights_path)
         log.info("Snapshotting solver state to HDF5 file %s", state_path)
@@ -310,7 +322,6 @@ class Solver:
         course = {name: getattr(self.param, name) for name in _COURSE}
         extra = {
             "solver": {**course, "batch": self._batch()},
-            "seed": self.seed,
             "smoothed": list(self.smoothed),
             "layers": [net.layer_states() for net in [self.net, *self.test_nets]],
         }
@@ -340,6 +351,7 @@ class Solver:
         for i, array in enumerate(state.history):
             self.history[i % count][i // count][...] = array
         self.iter = state.iter
+        self.smoothed.clear()
         self.smoothed.extend(state.extra.get("smoothed", []))
         for net, states in zip([self.net, *self.test_nets], state.extra.get("layers", [])):
             net.restore_layer_states(states)
@@ -412,8 +424,9 @@ def _checked(p: SolverParameter) -> SolverParameter:
         raise fail("lr_policy", "lr_policy 'poly' needs max_iter")
     if p.type in ("AdaGrad", "RMSProp") and p.momentum:
         raise fail("momentum", f"{p.type} has no momentum; leave the field out")
-    if not 0 <= p.rms_decay < 1 or (p.type == "Adam" and not 0 <= p.momentum2 < 1):
-        raise fail("rms_decay", "rms_decay and momentum2 must be at least 0 and less than 1")
+    for name in ("momentum", "momentum2", "rms_decay"):
+        if not 0 <= getattr(p, name) < 1:
+            raise fail(name, f"{name} {getattr(p, name):g} must be at least 0 and less than 1")
     if p.regularization_type not in ("L1", "L2"):
         raise fail("regularization_type", f"unknown regularization_type {p.regularization_type!r}; known: L1, L2")
     if p.iter_size < 1 or p.average_loss < 1:

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from netlib.schema import SolverParameter
 
@@ -109,7 +110,7 @@ POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {
     "inv": lambda p, i: p.base_lr * (1 + p.gamma * i) ** -p.power,
     "multistep": lambda p, i: p.base_lr * p.gamma ** steps_taken(p, i),
     "poly": lambda p, i: p.base_lr * (1 - min(i, p.max_iter) / p.max_iter) ** p.power,
-    "sigmoid": lambda p, i: p.base_lr / (1 + math.exp(-p.gamma * (i - p.stepsize))),
+    "sigmoid": lambda p, i: p.base_lr * float(expit(p.gamma * (i - p.stepsize))),
 }
 
 

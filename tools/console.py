@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TextIO
+from typing import Any
 
 from netlib.errors import NetlibError
 
@@ -58,7 +58,7 @@ class CaffeFormatter(logging.Formatter):
         return f"{letter}{stamp}.{micro:06d} {threading.get_native_id()} {record.filename}:{record.lineno}] {text}"
 
 
-class BarHandler(logging.StreamHandler[TextIO]):
+class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
     """Writes log lines above a progress bar."""
 
     bar: Any = None

@@ -32,6 +32,7 @@ from netlib.net import Net
 from tools.console import DONE, guarded, progress_bar
 from tools.train import with_advice
 
+ROOT = Path(__file__).resolve().parent.parent
 COLUMNS = {  # figure -> heading, format
     "error_mm": ("all joints mm", "{:.2f}"),
     "error_14_mm": ("14 joints mm", "{:.2f}"),
@@ -46,7 +47,10 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
     parser.add_argument(
-        "--model", metavar="NET", default="prototxt/nyu_train_test.prototxt", help="default: %(default)s"
+        "--model",
+        metavar="NET",
+        default=str(ROOT / "prototxt" / "nyu_train_test.prototxt"),
+        help="default: nyu_train_test.prototxt",
     )
     parser.add_argument("--picture", metavar="FILE", help="draw the first frames with the last snapshot's hands")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -59,10 +63,8 @@ def run(args: argparse.Namespace) -> int:
     rows = []
     with with_advice():
         net = Net(args.model, netlib.TEST)
-    start = net.layer_states()
     for snapshot in args.snapshots:
         net.copy_from(snapshot)
-        net.restore_layer_states(start)  # every snapshot sees the same frames from the first on
         predictions = _run(net, snapshot)
         hand = hand_layer(net)
         figures = score(predictions, hand.skeleton if hand else kinematics.load())
@@ -82,16 +84,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(net: Net, snapshot: str) -> Predictions:
     bar = progress_bar(data_layer(net).rows, 0, "frame")
-    for done in predict(net):
-        if isinstance(done, Predictions):
-            break
-        if bar is not None:
-            bar.set_description(Path(snapshot).name, refresh=False)
-            bar.update(done - bar.n)
-    if bar is not None:
-        bar.close()
-    assert isinstance(done, Predictions)
-    return done
+    if bar is None:
+        return predict(net)
+    with bar:
+        bar.set_description(Path(snapshot).name)
+        return predict(net, progress=lambda done: bar.update(done - bar.n))
 
 
 def write_picture(path: str, net: Net, predictions: Predictions, count: int = 12) -> None:

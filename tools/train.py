@@ -26,7 +26,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 # isort: split
 
-from netlib import prototxt, schema
+from netlib import prototxt
 from netlib.errors import DataError, NetlibError, os_reason
 from netlib.solver import Solver
 from tools.console import (
@@ -121,8 +121,7 @@ def _describe(solver: Solver) -> None:
     """What is trained, on what."""
     net = solver.net
     for at in net.connections:
-        tree = schema.tree_of(at.layer.spec)
-        log.info("Creating Layer %s%s", at.layer.name, "" if tree else " (split)")
+        log.info("Creating Layer %s", at.layer.name)
         for name, blob in zip(at.layer.spec.top, at.top):
             where = " (in-place)" if name in at.layer.spec.bottom else ""
             log.info(
