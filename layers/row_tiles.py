@@ -54,7 +54,7 @@ class RowTiles:
         N, O, Ho, Wo = y.shape
         pitch = self.pitch(x, y, T)
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
-        out = y.data if y.tile else layer.buffer(f"Y{storage}", storage)
+        out = y.data if y.tile else layer.buffer("Y", storage)
         rows = out[:Ho].reshape(Ho, T * O, -1)
         np.matmul(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), out=rows)
         if bias is not None:
@@ -66,7 +66,7 @@ class RowTiles:
         """All right factors, (Ho, kh J C, L), a view of X."""
         (N, C, H, _), (_, _, kh, kw) = x.shape, w
         J, P = T + kw - 1, pitch // T
-        X = layer.buffer(f"X{N, C, H, J, P}", (H, J, C, N, P))
+        X = layer.buffer("X", (H, J, C, N, P))
         if x.tile == T and x.pitch == pitch:
             X[:, :T] = x.data[:H]
         else:
@@ -82,10 +82,10 @@ class RowTiles:
         N, O, Ho, _ = y.shape
         pitch = self.pitch(x, y, T)
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
-        out = y.diff if y.tile else layer.buffer(f"dY{storage}", storage)
+        out = y.diff if y.tile else layer.buffer("dY", storage)
         dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
         right = self.lower(layer, x, w.shape, T, pitch)
-        product = layer.buffer(f"G{Ho, right.shape[1], T * O}", (Ho, right.shape[1], T * O))
+        product = layer.buffer("G", (Ho, right.shape[1], T * O))
         np.matmul(right, dy.transpose(0, 2, 1), out=product)
         dw += fold(product.sum(axis=0).T, w.shape, T)
         if db is not None:
@@ -97,14 +97,14 @@ class RowTiles:
         """dx from dy (Ho, T, O, L)."""
         (N, C, H, W), (O, _, kh, kw), (Ho, _, _, L) = x.shape, w.shape, dy.shape
         J = T + kw - 1
-        D = layer.buffer(f"D{N, H, pitch}", (H + kh - 1, J, O, L))  # zero rows above and below stay zero
+        D = layer.buffer("D", (H + kh - 1, J, O, L))  # zero rows above and below stay zero
         rows = D[kh - 1 : kh - 1 + Ho]
         for j in range(J):  # column T t + j - (kw - 1) of dy
             back, phase = divmod(j - (kw - 1), T)
             rows[:, j, :, -back if back else None :] = dy[:, phase, :, : L + back]
         factors = stacked_rows(D.reshape(H + kh - 1, J * O, L), kh)
         direct = x.tile == T and x.pitch == pitch
-        dx = x.diff[:H] if direct else layer.buffer(f"dX{N, H, pitch}", (H, T, C, N, pitch // T))
+        dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
         np.matmul(self.matrices(w, T)[1], factors, out=dx.reshape(H, T * C, L))
         if direct:
             return

@@ -2,9 +2,9 @@ r"""WindowTiles: the first convolution of a depth image, only where there is som
 
 Most of a depth crop is background, one constant value b. Where all that a T x T window of outputs reads is b, the
 output is known without a product: bias + b * (sum of the kernel). So the windows that see anything else are looked up,
-the (T + k - 1)² inputs of each are copied into a row of X, and all of them go through one large product,
+the inputs of each are copied into a row of X, and all of them go through one large product,
 
-    Y (T T O, A)  =  M (T T O, S S)  @  Xᵀ (S S, A)         S = T + k - 1, A windows
+    Y (T T O, A)  =  M (T T O, S S)  @  Xᵀ (S S, A)         A windows, kernel T + 1, S = 2 T
 
 with M[p, q, o, p + i, q + j] = w[o, 0, i, j]. The top is a sparse blob (netlib/blob.py): the windows, and the constant
 of all others. It is exact for any image and any b; the time saved depends on how much of the image is b.
@@ -29,12 +29,11 @@ class WindowTiles:
 
     @staticmethod
     def fits(x: Blob, y: Blob, w: Blob) -> bool:
-        """Is the top asked for as tiles, with windows side by side that read whole blocks of T inputs?"""
+        """Does each T x T window of the top, with a kernel of T + 1, read exactly 2 x 2 blocks of T x T inputs?"""
         T, (_, C, kh, kw) = y.tile, w.shape
-        if T is None or x.tile is not None or C != 1 or kh != kw or not 1 < kh <= T + 1:
+        if T is None or x.tile is not None or C != 1 or not kh == kw == T + 1:
             return False
-        sizes = [*x.shape[2:], *y.shape[2:]]
-        return all(size % T == 0 for size in sizes) and (kh - 1) * x.dtype.itemsize % 8 == 0 == T * x.dtype.itemsize % 8
+        return x.shape[2] % T == x.shape[3] % T == 0 and T * x.dtype.itemsize % 8 == 0
 
     def matrix(self, w: Array, T: int) -> Array:
         """M. Made anew when the weights have changed."""
@@ -52,37 +51,34 @@ class WindowTiles:
         """y from x."""
         T = y.tile or 1
         b = x.data.max()  # the far plane of a depth crop; any other choice is as right, only slower
-        windows = self.windows(x.data, b, T, w.shape[2])
+        windows = self.windows(x.data, b, T)
         A = len(windows[0])
         O, places = len(w), T * T
         out = layer.buffer("Y", (y.count,))[: places * O * A].reshape(places * O, A)
-        np.matmul(self.matrix(w, T), self.patches(layer, x.data, windows, T, w.shape[2]).T, out=out)
+        np.matmul(self.matrix(w, T), self.patches(layer, x.data, windows, T).T, out=out)
         rest = w.sum(axis=(1, 2, 3)) * b
         if bias is not None:
             out += np.tile(bias, places)[:, None]
             rest += bias
         y.sparse = SparseTiles(*windows, out.reshape(places, O, A), rest)
 
-    def windows(self, x: Array, b: Array, T: int, k: int) -> tuple[Array, Array, Array]:
+    def windows(self, x: Array, b: Array, T: int) -> tuple[Array, Array, Array]:
         """Image, row and column of every window that reads anything but b."""
         N, _, H, W = x.shape
         seen = (x != b).reshape(N, H // T, T, W)
-        block = seen[:, :, 0].copy()
-        for i in range(1, T):
-            block |= seen[:, :, i]
+        block = np.logical_or.reduce([seen[:, :, i] for i in range(T)])
         block = np.logical_or.reduce([block[:, :, j::T] for j in range(T)])  # (N, H / T, W / T): T x T inputs
-        reads = block[:, :-1] | block[:, 1:] if k > 1 else block  # a window reads two blocks in each direction
+        reads = block[:, :-1] | block[:, 1:]
         reads = reads[:, :, :-1] | reads[:, :, 1:]
         image, row, column = np.nonzero(reads)
         return image, row, column
 
-    def patches(self, layer: Layer, x: Array, windows: tuple[Array, Array, Array], T: int, k: int) -> Array:
+    def patches(self, layer: Layer, x: Array, windows: tuple[Array, Array, Array], T: int) -> Array:
         """X (A, S S): what each window reads. Copied in units of several numbers, as if they were one."""
         image, row, column = windows
         N, _, H, W = x.shape
-        S, A = T + k - 1, len(image)
-        wide = T * x.itemsize % 16 == 0 == S * x.itemsize % 16
-        unit = np.dtype(np.complex128 if wide else np.complex64)
+        S, A = 2 * T, len(image)
+        unit = np.dtype(np.complex128 if T * x.itemsize % 16 == 0 else np.complex64)
         per = unit.itemsize // x.itemsize  # numbers in a unit
         inside = (np.arange(S)[:, None] * (W // per) + np.arange(S // per)).reshape(-1)
         first = (image * H + row * T) * (W // per) + column * (T // per)
@@ -98,7 +94,7 @@ class WindowTiles:
         T, k = y.tile or 1, w.shape[2]
         places, O, A = found.diff.shape
         dy = found.diff.reshape(places * O, A)
-        X = self.patches(layer, x.data, (found.image, found.row, found.column), T, k)
+        X = self.patches(layer, x.data, (found.image, found.row, found.column), T)
         dM = (dy @ X).reshape(T, T, O, T + k - 1, T + k - 1)
         for p in range(T):
             for q in range(T):

@@ -11,8 +11,13 @@ little blobs of their own:
   or with the slice if backward needs them again; the whole blob never exists;
 - any other blob is a window on the whole one.
 
-Slices are dealt to a fixed number of *lanes*; a lane's twins add their parameter gradients in the order of its
-slices, and the lanes are summed in order. So results do not depend on the number of threads.
+Slices are dealt to a fixed number of *lanes*. A lane's slices share parameter gradients and run one after the other;
+a thread takes the next lane when it is free; the lanes are summed in order. So results do not depend on the number
+of threads.
+
+    batch   0..16 | 17..33 | 34..50 | ...       slices, one piece (twins of the layers) each
+    lane    0     | 1      | 2      | ...  15 | 0 | 1 ...
+    dw = dw(lane 0) + dw(lane 1) + ...          always in this order
 
 Two freedoms are used, both exact. A hidden blob between two layers that agree on it is *tiled* (see blob.py). And
 a monotone layer in place (ReLU) before a max pooling runs after it, on a sixteenth of the values: max(f(a), f(b))
@@ -24,6 +29,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -48,6 +54,10 @@ class Connection:
     needs_backward: bool = False
 
 
+Piece = list[Connection]  # the twins of all layers of a run, for one slice
+Lane = list[Piece]  # slices that share parameter gradients
+
+
 class WholeStep:
     """One layer, run on the whole batch."""
 
@@ -65,7 +75,7 @@ class WholeStep:
             self._shapes = shapes
         at.layer.forward(at.bottom, at.top)
 
-    def pieces(self) -> list[list[Connection]]:
+    def pieces(self) -> list[Piece]:
         """The layer, for the whole batch."""
         return [self.connections]
 
@@ -88,7 +98,7 @@ class SlicedRun:
         self._kept = {id(b) for at in self._order for b in _read_again(at)}
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
-        self._lanes: list[list[list[Connection]]] = []
+        self._lanes: list[Lane] = []
         self.weights: list[tuple[Array, Array]] = []  # parameters, and their values in the last forward
         self._inputs, self._outputs = self.outside("bottom"), self.outside("top")
 
@@ -97,7 +107,7 @@ class SlicedRun:
         secret = {id(b) for b in self.hidden}
         return [b for at in self.connections for b in getattr(at, blobs) if id(b) not in secret]
 
-    def pieces(self) -> list[list[Connection]]:
+    def pieces(self) -> list[Piece]:
         """The twins of the layers for every slice, in the order in which they run."""
         self._reshape()
         return [piece for lane in self._lanes for piece in lane]
@@ -108,15 +118,12 @@ class SlicedRun:
         self.weights = [(p.data, p.data.copy()) for at in self.connections for p in at.layer.blobs]
         for blob in self._outputs:
             blob.ensure("data")  # memory is taken here, not by several threads at once
-        parallel.run([self._forward_job(lane) for lane in self._lanes])
+        parallel.run([partial(self._forward, lane) for lane in self._lanes])
 
-    def _forward_job(self, lane: list[list[Connection]]) -> Callable[[], None]:
-        def job() -> None:
-            for piece in lane:
-                for at in piece:
-                    at.layer.forward(at.bottom, at.top)
-
-        return job
+    def _forward(self, lane: Lane) -> None:
+        for piece in lane:
+            for at in piece:
+                at.layer.forward(at.bottom, at.top)
 
     def backward(self) -> None:
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
@@ -124,23 +131,20 @@ class SlicedRun:
             return
         for blob in [*self._inputs, *self._outputs]:
             blob.ensure("diff")
-        parallel.run([self._backward_job(lane) for lane in self._lanes])
+        parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self._order):
             for j, whole in enumerate(at.layer.blobs):
                 for lane in self._lanes:
                     whole.diff[...] += lane[0][i].layer.blobs[j].diff
 
-    def _backward_job(self, lane: list[list[Connection]]) -> Callable[[], None]:
-        def job() -> None:
-            for at in lane[0]:
-                for param in at.layer.blobs:
-                    param.diff[...] = 0
-            for piece in lane:
-                for at in reversed(piece):
-                    if at.needs_backward:
-                        at.layer.backward(at.top, at.propagate_down, at.bottom)
-
-        return job
+    def _backward(self, lane: Lane) -> None:
+        for at in lane[0]:
+            for param in at.layer.blobs:
+                param.diff[...] = 0
+        for piece in lane:
+            for at in reversed(piece):
+                if at.needs_backward:
+                    at.layer.backward(at.top, at.propagate_down, at.bottom)
 
     def _reshape(self) -> None:
         """Cut the batch into slices, if that is not done yet for these shapes."""
@@ -152,7 +156,7 @@ class SlicedRun:
         items = self.connections[0].bottom[0].shape[0]
         largest = max(b.count * b.dtype.itemsize // max(items, 1) for at in self.connections for b in at.top)
         slices = parallel.blocks(items, max(1, min(LARGEST_SLICE, SLICE_BYTES // max(largest, 1))))
-        lanes: list[list[list[Connection]]] = []
+        lanes: list[Lane] = []
         for i, rows in enumerate(slices):
             if i < LANES:
                 params = [Blobs([_ParamTwin(p) for p in at.layer.blobs]) for at in self._order]
@@ -162,7 +166,7 @@ class SlicedRun:
             lanes[i % LANES].append(self._piece(rows, params))
         self._lanes, self._shapes = lanes, shapes
 
-    def _piece(self, rows: slice, params: list[Blobs]) -> list[Connection]:
+    def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """The twins of the layers for one slice."""
         blobs: dict[int, Blob] = {}
 
@@ -288,54 +292,61 @@ def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, in
     return tiles
 
 
-def plan(connections: Sequence[Connection], whole: Callable[[Blob], bool]) -> list[WholeStep | SlicedRun]:
-    """Arrange the layers of a net into steps. Blobs for which ``whole`` is true are never hidden."""
+def plan(connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> list[WholeStep | SlicedRun]:
+    """Arrange the layers of a net into steps. Blobs for which ``stored`` is true are never hidden."""
     steps: list[WholeStep | SlicedRun] = []
-    row: list[Connection] = []
-    for at in [*connections, None]:
-        if at is not None and _fits(row, at):
-            row.append(at)
+    run: list[Connection] = []  # layers that could run in slices together
+    for at in connections:
+        if _fits(run, at):
+            run.append(at)
             continue
-        steps += _close(row, connections, whole)
-        row = [at] if at is not None and _fits([], at) else []
-        if at is not None and not row:
+        steps += _steps_for(run, connections, stored)
+        run = [at] if _fits([], at) else []
+        if not run:
             steps.append(WholeStep(at))
-    return steps
+    return steps + _steps_for(run, connections, stored)
 
 
-def _fits(row: list[Connection], at: Connection) -> bool:
-    """May this layer join the row?"""
+def _fits(run: list[Connection], at: Connection) -> bool:
+    """May this layer join the run?"""
     if not at.layer.batchwise or not at.bottom:
         return False
-    items = {b.shape[0] if b.shape else None for b in [*at.bottom, *at.top]}
+    items = {blob.shape[0] if blob.shape else None for blob in [*at.bottom, *at.top]}
     if len(items) != 1 or items == {None}:
         return False
-    if not row:  # a first layer in place would change its own input, which could then not be read twice
-        return all(b is not t for b in at.bottom for t in at.top)
-    return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
+    if not run:  # a first layer in place would change its own input, which could then not be read twice
+        return all(blob is not top for blob in at.bottom for top in at.top)
+    return run[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
-def _close(row: list[Connection], every: Sequence[Connection], whole: Callable[[Blob], bool]) -> list[Any]:
-    """The steps for a finished row."""
-    while row:  # a layer in place on a blob that others read may run twice only if that changes nothing
-        hidden = _hidden_blobs(row, every, whole)
-        secret = {id(b) for b in hidden}
-        odd = [
-            i
-            for i, at in enumerate(row)
-            if not at.layer.monotone and any(b is t and id(t) not in secret for b in at.bottom for t in at.top)
-        ]
-        if not odd:
-            break
-        return _close(row[: odd[0]], every, whole) + [WholeStep(at) for at in row[odd[0] :]]
-    if all(at.layer.elementwise for at in row):  # nothing to gain
-        return [WholeStep(at) for at in row]
-    return [SlicedRun(row, hidden)]
+def _steps_for(
+    run: list[Connection], connections: Sequence[Connection], stored: Callable[[Blob], bool]
+) -> list[WholeStep | SlicedRun]:
+    """The steps for layers that could run in slices.
+
+    A layer that overwrites a stored blob in place must not run twice (Net._repeat would), unless that changes
+    nothing. Such a layer ends the run, and from it on the layers are whole.
+    """
+    hidden = _hidden_blobs(run, connections, stored)
+    end = next((i for i, at in enumerate(run) if _overwrites(at, hidden) and not at.layer.monotone), None)
+    if end is not None:
+        return _steps_for(run[:end], connections, stored) + [WholeStep(at) for at in run[end:]]
+    if all(at.layer.elementwise for at in run):  # nothing to gain; also the empty run
+        return [WholeStep(at) for at in run]
+    return [SlicedRun(run, hidden)]
 
 
-def _hidden_blobs(row: list[Connection], every: Sequence[Connection], whole: Callable[[Blob], bool]) -> list[Blob]:
-    """Blobs that only the layers of the row read and write."""
-    inside = {id(at) for at in row}
-    written = {id(b): b for at in row for b in at.top}
-    elsewhere = {id(b) for at in every if id(at) not in inside for b in [*at.bottom, *at.top]}
-    return [b for key, b in written.items() if key not in elsewhere and not whole(b)]
+def _overwrites(at: Connection, hidden: list[Blob]) -> bool:
+    """Does the layer run in place on a blob that is stored?"""
+    secret = {id(blob) for blob in hidden}
+    return any(blob is top and id(blob) not in secret for blob in at.bottom for top in at.top)
+
+
+def _hidden_blobs(
+    run: list[Connection], connections: Sequence[Connection], stored: Callable[[Blob], bool]
+) -> list[Blob]:
+    """Blobs that only the layers of the run read and write."""
+    inside = {id(at) for at in run}
+    written = {id(blob): blob for at in run for blob in at.top}
+    elsewhere = {id(blob) for at in connections if id(at) not in inside for blob in [*at.bottom, *at.top]}
+    return [blob for key, blob in written.items() if key not in elsewhere and not stored(blob)]
