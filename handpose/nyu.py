@@ -6,18 +6,38 @@ counts joints from 0 here: "joint 34", the centre of every crop, is the 35th.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import cv2
+import h5py
 import numpy as np
+import scipy.io
 from numpy.typing import ArrayLike, NDArray
 
-from netlib.errors import DataError
+from handpose.camera import NYU
+from handpose.dataset import (
+    WRONG_SIZE,
+    Annotated,
+    BadFrameError,
+    Problem,
+    names_in,
+    read_centers,
+    read_png,
+    recognise,
+    replace,
+)
+from netlib.errors import DataError, NetlibError
 
+Array = NDArray[np.float64]
+
+LABELS = "joint_data.mat"  # beside the depth frames of each split
 ANNOTATED_JOINTS = 36  # points a frame in joint_data.mat
 CENTER_JOINT = 34  # the annotated joint at which crops are centred
+TRAIN_FRAMES = 72757
 TEST_FRAMES = 8252
 SECOND_SUBJECT = 2440  # test frames from this 0-based index on show a second, smaller hand
+SYNTHETIC = "synthetic"  # what a folder says, in a variable made_from, that tools/make_synthetic.py --raw made
 CUBE_MM = 300.0  # edge of the cube around the hand
 SECOND_CUBE_MM = 300.0 * 0.87  # ... around the second subject's hand
 
@@ -48,14 +68,244 @@ def frame_name(index: int) -> str:
 
 
 def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
-    """Depth (480, 640) in mm of one frame; 0 where the camera read nothing. Raises DataError.
+    """Depth (480, 640) in mm of one frame; 0 where the camera read nothing. Raises BadFrameError.
 
     The file is an RGB image: depth = 256 green + blue, as 16-bit grey would be (red is unused).
     """
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        reason = "not a readable image" if Path(path).is_file() else "no such file"
-        raise DataError(f"{path}: {reason} (expected an NYU depth frame such as {frame_name(0)})")
+    image = read_png(path)
     if image.ndim != 3 or image.shape[2] < 3 or image.dtype != np.uint8:
-        raise DataError(f"{path}: found {image.dtype} of shape {image.shape}, expected 8-bit RGB packing the depth")
+        found = f"found {image.dtype} of shape {image.shape}, expected 8-bit RGB packing the depth"
+        raise BadFrameError(path, WRONG_SIZE, found)
     return image[..., 1].astype(np.float32) * 256 + image[..., 0]
+
+
+def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
+    """The inverse of ``read_nyu_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame, blue first."""
+    mm = np.asarray(depth).astype(np.uint16)
+    return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)
+
+
+# ---------------------------------------------------------------------------------------------- the labels
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The annotation of one split, as seen by the first of the three cameras."""
+
+    uvd: Array  # (N, 36, 3) px, px, mm
+    xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
+    made_from: str  # "NYU"
+
+    def __len__(self) -> int:
+        return len(self.uvd)
+
+
+def read_labels(path: Path) -> Labels:
+    """The labels in a ``joint_data.mat``, of MATLAB's version 5 or 7.3. Raises DataError."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames")
+    try:
+        found = _read_hdf5(path) if h5py.is_hdf5(path) else _read_matlab(path)
+    except NetlibError:
+        raise
+    except Exception as error:  # of a damaged file, SciPy's reader may raise anything
+        told = " ".join(str(error).split())[:120]
+        raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {told}") from None
+    for name in ("joint_uvd", "joint_xyz"):
+        array = found[name]
+        if array.ndim != 4 or array.shape[2:] != (ANNOTATED_JOINTS, 3) or array.dtype.kind not in "fiu":
+            raise DataError(f"{path}: {name} is {array.dtype} of shape {array.shape}, expected numbers "
+                            f"(cameras, frames, {ANNOTATED_JOINTS}, 3)")  # fmt: skip
+    uvd, xyz = (np.array(found[name][0], dtype=np.float64) for name in ("joint_uvd", "joint_xyz"))
+    if len(uvd) != len(xyz) or not len(uvd):
+        raise DataError(f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0")
+    _check_axes(path, uvd, xyz)
+    return Labels(uvd, xyz, str(found.get("made_from", "NYU")))
+
+
+def _read_matlab(path: Path) -> dict[str, Any]:
+    """The variables of a file of version 5."""
+    if path.stat().st_size >= 128 and scipy.io.matlab.matfile_version(str(path))[0] == 0:
+        raise DataError(f"{path}: a MATLAB file of version 4, or none; expected version 5 or 7.3")
+    known = {name: shape for name, shape, _ in scipy.io.whosmat(str(path))}
+    _check_names(path, list(known))
+    found: dict[str, Any] = {}
+    for name in ("joint_uvd", "joint_xyz"):  # one after the other, and of each the first camera only: they are large
+        whole = scipy.io.loadmat(str(path), variable_names=[name])[name]
+        found[name] = whole[:1].copy() if whole.ndim == 4 else whole
+    if "made_from" in known:
+        found["made_from"] = np.ravel(scipy.io.loadmat(str(path), variable_names=["made_from"])["made_from"])[0]
+    return found
+
+
+def _read_hdf5(path: Path) -> dict[str, Any]:
+    """The variables of a file of version 7.3, which is HDF5 with the axes in reverse order."""
+    with h5py.File(path, "r") as file:
+        _check_names(path, list(file))
+        datasets = {name: file[name] for name in ("joint_uvd", "joint_xyz")}
+        found: dict[str, Any] = {
+            name: d[..., :1].T if getattr(d, "ndim", 0) == 4 else np.asarray(d) for name, d in datasets.items()
+        }
+        if "made_from" in file:
+            found["made_from"] = "".join(map(chr, np.ravel(file["made_from"][...])))
+        return found
+
+
+def _check_names(path: Path, names: list[str]) -> None:
+    for name in ("joint_uvd", "joint_xyz"):
+        if name not in names:
+            raise DataError(f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}")
+
+
+def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
+    """Pixels and mm must tell of the same points, in our camera axes. Raises DataError."""
+    some = slice(None, None, max(len(uvd) // 2000, 1))
+    with np.errstate(all="ignore"):
+        difference = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some]), axis=(0, 1))
+        upside_down = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some] * (1, -1, 1)), axis=(0, 1))
+    if not (difference < 5).all():
+        hint = "; its y axis points down, expected up" if (upside_down < 5).all() else ""
+        raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
+                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")  # fmt: skip
+
+
+# Annotated joints that are none of the model's, and the two between which a synthetic annotation puts them.
+_STAND_INS = {26: (25, 27), 29: (28, 28), 33: (32, 32), 35: (32, 32)}
+
+
+def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
+    """Model joints (N, 31, 3) and crop centres (N, 3) as 36 annotated joints, mm; what the model lacks is made up."""
+    joints = np.asarray(joints, dtype=np.float64)
+    xyz = np.zeros((len(joints), ANNOTATED_JOINTS, 3))
+    xyz[:, list(ANNOTATION_OF_JOINT)] = joints
+    xyz[:, CENTER_JOINT] = center
+    for j, (a, b) in _STAND_INS.items():
+        xyz[:, j] = (xyz[:, a] + xyz[:, b]) / 2
+    return xyz
+
+
+def write_labels(path: Path, xyz: Array, made_from: str) -> None:
+    """Write a ``joint_data.mat`` of one camera, version 5, whole or not at all; xyz (N, 36, 3) mm, camera axes."""
+    variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
+    replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
+
+
+# ---------------------------------------------------------------------------------------------- the frames
+
+
+def folder_of(root: Path, split: str) -> Path:
+    """The folder of a split: ROOT/train, or ROOT/dataset/train, as the archive has it."""
+    inner = root / "dataset" / split
+    return inner if inner.is_dir() and not (root / split).is_dir() else root / split
+
+
+def annotated(root: Path, split: str, centers: Path | None = None) -> Annotated:
+    """The frames of a split. ``centers`` is a file of crop centres; without it joint 34. Raises DataError."""
+    folder = folder_of(root, split)
+    labels = read_labels(folder / LABELS)
+    count = len(labels)
+    cubes = cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM)
+    return Annotated(
+        split=split,
+        files=[folder / frame_name(i) for i in range(count)],
+        center_uvd=labels.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        joints=labels.xyz[:, list(ANNOTATION_OF_JOINT)],
+        cube_mm=np.full(count, CUBE_MM) if labels.made_from == SYNTHETIC else cubes,
+        camera=NYU,
+        read=read_nyu_depth,
+        made_from=labels.made_from,
+        centre=f"annotated joint {CENTER_JOINT}" if centers is None else f"centres of {centers.name}",
+    )
+
+
+def check(root: Path, split: str) -> tuple[list[str], list[Problem]]:
+    """What is there of a split, and what is wrong with it, a line each."""
+    if not root.is_dir():
+        return [], [Problem(f"{root}: no such folder")]
+    folder = folder_of(root, split)
+    if not folder.is_dir():
+        return [], [Problem(_no_split(root, split))]
+    names = names_in(folder)
+    numbers = {i for i in map(_number, names) if i is not None}
+    problems = []
+    if not numbers:
+        problems.append(Problem(_no_frames(folder, names)))
+    try:
+        labels = read_labels(folder / LABELS)
+    except DataError as error:
+        problems.append(Problem(str(error)))
+        return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], problems
+    found = [f"{folder}: {len(labels)} labelled frames ({labels.made_from}), {len(numbers)} depth frames of camera 1"]
+    if labels.made_from != SYNTHETIC:
+        problems += _count_problems(folder, split, len(labels))
+    missing = sorted(set(range(len(labels))) - numbers)
+    if numbers and missing:
+        problems.append(Problem(_missing(folder, split, len(labels), missing), fatal=False))
+    if numbers and not missing:
+        problems += _first_frame(folder)
+    return found, problems
+
+
+def _number(name: str) -> int | None:
+    """0-based number of a depth frame of camera 1, or None for any other name."""
+    digits = name[len("depth_1_") : -len(".png")]
+    return int(digits) - 1 if digits.isascii() and digits.isdigit() and name == frame_name(int(digits) - 1) else None
+
+
+def _no_split(root: Path, split: str) -> str:
+    if (root / LABELS).is_file() or any(_number(name) is not None for name in names_in(root)):
+        return f"{root}: is itself a split; give the folder above it, which holds train and test"
+    held = recognise(root)
+    if held == "the NYU hand pose data set":
+        return f"{root}: no folder {split!r}; the data set has train and test"
+    advice = "; use tools/prepare_icvl.py" if held and "ICVL" in held else ""
+    told = f"looks like {held}{advice}" if held else "does not look like any data set known here"
+    return f"{root}: no folder {split!r} with NYU frames; it {told}"
+
+
+def _no_frames(folder: Path, names: set[str]) -> str:
+    kinds = {
+        "synthdepth_1_": "rendered depth (synthdepth_1_*.png); the real frames are needed",
+        "rgb_1_": "colour images (rgb_1_*.png); the depth frames are needed",
+        "depth_2_": "frames of camera 2; those of camera 1 are needed",
+        "depth_3_": "frames of camera 3; those of camera 1 are needed",
+    }
+    only = next(
+        (told for start, told in kinds.items() if any(name.startswith(start) for name in names)), "none of them"
+    )
+    return f"{folder}: no depth frames such as {frame_name(0)}; found {only}"
+
+
+def _count_problems(folder: Path, split: str, labelled: int) -> list[Problem]:
+    expected = TEST_FRAMES if split == "test" else TRAIN_FRAMES
+    if labelled == expected:
+        return []
+    text = f"{folder / LABELS}: {labelled} labelled frames, the whole {split} set has {expected}"
+    if split == "test" and labelled == SECOND_SUBJECT:
+        return [Problem(f"{text}; these are the first of the two test subjects only", fatal=False)]
+    if split == "test" and labelled == TEST_FRAMES - SECOND_SUBJECT:
+        return [Problem(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
+    return [Problem(text, fatal=labelled > expected)]
+
+
+def _missing(folder: Path, split: str, labelled: int, missing: list[int]) -> str:
+    text = f"{folder}: {len(missing)} of {labelled} depth frames are missing, the first is {frame_name(missing[0])}"
+    if split == "test" and labelled == TEST_FRAMES:
+        subjects = [range(SECOND_SUBJECT), range(SECOND_SUBJECT, TEST_FRAMES)]
+        gone = set(missing)
+        for subject, which in zip(subjects, ("first", "second")):
+            if gone.issuperset(subject):
+                return f"{text}; all of the {which} test subject's are"
+    return text
+
+
+def _first_frame(folder: Path) -> list[Problem]:
+    try:
+        shape = read_nyu_depth(folder / frame_name(0)).shape
+    except BadFrameError as error:
+        return [Problem(str(error), fatal=error.kind == WRONG_SIZE)]
+    if shape != (NYU.height, NYU.width):
+        return [
+            Problem(f"{folder / frame_name(0)}: {shape[1]} x {shape[0]} pixels, expected {NYU.width} x {NYU.height}")
+        ]
+    return []

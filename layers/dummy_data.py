@@ -39,6 +39,9 @@ class DummyData(Layer):
         for what, given in (("shape", shapes), ("data_filler", p.data_filler)):
             if len(given) not in (0 if what == "data_filler" else 1, 1, len(top)):
                 raise self.fail(f"has {len(top)} tops, but {len(given)} of {what}", what)
+        for shape in shapes:
+            if min(shape, default=0) < 0:
+                raise self.fail(f"shape {tuple(shape)} has a negative size", "shape")
         self.fillers = [p.data_filler[i % len(p.data_filler)] if p.data_filler else Filler() for i in range(len(top))]
         for i, blob in enumerate(top):
             blob.reshape(shapes[i % len(shapes)])

@@ -31,6 +31,9 @@ class Input(Layer):
         shapes = self.param.shape
         if len(shapes) not in (0, 1, len(top)):
             raise self.fail(f"has {len(top)} tops, but {len(shapes)} shapes", "shape")
+        for shape in shapes:
+            if min(shape.dim, default=0) < 0:
+                raise self.fail(f"shape {shape.dim} has a negative size", "shape")
         for i, blob in enumerate(top):
             if shapes:
                 blob.reshape(shapes[i if len(shapes) > 1 else 0].dim)

@@ -114,7 +114,7 @@ def _compare(what: str, gradient: Array, array: Array, value: Any, step: float, 
         numeric[index] = (above - below) / (2 * step)
     if gradient.size == 0:
         return
-    error = np.abs(gradient - numeric)
+    error = np.array(np.abs(gradient - numeric))
     error[~np.isfinite(gradient)] = np.inf
     worst = np.unravel_index(int(error.argmax()), error.shape)
     scale = max(1.0, float(np.abs(numeric).max()))

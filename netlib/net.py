@@ -307,8 +307,7 @@ class Net:
 
         ``inputs`` are arrays for input blobs; a new shape reshapes the net. ``blobs`` names more blobs to return.
         """
-        for name, array in inputs.items():
-            self._set_input(name, np.asarray(array))
+        self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
         if start is None and end is None:
             self.run_forward()
         else:
@@ -368,17 +367,24 @@ class Net:
         stop = len(names) if last is None else names.index(last) + 1
         return self.steps[begin:stop]
 
-    def _set_input(self, name: str, array: NDArray[Any]) -> None:
-        if name not in self.inputs:
-            raise NetlibError(f"net {self.name!r} has no input {name!r}{did_you_mean(name, self.inputs)}; "
-                              f"its inputs: {', '.join(self.inputs) or 'none'}")  # fmt: skip
-        blob = self.blobs[name]
-        if array.shape != blob.shape:
-            if array.ndim != len(blob.shape):
-                raise LayerError(f"input {name!r} has shape {blob.shape}, given an array of shape {array.shape}")
-            blob.reshape(array.shape)
+    def _set_inputs(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Write input blobs; new shapes reshape the net, once."""
+        reshaped = False
+        for name, array in arrays.items():
+            if name not in self.inputs:
+                raise NetlibError(f"net {self.name!r} has no input {name!r}{did_you_mean(name, self.inputs)}; "
+                                  f"its inputs: {', '.join(self.inputs) or 'none'}")  # fmt: skip
+            blob = self.blobs[name]
+            if array.ndim != len(blob.shape) or array.dtype.kind not in "fiub":
+                raise LayerError(f"input {name!r} has shape {blob.shape} of {blob.dtype}, "
+                                 f"given an array {array.shape} of {array.dtype}")  # fmt: skip
+            if array.shape != blob.shape:
+                blob.reshape(array.shape)
+                reshaped = True
+        if reshaped:
             self.reshape()
-        blob.data[...] = array
+        for name, array in arrays.items():
+            self.blobs[name].data[...] = array
 
     def _blob(self, name: str | None) -> Blob:
         if name not in self.blobs:

@@ -96,28 +96,46 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 
 
 def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
-    """Write all files beside their targets, then rename them in order."""
-    made: list[Path] = []
+    """Write all files beside their targets, then rename them in order; if that fails, the old files are back.
+
+    An old last file (the state) is put aside before the others change: it never stands beside weights not its own.
+    """
     current = files[0][0]
+    fresh = {path: _beside(path, "tmp") for path, _ in files}
+    aside: dict[Path, Path] = {}
     try:
         for path, content in files:
             current = path
             path.parent.mkdir(parents=True, exist_ok=True)
-            made.append(path.with_name(f".{path.name}.{os.getpid()}.tmp"))
-            with open(made[-1], "wb") as out:
+            with open(fresh[path], "wb") as out:
                 out.write(content)
                 out.flush()
                 os.fsync(out.fileno())
-        for (path, _), temporary in zip(files, made):
+        for path, _ in reversed(files):
             current = path
-            os.replace(temporary, path)
+            if path.exists():
+                old = _beside(path, "old")
+                os.replace(path, old)
+                aside[path] = old
+        for path, _ in files:
+            current = path
+            os.replace(fresh[path], path)
             _sync_directory(path.parent)
-    except OSError as error:
-        raise WeightsError(f"{current}: cannot write the snapshot: {os_reason(error)}") from error
+    except BaseException as error:
+        for path, old in aside.items():
+            os.replace(old, path)
+        if isinstance(error, OSError):
+            raise WeightsError(f"{current}: cannot write the snapshot: {os_reason(error)}") from error
+        raise
     finally:
-        for temporary in made:
+        for leftover in [*fresh.values(), *aside.values()]:
             with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+                leftover.unlink(missing_ok=True)
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """A hidden name in the same directory, so that renaming is atomic."""
+    return path.with_name(f".{path.name}.{os.getpid()}.{suffix}")
 
 
 def _sync_directory(directory: Path) -> None:
@@ -222,7 +240,7 @@ def _open(path: str | Path, what: str) -> Iterator[h5py.File]:
     try:
         with h5py.File(path, "r") as file:
             yield file
-    except (OSError, KeyError, ValueError, RuntimeError, json.JSONDecodeError) as error:
+    except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise WeightsError(f"{path}: damaged or truncated ({' '.join(str(error).split())}); expected {what}") from error
 
 

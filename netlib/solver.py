@@ -364,15 +364,20 @@ class Solver:
         if not state.extra:
             log.info("Written by Caffe: data positions and random numbers start anew")
             return
-        log.info("Restored: data positions, random numbers, averaged loss; the training goes on exactly")
-        if not self._same_data(state):
-            log.info("Changed: the training data, which starts from its first row")
         now = snapshot.as_plain({**{name: getattr(self.param, name) for name in _COURSE}, "batch": self._batch()})
+        if self.param.lr_policy != "poly":
+            now.pop("max_iter")  # training longer changes nothing on the way
+        changes = []
+        if not self._same_data(state):
+            changes.append("the training data, which starts from its first row")
         for name, old in state.extra.get("solver", {}).items():
             if name in now and now[name] != old:
-                log.info(
-                    "Changed: %s was %s, is now %s", "batch size" if name == "batch" else name, _g(old), _g(now[name])
-                )
+                what = "batch size" if name == "batch" else name
+                changes.append(f"{what} was {_g(old)}, is now {_g(now[name])}")
+        exactly = "; the training goes on exactly" if not changes else ""
+        log.info("Restored: data positions, random numbers, averaged loss%s", exactly)
+        for change in changes:
+            log.info("Changed: %s", change)
 
     def _same_data(self, state: SolverState) -> bool:
         then, now = state.extra.get("layers", [{}])[0], self.net.layer_states()

@@ -14,10 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import cv2
 import h5py
 import numpy as np
 import pytest
 
+from handpose import nyu
 from handpose.synthetic import Generator
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
@@ -224,3 +226,70 @@ def test_help(tmp_path: Path) -> None:
     """--help shows a command that can be copied."""
     done = run_tool("--help", cwd=tmp_path)
     assert done.returncode == 0 and "python tools/make_synthetic.py --out data/nyu" in done.stdout
+
+
+# ------------------------------------------------------------------------------------------ NYU's format
+
+
+def raw(out: Path, *more: str, train: int = 5) -> list[str]:
+    """A small run with --raw."""
+    return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
+
+
+def test_raw_files(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder a split, with an image a frame and the labels of all 36 joints, not clipped to the cube."""
+    assert tool.main(raw(tmp_path, train=70)) == 0
+    images = [nyu.frame_name(i) for i in range(70)]
+    assert names(tmp_path / "train") == [*images, "joint_data.mat", "synthetic.json"]
+    labels = nyu.read_labels(tmp_path / "train" / nyu.LABELS)
+    assert labels.uvd.shape == (70, 36, 3) and np.isfinite(labels.xyz).all() and labels.made_from == "synthetic"
+    from_center = np.abs(labels.xyz - labels.xyz[:, nyu.CENTER_JOINT, None])
+    assert 150 < from_center.max() < 260
+    depth = nyu.read_nyu_depth(tmp_path / "train" / nyu.frame_name(69))
+    assert depth.shape == (480, 640) and (depth == 0).mean() > 0.5
+    assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in capsys.readouterr().out
+
+
+def test_raw_images_are_solid(tool: ModuleType, tmp_path: Path) -> None:
+    """The hand has no grid of holes where the crop picks every other pixel."""
+    tool.main(raw(tmp_path))
+    for i in range(5):
+        seen = (nyu.read_nyu_depth(tmp_path / "train" / nyu.frame_name(i)) > 0).astype(np.uint8)
+        closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        assert (closed > seen).sum() < 0.03 * seen.sum()
+
+
+def test_raw_keeps_what_is_there(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same again is kept; fewer frames leave none of the others behind; without labels nothing is whole."""
+    tool.main(raw(tmp_path))
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()}
+    assert tool.main(raw(tmp_path)) == 0
+    assert "kept" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()} == before
+    assert tool.main(raw(tmp_path, train=2)) == 0
+    assert len(names(tmp_path / "train")) == 4
+    (tmp_path / "train" / nyu.LABELS).unlink()
+    assert tool.main(raw(tmp_path, train=2)) == 0
+    assert len(nyu.read_labels(tmp_path / "train" / nyu.LABELS)) == 2
+
+
+def test_raw_leaves_real_data_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder that this tool did not make is not written to without --force."""
+    (tmp_path / "train").mkdir()
+    (tmp_path / "train" / nyu.frame_name(0)).write_text("a real frame")
+    assert tool.main(raw(tmp_path)) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "did not make" in error
+    assert (tmp_path / "train" / nyu.frame_name(0)).read_text() == "a real frame"
+    assert tool.main(raw(tmp_path, "--force")) == 0
+
+
+def test_raw_workers_change_no_byte(tool: ModuleType, tmp_path: Path) -> None:
+    """Images of two processes are equal to those of one, and so are the labels."""
+    tool.main(raw(tmp_path / "a", train=70))
+    done = run_tool(*raw(tmp_path / "b", train=70)[:-1], "2")
+    assert (done.returncode, done.stderr) == (0, "")
+    for name in (nyu.frame_name(0), nyu.frame_name(69)):
+        assert (tmp_path / "a" / "train" / name).read_bytes() == (tmp_path / "b" / "train" / name).read_bytes()
+    a, b = (nyu.read_labels(tmp_path / folder / "train" / nyu.LABELS) for folder in "ab")
+    np.testing.assert_array_equal(a.xyz, b.xyz)

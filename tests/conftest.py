@@ -1,0 +1,67 @@
+"""What all tests share: the recorded data, nets and solvers from text, and a deterministic hypothesis."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+import h5py  # noqa: E402
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
+
+import netlib  # noqa: E402  before NumPy: it chooses the BLAS threads
+from netlib import prototxt  # noqa: E402
+
+settings.register_profile("deterministic", derandomize=True, deadline=None, database=None, max_examples=60)
+settings.load_profile("deterministic")
+
+
+@pytest.fixture(scope="session")
+def caffe_data() -> Path:
+    """What real Caffe computed; skips the test where it is not there."""
+    folder = ROOT.parent / "shared" / "data" / "caffe"
+    if not folder.is_dir():
+        pytest.skip("needs the numbers recorded from Caffe")
+    return folder
+
+
+@pytest.fixture
+def net_of() -> Callable[..., netlib.Net]:
+    """``net_of(text, phase=netlib.TRAIN, **options)``: a net from the text of its prototxt."""
+
+    def make(text: str, phase: int = netlib.TRAIN, **options: Any) -> netlib.Net:
+        options.setdefault("seed", 1)
+        return netlib.Net(prototxt.parse(text, "net.prototxt"), phase, **options)
+
+    return make
+
+
+@pytest.fixture
+def write_rows(tmp_path: Path) -> Callable[..., Path]:
+    """``write_rows("list.txt", [4, 3], data=(2, 5, 5), label=(3,))``: HDF5 files of so many rows, and their list."""
+
+    def write(name: str, rows: list[int], seed: int = 0, **shapes: tuple[int, ...]) -> Path:
+        rng = np.random.default_rng(seed)
+        files = [tmp_path / f"{Path(name).stem}{i}.h5" for i in range(len(rows))]
+        for path, count in zip(files, rows):
+            with h5py.File(path, "w") as file:
+                for blob, shape in shapes.items():
+                    file[blob] = rng.normal(size=(count, *shape)).astype(np.float32)
+        (tmp_path / name).write_text("".join(f"{path}\n" for path in files), encoding="utf-8")
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture
+def keep_threads() -> Iterator[None]:
+    """Puts the number of threads back after a test that changes it."""
+    before = netlib.threads()
+    yield
+    netlib.set_threads(before)

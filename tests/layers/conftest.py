@@ -1,0 +1,90 @@
+"""How the tests of the layers run one layer alone, in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from netlib import gradcheck
+from netlib.blob import Blob, Blobs
+from netlib.schema import Phase
+
+
+class Run:
+    """A layer after one forward pass.
+
+    layer      the layer
+    y, ys      data of the first top, of all tops
+    backward   diffs of the bottoms for these diffs of the tops
+    """
+
+    def __init__(
+        self,
+        text: str,
+        bottoms: Sequence[ArrayLike],
+        tops: int = 1,
+        phase: Phase = "TRAIN",
+        params: Sequence[ArrayLike] = (),
+        in_place: bool = False,
+    ) -> None:
+        arrays = [np.asarray(x, np.float64) for x in bottoms]
+        self.layer = gradcheck.make_layer(f'name: "it" {text}', arrays, tops, phase)
+        for blob, values in zip(self.layer.blobs, params):
+            blob.data[...] = values
+        self.bottom = Blobs([Blob(x.shape, np.float64) for x in arrays])
+        self.top = Blobs([Blob((), np.float64) for _ in range(tops)])
+        if in_place:
+            self.top[0] = self.bottom[0]
+        for blob, x in zip(self.bottom, arrays):
+            blob.data[...] = x
+        self.layer.reshape(self.bottom, self.top)
+        self.layer.forward(self.bottom, self.top)
+
+    @property
+    def y(self) -> np.ndarray:
+        return self.top[0].data
+
+    @property
+    def ys(self) -> list[np.ndarray]:
+        return [blob.data for blob in self.top]
+
+    def backward(self, *dy: ArrayLike, wanted: list[bool] | None = None) -> list[np.ndarray]:
+        for blob, values in zip(self.top, dy):
+            blob.diff[...] = values
+        self.layer.backward(self.top, wanted or [True] * len(self.bottom), self.bottom)
+        return [blob.diff for blob in self.bottom]
+
+
+@pytest.fixture
+def run() -> Callable[..., Run]:
+    """``run(text, x, ..., tops=1)``: a layer after one forward pass."""
+
+    def make(text: str, *bottoms: ArrayLike, **options: Any) -> Run:
+        return Run(text, bottoms, **options)
+
+    return make
+
+
+@pytest.fixture
+def check() -> Callable[..., None]:
+    """``check(text, x, ...)``: the gradient check."""
+
+    def make(text: str, *bottoms: ArrayLike, tops: int = 1, phase: Phase = "TRAIN", **options: Any) -> None:
+        gradcheck.check(gradcheck.make_layer(text, bottoms, tops, phase), bottoms, tops, **options)
+
+    return make
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers, the same for every test."""
+    return np.random.default_rng(0)
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Short names for cases that are texts of a prototxt."""
+    return val.replace("\n", " ")[:60] if isinstance(val, str) else None

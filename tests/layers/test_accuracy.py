@@ -1,0 +1,67 @@
+"""Accuracy."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+SCORES = [[3, 2, 1], [1, 3, 2], [2, 1, 3], [3, 1, 2]]
+
+
+def test_the_best_score_wins(run):
+    """Two of the four labels have it."""
+    assert run('type: "Accuracy"', SCORES, [0, 1, 0, 2]).y == 0.5
+
+
+def test_top_k(run):
+    """All but one label are among the best two."""
+    text = 'type: "Accuracy" accuracy_param { top_k: 2 }'
+    assert run(text, SCORES, [0, 2, 1, 2]).y == 0.75
+
+
+def test_ties_count_against_the_label(run):
+    """A net that says nothing is not right by chance."""
+    assert run('type: "Accuracy"', np.zeros((2, 3)), [0, 1]).y == 0
+
+
+def test_per_class(run):
+    """Of each class's own items; 0 for a class without any."""
+    ys = run('type: "Accuracy"', SCORES, [0, 0, 2, 0], tops=2).ys
+    assert ys[0] == 0.75
+    assert ys[1].tolist() == [2 / 3, 0, 1]
+
+
+def test_ignored_labels_do_not_count(run):
+    """Nor do they have to be classes."""
+    assert run('type: "Accuracy" accuracy_param { ignore_label: 255 }', SCORES, [0, 255, 255, 1]).y == 0.5
+    assert run('type: "Accuracy" accuracy_param { ignore_label: 9 }', SCORES, [9, 9, 9, 9]).y == 0
+
+
+def test_classes_on_another_axis(run, rng):
+    """The last one, for every pixel."""
+    scores = rng.normal(size=(2, 4, 3))
+    labels = scores.argmax(axis=2)
+    labels[0, 0] = (labels[0, 0] + 1) % 3
+    assert run('type: "Accuracy" accuracy_param { axis: -1 }', scores, labels).y == 7 / 8
+
+
+@pytest.mark.parametrize(
+    ("text", "labels", "message"),
+    [
+        ("", [0, 1], r"labels 'bottom1' \(2,\) do not fit scores 'bottom0' \(4, 3\); expected \(4,\)"),
+        ("accuracy_param { top_k: 4 }", [0, 1, 0, 1], "top_k 4 must be from 1 to the 3 classes"),
+        ("accuracy_param { top_k: 0 }", [0, 1, 0, 1], "top_k 0 must be"),
+        ("", [0, 1, 0, 3], "a label in 'bottom1' is not from 0 to 2"),
+        ("", [0, 1, 0, -1], "a label in 'bottom1' is not from 0 to 2"),
+    ],
+)
+def test_mistakes(run, text, labels, message):
+    """Shapes, options and labels that do not fit."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(f'type: "Accuracy" {text}', SCORES, labels)
+
+
+def test_it_has_no_gradient(run):
+    """And says so when it is asked for one."""
+    with pytest.raises(netlib.LayerError, match="has no gradient"):
+        run('type: "Accuracy"', SCORES, [0, 1, 0, 2]).backward(1)

@@ -1,0 +1,185 @@
+"""layers/augment.py"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.camera import NYU
+from handpose.render import Capsules, normalise_depth, render_crop
+from netlib.errors import LayerError
+
+LAYER = """
+layer { name: "in" type: "Input" top: "depth" top: "joint"
+        input_param { shape { dim: 40 dim: 1 dim: 128 dim: 128 } shape { dim: 40 dim: 6 } } }
+layer { name: "augment" type: "HandAugment" bottom: "depth" bottom: "joint" top: "%s" top: "%s"
+        hand_augment_param { %s } }
+"""
+MIDDLE = 64.75  # px of a crop where its centre is
+ALL = "rotation: 170 scale: 0.3 shift: 12 depth: 0.3"
+NetOf = Callable[..., netlib.Net]
+
+
+def dots() -> tuple[np.ndarray, np.ndarray]:
+    """Crops with two small plates each, and joints in their middles."""
+    rng = np.random.default_rng(0)
+    depth = np.ones((40, 1, 128, 128), np.float32)
+    joint = np.zeros((40, 2, 3), np.float32)
+    for n in range(40):
+        for k, (x, y) in enumerate(((-0.4, 0.2), (0.3, 0.3))):
+            column, row = round(MIDDLE + 64 * x), round(MIDDLE - 64 * y)
+            joint[n, k] = (column - MIDDLE) / 64, (MIDDLE - row) / 64, rng.uniform(-0.5, 0.5)
+            depth[n, 0, row - 3 : row + 4, column - 3 : column + 4] = joint[n, k, 2]
+    return depth, joint.reshape(40, 6)
+
+
+def augmented(net: netlib.Net, depth: np.ndarray, joint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the layer makes of them."""
+    net.blobs["depth"].data[...], net.blobs["joint"].data[...] = depth, joint
+    net.forward()
+    tops = net.layers[1].spec.top
+    return net.blobs[tops[0]].data.copy(), net.blobs[tops[1]].data.copy()
+
+
+@pytest.mark.parametrize("options", ["rotation: 170", "scale: 0.3", "shift: 12", "depth: 0.3", ALL])
+def test_joints_stay_on_the_picture(net_of: NetOf, options: str) -> None:
+    """After any change each joint is where its plate is: in the middle of it, and at its depth."""
+    depth, joint = dots()
+    y, moved = augmented(net_of(LAYER % ("y", "moved", options)), depth, joint)
+    assert np.abs(moved - joint).max() > 0.1
+    checked = 0
+    for n, joints in enumerate(moved.reshape(40, 2, 3).astype(float)):
+        for x_, y_, z in joints:
+            column, row = MIDDLE + 64 * x_, MIDDLE - 64 * y_
+            if not (10 < column < 118 and 10 < row < 118):
+                continue
+            rows, columns = np.nonzero(np.abs(y[n, 0] - z) < 1e-5)
+            assert abs(columns.mean() - column) < 0.6 and abs(rows.mean() - row) < 0.6
+            checked += 1
+    assert checked > 50
+
+
+def test_same_as_the_turned_hand(net_of: NetOf) -> None:
+    """A turned picture of a hand is the picture of the turned hand, but for pixels at its outline."""
+    rng = np.random.default_rng(3)
+    ends = rng.uniform(-70, 70, (2, 40, 5, 3))
+    joint = ends[0, :, :2] / 150
+
+    def picture(a: np.ndarray) -> np.ndarray:
+        c, s = np.cos(a)[:, None], np.sin(a)[:, None]
+        x, y, z = np.moveaxis(ends, -1, 0)
+        turned = np.stack([c * x - s * y, s * x + c * y, z + 800], axis=-1)
+        capsules = Capsules(turned[0], turned[1], np.full((40, 5), 14.0), np.full((40, 5), 9.0))
+        return normalise_depth(render_crop(capsules, center, 300.0), center[:, 2], 300.0)
+
+    center = np.tile([NYU.u0, NYU.v0, 800.0], (40, 1))
+    net = net_of(LAYER % ("y", "moved", "rotation: 60"))
+    y, moved = augmented(net, picture(np.zeros(40))[:, None], joint.reshape(40, 6))
+    first, second = joint.reshape(40, 2, 3)[:, 0], moved.reshape(40, 2, 3)[:, 0]
+    angle = np.arctan2(second[:, 1], second[:, 0]) - np.arctan2(first[:, 1], first[:, 0])
+    angle = (angle + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(angle).max() > 0.9 and np.abs(angle).max() <= np.deg2rad(60) + 1e-6
+    expected = picture(angle)
+    either = (expected < 1) | (y[:, 0] < 1)
+    assert (np.abs(expected - y[:, 0]) < 0.03)[either].mean() > 0.9
+    np.testing.assert_allclose(
+        np.linalg.norm(moved.reshape(-1, 3), axis=1), np.linalg.norm(joint, axis=2).ravel(), rtol=1e-5
+    )
+
+
+def test_sizes_of_the_changes(net_of: NetOf) -> None:
+    """Each change is spread evenly up to its option, and the same for both joints of an item."""
+    depth, joint = dots()
+    net = net_of(LAYER % ("y", "moved", "shift: 6.4 depth: 0.06"))
+    _, moved = augmented(net, depth, joint)
+    change = (moved - joint).reshape(40, 2, 3)
+    np.testing.assert_allclose(change[:, 0], change[:, 1], atol=1e-6)
+    limits = np.array([0.1, 0.1, 0.06])
+    assert (np.abs(change) <= limits + 1e-6).all() and (np.abs(change).max(axis=(0, 1)) > 0.85 * limits).all()
+    assert (np.abs(change.mean(axis=(0, 1))) < 0.35 * limits).all()
+
+
+def test_pixels_are_picked_and_borders_go_on(net_of: NetOf) -> None:
+    """Turning invents no depth, and what leaves the crop at its border goes on there."""
+    depth = np.ones((40, 1, 128, 128), np.float32)
+    depth[:, :, 100:, 50:80] = 0.25
+    y, _ = augmented(net_of(LAYER % ("y", "moved", "rotation: 20 scale: 0.06 shift: 3")), depth, np.zeros((40, 6)))
+    assert len(np.unique(y[y < 1])) == 40  # one depth an item, that of the plate
+    assert (y[:, 0, 127] < 1).any(axis=1).all()
+
+
+def test_background_stays_and_depth_is_cut(net_of: NetOf) -> None:
+    """Background is 1 whatever the step, and nothing leaves [-1, 1]."""
+    depth, joint = dots()
+    depth[:, :, 60:64, 60:64] = -1
+    joint[:, 0] = -1
+    y, moved = augmented(net_of(LAYER % ("y", "moved", "depth: 1.2")), depth, joint)
+    assert (y[depth == 1] == 1).all()
+    for array in (y, moved):
+        assert array.min() >= -1 and array.max() <= 1
+
+
+@pytest.mark.parametrize(("options", "phase"), [("", netlib.TRAIN), (ALL, netlib.TEST)])
+def test_identity(net_of: NetOf, options: str, phase: int) -> None:
+    """Without options, and in TEST, nothing changes."""
+    depth, joint = dots()
+    for tops in (("y", "moved"), ("depth", "joint")):
+        y, moved = augmented(net_of(LAYER % (*tops, options), phase), depth, joint)
+        np.testing.assert_array_equal(y, depth)
+        np.testing.assert_array_equal(moved, joint)
+
+
+def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> None:
+    """One thread or four, into new blobs or in place: the same bits."""
+    results = []
+    for threads, tops in ((1, ("y", "moved")), (4, ("y", "moved")), (2, ("depth", "joint"))):
+        netlib.set_threads(threads)
+        results.append(augmented(net_of(LAYER % (*tops, ALL)), *dots()))
+    for y, moved in results[1:]:
+        np.testing.assert_array_equal(y, results[0][0])
+        np.testing.assert_array_equal(moved, results[0][1])
+
+
+def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
+    """The random numbers go on from batch to batch, and are part of the layer's state."""
+    net = net_of(LAYER % ("y", "moved", ALL))
+    first, _ = augmented(net, *dots())
+    state = net.layers[1].state()
+    second, _ = augmented(net, *dots())
+    assert (first != second).any(axis=(1, 2, 3)).all()
+    net.layers[1].restore(state)
+    np.testing.assert_array_equal(augmented(net, *dots())[0], second)
+
+
+def test_double_precision(net_of: NetOf) -> None:
+    """A net in float64 gets the same changes."""
+    a = augmented(net_of(LAYER % ("y", "moved", ALL)), *dots())
+    b = augmented(net_of(LAYER % ("y", "moved", ALL), dtype=np.float64), *dots())
+    assert b[0].dtype == np.float64
+    assert (np.abs(a[0] - b[0]) > 1e-6).mean() < 1e-4  # but for a pixel that lies just between two
+    np.testing.assert_allclose(a[1], b[1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (LAYER % ("y", "moved", "rotation: -5"), "rotation -5 must be from 0 to 180"),
+        (LAYER % ("y", "moved", "scale: 1"), "scale 1 must be from 0 to 0.9"),
+        (LAYER.replace("dim: 128 }", "dim: 96 }") % ("y", "moved", ""), r"\(40, 1, 128, 96\), expected crops"),
+        (LAYER.replace("dim: 6", "dim: 7") % ("y", "moved", ""), r"\(40, 7\), expected joints \(40, 3 K\)"),
+    ],
+)
+def test_mistakes(net_of: NetOf, text: str, told: str) -> None:
+    """Impossible options and shapes are named."""
+    with pytest.raises(LayerError, match=told):
+        net_of(text)
+
+
+def test_no_gradient(net_of: NetOf) -> None:
+    """A layer with weights before it is told to move."""
+    layer = net_of(LAYER % ("y", "moved", ALL)).layers[1]
+    with pytest.raises(LayerError, match="right behind the data"):
+        layer.backward([], [True, False], [])

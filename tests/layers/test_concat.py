@@ -1,0 +1,40 @@
+"""Concat."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2, -1])
+def test_one_after_the_other(run, rng, axis):
+    """Along any axis; the gradient is cut the same way."""
+    a, b, c = (rng.normal(size=(2, 3, 4)) for _ in range(3))
+    done = run(f'type: "Concat" concat_param {{ axis: {axis} }}', a, b, c)
+    assert np.array_equal(done.y, np.concatenate([a, b, c], axis))
+    dy = rng.normal(size=done.y.shape)
+    for part, want in zip(done.backward(dy), np.split(dy, 3, axis)):
+        assert np.array_equal(part, want)
+
+
+def test_sizes_may_differ_along_the_axis(run):
+    """The older name concat_dim means the same."""
+    done = run('type: "Concat" concat_param { concat_dim: 1 }', [[1], [2]], [[3, 4], [5, 6]])
+    assert done.y.tolist() == [[1, 3, 4], [2, 5, 6]]
+
+
+def test_gradient(check, rng):
+    """Of both bottoms, and of one alone."""
+    check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)))
+    check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)), wanted=[False, True])
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (2, 3, 1)])
+def test_mistakes(run, shape):
+    """Other axes must agree."""
+    with pytest.raises(
+        netlib.LayerError, match=r"layer 'it': bottom 'bottom1' .* and 'bottom0' \(2, 3\) may differ in axis 1"
+    ):
+        run('type: "Concat"', np.zeros((2, 3)), np.zeros(shape))
+    with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
+        run('type: "Concat" concat_param { axis: 2 }', np.zeros((2, 3)))

@@ -1,0 +1,59 @@
+"""Dropout."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+HALF = 'type: "Dropout" dropout_param { dropout_ratio: 0.5 }'
+
+
+def test_values_are_zero_or_scaled(run):
+    """By 1 / (1 - p), so that the mean stays; the gradient has the same mask."""
+    done = run('type: "Dropout" dropout_param { dropout_ratio: 0.2 }', np.ones((4, 500)))
+    assert sorted(set(done.y.ravel().tolist())) == [0, pytest.approx(1.25)]
+    assert done.y.mean() == pytest.approx(1, abs=0.05)
+    [dx] = done.backward(np.full((4, 500), 2))
+    assert np.array_equal(dx, 2 * done.y)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.3, 0.5, 0.9])
+def test_the_part_that_is_dropped(run, ratio):
+    """Of 100,000 values, within five standard errors."""
+    done = run(f'type: "Dropout" dropout_param {{ dropout_ratio: {ratio} }}', np.ones(100_000))
+    assert abs((done.y == 0).mean() - ratio) < 5 * np.sqrt(ratio * (1 - ratio) / 100_000)
+
+
+def test_every_batch_has_another_mask(run):
+    """From the layer's own stream."""
+    done = run(HALF, np.ones(100))
+    first = done.y.copy()
+    done.layer.forward(done.bottom, done.top)
+    assert not np.array_equal(done.y, first)
+
+
+@pytest.mark.parametrize(
+    ("text", "phase"), [(HALF, "TEST"), ('type: "Dropout" dropout_param { dropout_ratio: 0 }', "TRAIN")]
+)
+def test_identity_when_testing_or_with_ratio_0(run, rng, text, phase):
+    """Forward and backward."""
+    x = rng.normal(size=(3, 4))
+    done = run(text, x, phase=phase)
+    assert np.array_equal(done.y, x)
+    assert np.array_equal(done.backward(x)[0], x)
+
+
+@pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
+@pytest.mark.parametrize("in_place", [False, True])
+def test_gradient(check, rng, phase, in_place):
+    """The mask is the same in every forward of the check."""
+    check(HALF, rng.normal(size=(3, 5)), phase=phase, in_place=in_place)
+
+
+@pytest.mark.parametrize("ratio", [1, -0.1, 2])
+def test_mistakes(run, ratio):
+    """A part is at least 0 and less than 1."""
+    with pytest.raises(
+        netlib.LayerError, match=f"layer 'it': dropout_ratio {ratio:g} must be at least 0 and less than 1"
+    ):
+        run(f'type: "Dropout" dropout_param {{ dropout_ratio: {ratio} }}', np.ones(3))

@@ -1,0 +1,54 @@
+"""DummyData."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def data(options, tops=1):
+    """A layer with these options."""
+    names = " ".join(f'top: "{"ab"[i]}"' for i in range(tops))
+    return f'layer {{ name: "d" type: "DummyData" {names} dummy_data_param {{ {options} }} }}'
+
+
+@pytest.mark.parametrize(
+    ("options", "values"),
+    [
+        ("shape { dim: 2 dim: 3 } data_filler { value: 1.5 }", [[[1.5] * 3] * 2] * 2),
+        ("shape { dim: 2 } data_filler { value: 1 } data_filler { value: 2 }", [[1, 1], [2, 2]]),
+        ("shape { dim: 1 } shape { dim: 2 }", [[0], [0, 0]]),
+        ("num: 1 channels: 2 height: 1 width: 1", [[[[[0]], [[0]]]]] * 2),
+    ],
+)
+def test_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
+    """Constant 0 by default; the older four numbers too."""
+    net = net_of(data(options, tops=2))
+    net.forward()
+    assert [net.blobs[name].data.tolist() for name in "ab"] == values
+
+
+def test_random_values_are_new_in_every_batch(net_of):
+    """Constants are not."""
+    net = net_of(data('shape { dim: 50 } data_filler { type: "gaussian" } data_filler { value: 3 }', tops=2))
+    first = net.forward()["a"].copy()
+    assert not np.array_equal(net.forward()["a"], first)
+    assert (net.blobs["b"].data == 3).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [("", "has 3 tops, but 0 of shape"), ("shape { } shape { }", "has 3 tops, but 2 of shape"),
+     ("shape { } data_filler { } data_filler { }", "has 3 tops, but 2 of data_filler")],
+)  # fmt: skip
+def test_mistakes(net_of, options, message):
+    """One for each top, or one for all."""
+    text = f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {options} }} }}'
+    with pytest.raises(netlib.LayerError, match=message):
+        net_of(text)
+
+
+def test_an_unknown_filler_is_shown_at_its_place(net_of):
+    """With the nearest known type."""
+    with pytest.raises(netlib.PrototxtError, match=r"net.prototxt:1:\d+: error: unknown filler type 'gausian'"):
+        net_of(data('shape { dim: 1 } data_filler { type: "gausian" }'))

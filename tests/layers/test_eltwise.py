@@ -1,0 +1,61 @@
+"""Eltwise."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+A, B, C = [1.0, 2, -3], [4.0, 2, 0], [0.5, 2, 5]
+
+
+def text(options=""):
+    """The layer with these options."""
+    return f'type: "Eltwise" eltwise_param {{ {options} }}'
+
+
+@pytest.mark.parametrize(
+    ("options", "y", "grads"),
+    [
+        ("", [5.5, 6, 2], [[1, 1, 1]] * 3),
+        ("coeff: 1 coeff: -2 coeff: 0.5", [-6.75, -1, -0.5], [[1] * 3, [-2] * 3, [0.5] * 3]),
+        ("operation: PROD", [2, 8, 0], [[2, 4, 0], [0.5, 4, -15], [4, 4, 0]]),
+        ("operation: MAX", [4, 2, 5], [[0, 0, 0], [1, 1, 0], [0, 0, 1]]),  # of equal ones the second wins
+    ],
+)
+def test_by_hand(run, options, y, grads):
+    """Value by value, and the gradient of each bottom for dy = 1."""
+    done = run(text(options), A, B, C)
+    assert done.y.tolist() == y
+    assert [dx.tolist() for dx in done.backward([1, 1, 1])] == grads
+
+
+def test_an_unstable_product_divides(run):
+    """The same numbers where no bottom is 0."""
+    stable = run(text("operation: PROD"), A, C).backward([1, 1, 1])
+    unstable = run(text("operation: PROD stable_prod_grad: false"), A, C).backward([1, 1, 1])
+    assert np.allclose(stable, unstable)
+
+
+@pytest.mark.parametrize(
+    "options",
+    ["", "coeff: 2 coeff: -1 coeff: 0", "operation: PROD", "operation: PROD stable_prod_grad: false", "operation: MAX"],
+)
+def test_gradient(check, rng, options):
+    """Of three bottoms, and of one."""
+    xs = rng.normal(size=(3, 2, 4))
+    check(text(options), *xs)
+    check(text(options), *xs, wanted=[False, True, False])
+
+
+@pytest.mark.parametrize(
+    ("options", "b", "message"),
+    [
+        ("", [1, 2], r"bottom 'bottom1' \(2,\) and 'bottom0' \(3,\) must have the same shape"),
+        ("coeff: 1", B, "has 2 bottoms, but 1 coeff"),
+        ("operation: MAX coeff: 1 coeff: 1", B, "coeff is for operation SUM only"),
+    ],
+)
+def test_mistakes(run, options, b, message):
+    """Shapes and coefficients."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options), A, b)

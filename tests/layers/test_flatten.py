@@ -1,0 +1,36 @@
+"""Flatten."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+@pytest.mark.parametrize(
+    ("options", "shape"),
+    [("", (2, 60)), ("axis: 0", (120,)), ("axis: 2", (2, 3, 20)), ("axis: 1 end_axis: 2", (2, 12, 5)),
+     ("axis: -2", (2, 3, 20)), ("axis: 1 end_axis: -2", (2, 12, 5)), ("axis: 1 end_axis: 1", (2, 3, 4, 5))],
+)  # fmt: skip
+def test_axes_are_joined(run, rng, options, shape):
+    """The values stay in order; the gradient goes back in the old shape."""
+    x = rng.normal(size=(2, 3, 4, 5))
+    done = run(f'type: "Flatten" flatten_param {{ {options} }}', x)
+    assert np.array_equal(done.y, x.reshape(shape))
+    dy = rng.normal(size=shape)
+    assert np.array_equal(done.backward(dy)[0], dy.reshape(x.shape))
+
+
+def test_gradient(check, rng):
+    """A change of shape."""
+    check('type: "Flatten"', rng.normal(size=(2, 3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [("axis: 2 end_axis: 1", "end_axis 1 comes before axis 2"), ("axis: 4", "axis 4 is out of range"),
+     ("end_axis: 4", "end_axis 4 is out of range")],
+)  # fmt: skip
+def test_mistakes(run, options, message):
+    """Axes that are not there, or in the wrong order."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(f'type: "Flatten" flatten_param {{ {options} }}', np.zeros((2, 3, 4, 5)))

@@ -1,0 +1,80 @@
+"""InnerProduct."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(options=""):
+    """The layer with three outputs, random weights and a random bias."""
+    fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
+    return f'type: "InnerProduct" inner_product_param {{ num_output: 3 {fillers} {options} }}'
+
+
+def test_by_hand(run):
+    """y = x wᵀ + b and its three gradients."""
+    done = run(text(), [[1, 2]], params=[[[1, 0], [0, 1], [3, -1]], [10, 20, 30]])
+    assert done.y.tolist() == [[11, 22, 31]]
+    [dx] = done.backward([[1, 0, 2]])
+    assert dx.tolist() == [[7, -2]]
+    assert done.layer.blobs[0].diff.tolist() == [[1, 2], [0, 0], [2, 4]]
+    assert done.layer.blobs[1].diff.tolist() == [1, 0, 2]
+
+
+def test_a_transposed_weight(run, rng):
+    """Stored as (I, O); the same product."""
+    x, w = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
+    plain = run(text("bias_term: false"), x, params=[w])
+    turned = run(text("bias_term: false transpose: true"), x, params=[w.T])
+    assert np.allclose(plain.y, turned.y)
+    dy = rng.normal(size=(2, 3))
+    assert np.allclose(plain.backward(dy)[0], turned.backward(dy)[0])
+    assert np.allclose(plain.layer.blobs[0].diff, turned.layer.blobs[0].diff.T)
+
+
+@pytest.mark.parametrize(
+    ("axis", "shape", "weight"),
+    [(1, (2, 3), (3, 20)), (2, (2, 4, 3), (3, 5)), (0, (3,), (3, 40)), (-1, (2, 4, 3), (3, 5))],
+)
+def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
+    """The others are flattened."""
+    x = rng.normal(size=(2, 4, 5))
+    done = run(text(f"axis: {axis}"), x)
+    assert done.layer.blobs[0].shape == weight
+    assert done.y.shape == shape
+    w, b = (p.data for p in done.layer.blobs)
+    assert np.allclose(done.y.reshape(-1, 3), x.reshape(-1, weight[1]) @ w.T + b)
+
+
+@pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false", "axis: 2", "axis: 0"])
+def test_gradient(check, rng, options):
+    """Of x, w and b."""
+    check(text(options), rng.normal(size=(2, 3, 2)))
+
+
+def test_more_rows_than_a_block(run, rng, keep_threads):
+    """Products are cut into blocks, one a thread: the same numbers for any number of threads."""
+    x, w, dy = rng.normal(size=(300, 7)), rng.normal(size=(300, 7)), rng.normal(size=(300, 300))
+    found = []
+    for threads in (1, 3):
+        netlib.set_threads(threads)
+        done = run(text("bias_term: false").replace("num_output: 3", "num_output: 300"), x, params=[w])
+        [dx] = done.backward(dy)
+        assert np.allclose(done.y, x @ w.T)
+        assert np.allclose(dx, dy @ w)
+        assert np.allclose(done.layer.blobs[0].diff, dy.T @ x)
+        found.append([done.y, dx, done.layer.blobs[0].diff])
+    assert all(np.array_equal(a, b) for a, b in zip(*found))
+
+
+def test_mistakes(run):
+    """No outputs, or another number of inputs than the weights expect."""
+    with pytest.raises(netlib.LayerError, match="num_output must be at least 1"):
+        run('type: "InnerProduct" inner_product_param { num_output: 0 }', np.zeros((2, 3)))
+    with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
+        run(text("axis: 2"), np.zeros((2, 3)))
+    done = run(text(), np.zeros((2, 3)))
+    done.bottom[0].reshape(2, 2, 2)
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has 4 features \(2, 2\), its weights expect 3"):
+        done.layer.reshape(done.bottom, done.top)

@@ -1,0 +1,63 @@
+"""Scale."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(options=""):
+    """The layer with a random gain and bias."""
+    return f'type: "Scale" scale_param {{ filler {{ type: "gaussian" }} bias_filler {{ type: "gaussian" }} {options} }}'
+
+
+def test_by_hand(run):
+    """One gain and one bias a channel."""
+    done = run(text("bias_term: true"), [[1, 2], [3, 4]], params=[[2, 10], [1, 0]])
+    assert done.y.tolist() == [[3, 20], [7, 40]]
+    [dx] = done.backward([[1, 1], [1, 0]])
+    assert dx.tolist() == [[2, 10], [2, 0]]
+    assert done.layer.blobs[0].diff.tolist() == [4, 2]
+    assert done.layer.blobs[1].diff.tolist() == [2, 1]
+
+
+def test_it_starts_as_the_identity(run, rng):
+    """Gain 1, bias 0."""
+    x = rng.normal(size=(2, 3))
+    assert np.array_equal(run('type: "Scale" scale_param { bias_term: true }', x).y, x)
+
+
+@pytest.mark.parametrize(
+    ("options", "shape"),
+    [("", (3,)), ("axis: 0", (2,)), ("axis: 1 num_axes: 2", (3, 4)), ("axis: 0 num_axes: -1", (2, 3, 4)),
+     ("num_axes: 0", ()), ("axis: -1", (4,))],
+)  # fmt: skip
+@pytest.mark.parametrize("in_place", [False, True])
+def test_gradient_for_every_shape_of_the_gain(run, check, rng, options, shape, in_place):
+    """Of x, gain and bias; in place x is kept."""
+    x = rng.normal(size=(2, 3, 4))
+    assert run(text(options), x).layer.blobs[0].shape == shape
+    check(text(options + " bias_term: true"), x, in_place=in_place)
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_a_second_bottom_as_gain(run, check, rng, in_place):
+    """No gain of its own, but a bias if wanted; gradients of both bottoms."""
+    x, gain = rng.normal(size=(2, 3, 4)), rng.normal(size=3)
+    assert np.allclose(run('type: "Scale"', x, gain).y, x * gain[:, None])
+    check(text("bias_term: true"), x, gain, in_place=in_place)
+    check(text(), x, rng.normal(size=()), in_place=in_place)
+
+
+@pytest.mark.parametrize(
+    ("options", "bottoms", "message"),
+    [
+        ("axis: 1 num_axes: 3", [(2, 3, 4)], "axis 1, num_axes 3 do not fit"),
+        ("axis: 3", [(2, 3, 4)], "axis 3 is out of range"),
+        ("", [(2, 3, 4), (4,)], r"gain \(4,\) does not fit axes 1 to 2 of bottom 'bottom0' \(2, 3, 4\)"),
+    ],
+)
+def test_mistakes(run, options, bottoms, message):
+    """The gain's shape and the bottom's."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options), *map(np.zeros, bottoms))

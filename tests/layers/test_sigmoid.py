@@ -1,0 +1,25 @@
+"""Sigmoid."""
+
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_by_hand(run, in_place):
+    """At three points whose values are plain."""
+    done = run('type: "Sigmoid"', [0, np.log(4), -np.log(4)], in_place=in_place)
+    assert np.allclose(done.y, [0.5, 0.8, 0.2])
+    assert np.allclose(done.backward([1, 1, 1])[0], [0.25, 0.16, 0.16])
+
+
+def test_far_out(run):
+    """No overflow, and no gradient left."""
+    done = run('type: "Sigmoid"', [1000.0, -1000.0])
+    assert done.y.tolist() == [1, 0]
+    assert done.backward([1, 1])[0].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_gradient(check, rng, in_place):
+    """Anywhere."""
+    check('type: "Sigmoid"', rng.normal(size=(3, 4)), in_place=in_place)

@@ -1,0 +1,43 @@
+"""Slice."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+@pytest.mark.parametrize(
+    ("options", "tops", "sizes", "axis"),
+    [("", 3, [2, 2, 2], 1), ("slice_point: 1 slice_point: 4", 3, [1, 3, 2], 1), ("axis: 0", 2, [2, 2], 0),
+     ("axis: -1 slice_point: 3", 2, [3, 2], 2), ("slice_dim: 0 slice_point: 1", 2, [1, 3], 0), ("", 1, [6], 1)],
+)  # fmt: skip
+def test_parts(run, rng, options, tops, sizes, axis):
+    """Equal parts, or between the given points; the gradient is put together again."""
+    x = rng.normal(size=(4, 6, 5))
+    done = run(f'type: "Slice" slice_param {{ {options} }}', x, tops=tops)
+    assert [y.shape[axis] for y in done.ys] == sizes
+    assert np.array_equal(np.concatenate(done.ys, axis), x)
+    parts = [rng.normal(size=y.shape) for y in done.ys]
+    assert np.array_equal(done.backward(*parts)[0], np.concatenate(parts, axis))
+
+
+def test_gradient(check, rng):
+    """Into two parts."""
+    check('type: "Slice" slice_param { slice_point: 1 }', rng.normal(size=(2, 3)), tops=2)
+
+
+@pytest.mark.parametrize(
+    ("options", "tops", "message"),
+    [
+        ("", 4, r"axis 1 of \(4, 6\) cannot be cut into 4 equal parts"),
+        ("slice_point: 2", 3, "must be 2 increasing numbers between 0 and 6"),
+        ("slice_point: 4 slice_point: 2", 3, "must be 2 increasing numbers"),
+        ("slice_point: 6", 2, "must be 1 increasing numbers"),
+        ("slice_point: 0", 2, "must be 1 increasing numbers"),
+        ("axis: 2", 2, "axis 2 is out of range"),
+    ],
+)
+def test_mistakes(run, options, tops, message):
+    """Parts that do not come out."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(f'type: "Slice" slice_param {{ {options} }}', np.zeros((4, 6)), tops=tops)

@@ -1,0 +1,35 @@
+"""Softmax."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def test_by_hand(run):
+    """exp(0), exp(log 2), exp(log 5) of 8."""
+    x = [[0, np.log(2), np.log(5)]]
+    done = run('type: "Softmax"', x)
+    assert np.allclose(done.y, [[1 / 8, 2 / 8, 5 / 8]])
+    # y (dy - <y, dy>) with dy = (8, 0, 0): <y, dy> = 1
+    assert np.allclose(done.backward([[8, 0, 0]])[0], [[7 / 8, -2 / 8, -5 / 8]])
+
+
+def test_large_scores(run):
+    """The largest is taken off first: no overflow."""
+    assert run('type: "Softmax"', [[1e4, 0, -1e4]]).y.tolist() == [[1, 0, 0]]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2, -1])
+@pytest.mark.parametrize("in_place", [False, True])
+def test_gradient(run, check, rng, axis, in_place):
+    """Along any axis the probabilities sum to one."""
+    x, text = rng.normal(size=(2, 3, 4)), f'type: "Softmax" softmax_param {{ axis: {axis} }}'
+    assert np.allclose(run(text, x).y.sum(axis=axis), 1)
+    check(text, x, in_place=in_place)
+
+
+def test_mistakes(run):
+    """An axis that is not there."""
+    with pytest.raises(netlib.LayerError, match="axis 1 is out of range"):
+        run('type: "Softmax"', np.zeros(3))

@@ -1,0 +1,68 @@
+"""SoftmaxWithLoss."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
+
+
+def text(options=""):
+    """The layer with these options of loss_param."""
+    return f'type: "SoftmaxWithLoss" loss_param {{ {options} }}'
+
+
+def test_by_hand(run):
+    """Labels 2 and 0: -(log 5/8 + log 1/2) / 2, the gradient (p - label) / 2 times the weight."""
+    done = run(text(), X, [2, 0])
+    assert done.y == pytest.approx(-(np.log(5 / 8) + np.log(1 / 2)) / 2)
+    [dx, _] = done.backward(4, wanted=[True, False])
+    assert np.allclose(dx, 2 * np.array([[1 / 8, 2 / 8, -3 / 8], [-1 / 2, 1 / 4, 1 / 4]]))
+
+
+def test_the_second_top_has_the_probabilities(run):
+    """For those who want both."""
+    done = run('type: "SoftmaxWithLoss"', X, [2, 0], tops=2)
+    assert np.allclose(done.ys[1], np.exp(X) / 8)
+
+
+@pytest.mark.parametrize(
+    ("options", "divisor"),
+    [("", 3), ("normalization: VALID", 3), ("normalization: FULL", 4), ("normalization: BATCH_SIZE", 2),
+     ("normalization: NONE", 1), ("normalize: true", 3), ("normalize: false", 2),
+     ("normalize: false normalization: FULL", 4)],
+)  # fmt: skip
+def test_normalization(run, rng, options, divisor):
+    """2 items of 2 pixels, one of them ignored; the older ``normalize`` counts only where the newer is not given."""
+    x, labels = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]])
+    logs = x - np.log(np.exp(x).sum(axis=1, keepdims=True))
+    total = -(logs[0, 0, 0] + logs[0, 1, 1] + logs[1, 2, 1])
+    done = run(text(f"ignore_label: 9 {options}"), x, labels)
+    assert done.y == pytest.approx(total / divisor)
+    [dx, _] = done.backward(1, wanted=[True, False])
+    assert not dx[1, :, 0].any()
+
+
+@pytest.mark.parametrize("options", ["", "ignore_label: 1", "normalization: NONE"])
+def test_gradient(check, rng, options):
+    """Of the scores, for one label a pixel."""
+    check(text(options), rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), wanted=[True, False])
+    classes_last = 'type: "SoftmaxWithLoss" softmax_param { axis: 2 }'
+    check(classes_last, rng.normal(size=(2, 3, 4)), rng.integers(0, 4, (2, 3)), wanted=[True, False])
+
+
+def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
+    """The logarithm never sees 0."""
+    assert np.isfinite(run(text(), [[1000.0, 0]], [1]).y)
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [([0], r"labels 'bottom1' \(1,\) do not fit scores 'bottom0' \(2, 3\); expected \(2,\)"),
+     ([0, 3], "label 3 in 'bottom1'; expected 0 to 2"), ([0, -1], "label -1 in 'bottom1'")],
+)  # fmt: skip
+def test_mistakes(run, labels, message):
+    """Shapes and labels."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(), X, labels)

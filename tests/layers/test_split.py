@@ -1,0 +1,16 @@
+"""Split."""
+
+import numpy as np
+
+
+def test_copies_and_sums(run, rng):
+    """Every top is the bottom; the bottom's gradient is the sum of theirs."""
+    x, dy = rng.normal(size=(2, 3)), rng.normal(size=(3, 2, 3))
+    done = run('type: "Split"', x, tops=3)
+    assert all(np.array_equal(y, x) for y in done.ys)
+    assert np.allclose(done.backward(*dy)[0], dy.sum(axis=0))
+
+
+def test_gradient(check, rng):
+    """Into two."""
+    check('type: "Split"', rng.normal(size=(2, 3)), tops=2)

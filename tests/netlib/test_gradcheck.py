@@ -1,0 +1,124 @@
+"""The gradient check itself: it passes what is right and catches what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from layers import LAYER_TYPES
+from netlib import gradcheck
+from netlib.blob import Blobs
+from netlib.fillers import Filler
+from netlib.gradcheck import GradientError
+from netlib.layer import Layer
+
+X = np.random.default_rng(0).uniform(0.5, 1, (3, 2))
+
+
+class Right(Layer):
+    """y = gain x² + noise, with noise from the layer's stream."""
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.new_param("gain", (2,), Filler("uniform", min=1, max=2))
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = self.blobs[0].data * bottom[0].data ** 2 + self.rng.normal(size=bottom[0].shape)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        self.blobs[0].diff[...] += (top[0].diff * bottom[0].data ** 2).sum(axis=0)
+        if propagate_down[0]:
+            bottom[0].diff[...] = 2 * self.blobs[0].data * bottom[0].data * top[0].diff
+
+
+class Forgets(Right):
+    """Leaves one element of the bottom diff unwritten."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = bottom[0].diff[1, 1]
+        super().backward(top, propagate_down, bottom)
+        bottom[0].diff[1, 1] = kept
+
+
+class Adds(Right):
+    """Adds to the bottom diff where it must write."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = bottom[0].diff.copy()
+        super().backward(top, propagate_down, bottom)
+        bottom[0].diff[...] += kept
+
+
+class Overwrites(Right):
+    """Writes the parameter's diff where it must add."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        self.blobs[0].diff[...] = 0
+        super().backward(top, propagate_down, bottom)
+
+
+class Wrong(Right):
+    """Off by a hundredth of a per cent in one element."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        bottom[0].diff[2, 0] *= 1.0001
+
+
+class IgnoresTop(Right):
+    """A loss that forgets its top diff."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        top[0].diff[...] = 1
+        super().backward(top, propagate_down, bottom)
+
+
+@pytest.fixture
+def layer(monkeypatch: pytest.MonkeyPatch) -> Callable[[type[Layer]], Layer]:
+    """A layer of a class that is entered in the table for this test."""
+
+    def make(cls: type[Layer]) -> Layer:
+        monkeypatch.setitem(LAYER_TYPES, cls.__name__, cls)
+        return gradcheck.make_layer(f'type: "{cls.__name__}"', [X])
+
+    return make
+
+
+def test_a_right_layer_passes(layer: Callable[[type[Layer]], Layer]) -> None:
+    """Although it adds random numbers: the stream is rewound before each forward."""
+    gradcheck.check(layer(Right), [X])
+
+
+@pytest.mark.parametrize(
+    ("cls", "message"),
+    [
+        (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward says nan"),
+        (Adds, r"Adds: gradient of bottom 0 at .*: backward says nan"),
+        (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
+        (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward says [-\d.]+, differences say [-\d.]+"),
+        (IgnoresTop, "IgnoresTop: gradient of"),
+    ],
+)
+def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any, message: str) -> None:
+    """With the place and both numbers."""
+    with pytest.raises(GradientError, match=message):
+        gradcheck.check(layer(cls), [X])
+
+
+def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]], Layer]) -> None:
+    """Labels, for example: the layer is told, and nothing is compared."""
+    gradcheck.check(layer(Right), [X], wanted=[False])
+
+
+def test_the_values_are_as_before(layer: Callable[[type[Layer]], Layer]) -> None:
+    """Neither inputs nor parameters are left moved."""
+    made, x = layer(Right), X.copy()
+    gain = made.blobs[0].data.copy()
+    gradcheck.check(made, [x])
+    assert np.array_equal(x, X)
+    assert np.array_equal(made.blobs[0].data, gain)

@@ -1,0 +1,277 @@
+"""Snapshots: Caffe's layout, written whole or not at all, and one clear line for every file that is not one."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from netlib import snapshot
+from netlib.snapshot import SolverState
+
+NET = """
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
+    layer { name: "a" type: "InnerProduct" bottom: "x" top: "a" param { name: "w" }
+            inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }
+    layer { name: "relu" type: "ReLU" bottom: "a" top: "a" }
+    layer { name: "part/b" type: "InnerProduct" bottom: "a" top: "b" param { name: "w" }
+            inner_product_param { num_output: 3 bias_term: false } }
+"""
+
+
+@pytest.fixture
+def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
+    """Two layers that share a weight, one without parameters, one with a slash in its name."""
+    return net_of(NET)
+
+
+def state_of(net: netlib.Net, iteration: int = 5) -> SolverState:
+    """A solver state with one history for each parameter."""
+    histories = [np.full(p.blob.shape, iteration, np.float32) for p in net.learnable]
+    return SolverState(iteration, 2, "dir/w_iter_5.caffemodel.h5", histories, {"seed": 3})
+
+
+def everything_in(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder, hidden ones too."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+# ---------------------------------------------------------------------------------------------- layout
+
+
+def test_weights_have_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
+    """/data/<layer>/<index>; an empty group without parameters; a shared parameter once, with its owner."""
+    net.save(tmp_path / "w.h5")
+    with h5py.File(tmp_path / "w.h5") as file:
+        groups = {name: sorted(file["data"][name]) for name in ("x", "a", "relu", "part/b")}
+        assert list(file) == ["data"]
+        assert groups == {"x": [], "a": ["0", "1"], "relu": [], "part/b": []}
+        assert file["data/a/0"].dtype == np.float32
+        assert np.array_equal(file["data/a/0"][()], net.params["a"][0].data)
+
+
+def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
+    """/iter, /current_step, /learned_net, a C string, /history/<index>; what is ours stands in /netlib."""
+    snapshot.write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
+    with h5py.File(tmp_path / "s.h5") as file:
+        assert sorted(file) == ["current_step", "history", "iter", "learned_net", "netlib"]
+        assert (int(file["iter"][0]), int(file["current_step"][0])) == (5, 2)
+        assert file["learned_net"][()] == b"dir/w_iter_5.caffemodel.h5"
+        assert sorted(file["history"]) == ["0", "1"]
+
+
+def test_what_is_written_is_read(net: netlib.Net, tmp_path: Path) -> None:
+    """Weights by layer and index, and every field of the state."""
+    snapshot.write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
+    found = snapshot.read_weights(tmp_path / "w.h5")
+    assert {name: sorted(arrays) for name, arrays in found.items() if arrays} == {"a": [0, 1]}
+    assert np.array_equal(found["a"][0], net.params["a"][0].data)
+    state = snapshot.read_state(tmp_path / "s.h5")
+    assert (state.iter, state.current_step, state.learned_net) == (5, 2, "dir/w_iter_5.caffemodel.h5")
+    assert state.extra == {"seed": 3}
+    assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
+
+
+def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], tmp_path: Path) -> None:
+    """HDF5 nests the group; weights still load, also where ``a`` and ``a/b`` both have parameters."""
+    text = NET.replace('param { name: "w" }', "").replace('"part/b"', '"a/b"')
+    one, two = net_of(text), net_of(text, seed=2)
+    one.params["a/b"][0].data[...] = 7
+    one.save(tmp_path / "w.h5")
+    two.copy_from(tmp_path / "w.h5")
+    for name in ("a", "a/b"):
+        assert np.array_equal(two.params[name][0].data, one.params[name][0].data)
+
+
+# ---------------------------------------------------------------------------------------------- all or nothing
+
+
+def full_disk(*args: Any) -> None:
+    """What the operating system says when the disk is full."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("call", ["fsync", "first replace", "second replace"])
+def test_a_failure_leaves_the_old_pair(
+    net: netlib.Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """A disk that is full at any moment: the old files in every byte, no temporary file, one line."""
+    paths = tmp_path / "w.h5", tmp_path / "s.h5"
+    snapshot.write_pair(net, state_of(net, 5), *paths)
+    before = everything_in(tmp_path)
+    net.params["a"][0].data[...] = 9
+    replace, calls = os.replace, []
+
+    def failing(*args: Any) -> None:
+        calls.append(args)
+        if len(calls) == (1 if call == "first replace" else 2):
+            full_disk()
+        replace(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync" if call == "fsync" else "replace", full_disk if call == "fsync" else failing)
+        with pytest.raises(
+            netlib.WeightsError, match=r"(w|s)\.h5: cannot write the snapshot: No space left on device$"
+        ):
+            snapshot.write_pair(net, state_of(net, 6), *paths)
+    assert everything_in(tmp_path) == before
+
+
+def test_a_process_that_dies_between_the_two_leaves_no_wrong_pair(
+    net: netlib.Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A state that exists has its weights, whichever renaming is the last that happens."""
+    paths = tmp_path / "w.h5", tmp_path / "s.h5"
+    snapshot.write_pair(net, state_of(net, 5), *paths)
+    net.params["a"][0].data[...] = 9
+
+    replace, calls = os.replace, []
+
+    def once(*args: Any) -> None:
+        calls.append(args)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        replace(*args)
+
+    monkeypatch.setattr(os, "replace", once)
+    with pytest.raises(KeyboardInterrupt):
+        snapshot.write_pair(net, state_of(net, 6), *paths)
+    if paths[1].exists():
+        new_weights = (snapshot.read_weights(paths[0])["a"][0] == 9).all()
+        assert snapshot.read_state(paths[1]).iter == (6 if new_weights else 5)
+
+
+def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
+    """A prefix may name folders that do not exist yet."""
+    net.save(tmp_path / "new" / "deep" / "w.h5")
+    assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["w.h5"]
+
+
+def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before training: can snapshots be written here at all?"""
+    snapshot.probe_directory(tmp_path / "new" / "prefix")
+    assert everything_in(tmp_path / "new") == {}
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full_disk)
+        with pytest.raises(netlib.WeightsError, match=r"new: cannot write snapshots there: No space left on device$"):
+            snapshot.probe_directory(tmp_path / "new" / "prefix")
+    assert everything_in(tmp_path / "new") == {}
+
+
+# ---------------------------------------------------------------------------------------------- wrong files
+
+
+@pytest.fixture
+def pair(net: netlib.Net, tmp_path: Path) -> tuple[Path, Path]:
+    """Weights and state."""
+    paths = tmp_path / "w.caffemodel.h5", tmp_path / "s.solverstate.h5"
+    snapshot.write_pair(net, state_of(net), *paths)
+    return paths
+
+
+def test_a_state_where_weights_are_wanted(pair: tuple[Path, Path]) -> None:
+    """The message names the weights that belong to it, and how to resume."""
+    with pytest.raises(
+        netlib.WeightsError, match=r"this is a solver state, not weights; .*w_iter_5\.caffemodel\.h5.*--snapshot"
+    ):
+        snapshot.read_weights(pair[1])
+
+
+def test_weights_where_a_state_is_wanted(pair: tuple[Path, Path]) -> None:
+    """The message says how to start from weights."""
+    with pytest.raises(netlib.WeightsError, match=r"this is a weights file; pass it as --weights"):
+        snapshot.read_state(pair[0])
+
+
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("keep", [0, 4, 8, 100, 800, 2000, 0.5, 0.9, 0.99])
+def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep: float) -> None:
+    """Wherever it ends."""
+    content = pair[which].read_bytes()
+    pair[which].write_bytes(content[: int(keep * len(content)) if 0 < keep < 1 else int(keep)])
+    with pytest.raises(netlib.WeightsError) as error:
+        (snapshot.read_weights, snapshot.read_state)[which](pair[which])
+    assert str(error.value).startswith(str(pair[which]))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_damaged_file_is_one_line_or_read(pair: tuple[Path, Path], which: int) -> None:
+    """Bytes overwritten at any place of the file's structure: never another exception."""
+    content = pair[which].read_bytes()
+    failed = 0
+    for start in range(0, len(content), 97):
+        damaged = content[:start] + b"\xff" * 8 + content[start + 8 :]
+        pair[which].write_bytes(damaged)
+        try:
+            (snapshot.read_weights, snapshot.read_state)[which](pair[which])
+        except netlib.WeightsError as error:
+            assert "\n" not in str(error)
+            failed += 1
+    assert failed > 3
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("gone.h5", None, "cannot read weights: No such file or directory"),
+        ("empty.h5", b"", "not an HDF5 file; expected weights"),
+        ("text.caffemodel", b"layer {}", "Caffe's binary format, write it with 'snapshot_format: HDF5'"),
+        ("folder", "folder", "cannot read weights: Is a directory"),
+    ],
+)
+def test_other_files_where_weights_are_wanted(tmp_path: Path, name: str, content: Any, message: str) -> None:
+    """What was found, what was expected."""
+    path = tmp_path / name
+    if content == "folder":
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(netlib.WeightsError) as error:
+        snapshot.read_weights(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+def test_an_hdf5_file_of_another_kind(tmp_path: Path) -> None:
+    """Training data, for example."""
+    with h5py.File(tmp_path / "data.h5", "w") as file:
+        file["depth"] = np.zeros(3)
+    with pytest.raises(netlib.WeightsError, match="no group /data in it"):
+        snapshot.read_weights(tmp_path / "data.h5")
+    with pytest.raises(netlib.WeightsError, match="not a solver state"):
+        snapshot.read_state(tmp_path / "data.h5")
+
+
+@pytest.mark.parametrize(
+    "structure",
+    [
+        {"data/a/first": np.zeros(3)},
+        {"data/a/0": "text"},
+        {"iter": np.zeros(0, int), "history/0": np.zeros(3)},
+        {"iter/x": np.zeros(3), "history/0": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history/7": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "no JSON"},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "[1, 2]"},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "learned_net": np.zeros(2)},
+    ],
+    ids=str,
+)
+def test_the_right_groups_with_nonsense_in_them(net: netlib.Net, tmp_path: Path, structure: dict[str, Any]) -> None:
+    """Never a traceback: one line, or read as far as it makes sense."""
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        for name, value in structure.items():
+            file[name] = value
+    try:
+        snapshot.read_state(path) if "iter" in str(structure) else net.copy_from(path)
+    except netlib.WeightsError as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,571 @@
+"""Solver: the course of a training, its reports, its snapshots, and going on from one bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from netlib import snapshot
+
+MakeSolver = Callable[..., netlib.Solver]
+
+# Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.
+ONE_WEIGHT = """
+    layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 2 } } }
+    layer { name: "t" type: "DummyData" top: "t" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 1 } } }
+    layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" %s
+            inner_product_param { num_output: 1 bias_term: false weight_filler { value: 1 } } }
+    layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
+"""
+
+# Shuffled data, dropout, random noise: everything that an exact resume has to remember.
+RANDOM = """
+    layer { name: "data" type: "HDF5Data" top: "x" top: "t" include { phase: TRAIN }
+            hdf5_data_param { source: "train.txt" batch_size: 5 shuffle: true } }
+    layer { name: "data" type: "HDF5Data" top: "x" top: "t" include { phase: TEST }
+            hdf5_data_param { source: "test.txt" batch_size: 3 } }
+    layer { name: "noise" type: "DummyData" top: "noise"
+            dummy_data_param { shape { dim: 3 } data_filler { type: "gaussian" std: 0.1 } } }
+    layer { name: "quiet" type: "Silence" bottom: "noise" }
+    layer { name: "conv" type: "Convolution" bottom: "x" top: "conv"
+            convolution_param { num_output: 3 kernel_size: 3 weight_filler { type: "xavier" } } }
+    layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
+    layer { name: "drop" type: "Dropout" bottom: "conv" top: "conv" }
+    layer { name: "ip" type: "InnerProduct" bottom: "conv" top: "y"
+            inner_product_param { num_output: 2 weight_filler { type: "xavier" } } }
+    layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
+"""
+RULES = {
+    "SGD": "momentum: 0.9",
+    "Nesterov": 'type: "Nesterov" momentum: 0.9',
+    "AdaGrad": 'type: "AdaGrad"',
+    "RMSProp": 'type: "RMSProp" rms_decay: 0.9',
+    "AdaDelta": 'type: "AdaDelta" momentum: 0.9',
+    "Adam": 'type: "Adam" momentum: 0.9',
+}
+
+
+@pytest.fixture(autouse=True)
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Every test works in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def solver_of(work: Path) -> MakeSolver:
+    """``solver_of(net, options)``: a solver file and its net; base_lr 0.1 and a fixed policy unless given."""
+
+    def make(net: str, options: str = "", seed: int | None = None) -> netlib.Solver:
+        (work / "net.prototxt").write_text(net)
+        for default in ("base_lr: 0.1", 'lr_policy: "fixed"', "max_iter: 100", 'snapshot_prefix: "snap"'):
+            if default.split(":")[0] + ":" not in options:
+                options += f" {default}"
+        (work / "solver.prototxt").write_text(f'net: "net.prototxt" {options}')
+        return netlib.get_solver("solver.prototxt", seed)
+
+    return make
+
+
+@pytest.fixture
+def rows(write_rows: Callable[..., Path]) -> None:
+    """train.txt with 7 + 4 rows, test.txt with 4."""
+    write_rows("train.txt", [7, 4], x=(1, 5, 5), t=(2,))
+    write_rows("test.txt", [4], seed=1, x=(1, 5, 5), t=(2,))
+
+
+def weights(solver: netlib.Solver) -> list[np.ndarray]:
+    """All parameters and histories, copied."""
+    arrays = [p.blob.data for p in solver.net.learnable] + [h for param in solver.history for h in param]
+    return [array.copy() for array in arrays]
+
+
+def assert_same(a: list[np.ndarray], b: list[np.ndarray]) -> None:
+    """Equal in every bit."""
+    assert len(a) == len(b)
+    assert all(np.array_equal(x, y) for x, y in zip(a, b))
+
+
+def weight(solver: netlib.Solver) -> float:
+    """The one weight of ONE_WEIGHT."""
+    return float(solver.net.params["ip"][0].data.item())
+
+
+# ---------------------------------------------------------------------------------------------- one iteration
+
+
+@pytest.mark.parametrize(
+    ("param", "options", "expected"),
+    [
+        ("", "", 1 - 0.1 * 2),
+        ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
+        ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
+        ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
+        ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
+        ("", "iter_size: 3", 1 - 0.1 * 2),
+        ("", "clip_gradients: 1", 1 - 0.1 * 1),
+        ("", "clip_gradients: 3", 1 - 0.1 * 2),
+        ("", "clip_gradients: 3 iter_size: 3", 1 - 0.1 * 1),  # the sum, 6, is clipped to 3, then divided by 3
+        ("", "clip_gradients: 3 iter_size: 3 weight_decay: 0.5", 1 - 0.1 * 1.5),  # decay is not clipped
+    ],
+)
+def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, expected: float) -> None:
+    """Clip the sum, divide by iter_size, decay, then the rule: in that order."""
+    solver = solver_of(ONE_WEIGHT % param, options)
+    solver.step(1)
+    assert weight(solver) == pytest.approx(expected, rel=1e-6)
+    assert solver.iter == 1
+
+
+def test_a_parameter_with_lr_mult_0_stays_and_is_not_decayed(solver_of: MakeSolver) -> None:
+    """Frozen is frozen."""
+    solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9")
+    solver.step(3)
+    assert weight(solver) == 1
+
+
+def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSolver) -> None:
+    """With w fixed at 1 every batch has the loss 0.5; the displayed loss averages over the last iterations."""
+    solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 iter_size: 4 average_loss: 3")
+    solver.step(2)
+    assert list(solver.smoothed) == [0.5, 0.5]
+    solver = solver_of(ONE_WEIGHT % "", "average_loss: 2")
+    losses = []
+    solver.on_iteration = lambda s: losses.append(s.net.loss())
+    solver.step(5)
+    assert solver.loss == pytest.approx(np.mean(losses[-2:]))
+
+
+def test_iter_counts_updates_and_step_makes_so_many(solver_of: MakeSolver) -> None:
+    """Two steps of three are one of six."""
+    one, two = solver_of(ONE_WEIGHT % "", "momentum: 0.5"), solver_of(ONE_WEIGHT % "", "momentum: 0.5")
+    assert one.step(6)
+    assert two.step(3)
+    assert two.step(3)
+    assert one.iter == two.iter == 6
+    assert_same(weights(one), weights(two))
+
+
+def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None) -> None:
+    """random_seed decides weights, dropout and the order of data; another seed, another training."""
+    a, b, c = (solver_of(RANDOM, f"random_seed: {seed}") for seed in (4, 4, 5))
+    for solver in (a, b, c):
+        solver.step(4)
+    assert_same(weights(a), weights(b))
+    assert not np.array_equal(weights(a)[0], weights(c)[0])
+
+
+def test_weights_start_from_a_file(solver_of: MakeSolver) -> None:
+    """``weights:`` names a snapshot, found beside the solver as well."""
+    solver = solver_of(ONE_WEIGHT % "")
+    solver.step(1)
+    solver.net.save("start.caffemodel.h5")
+    assert weight(solver_of(ONE_WEIGHT % "", 'weights: "start.caffemodel.h5"')) == weight(solver)
+
+
+# ---------------------------------------------------------------------------------------------- reports
+
+
+def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
+    """The log lines that contain this."""
+    return [line.strip() for line in caplog.messages if part in line]
+
+
+def test_display_shows_loss_outputs_and_rate(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """At iterations 0, 2, 4, before their updates; once more at the end, as max_iter divides."""
+    caplog.set_level("INFO", "netlib")
+    solver_of(ONE_WEIGHT % "", "display: 2 max_iter: 4 snapshot_after_train: false").solve()
+    shown = messages(caplog, ", loss = ")
+    assert [line.split()[1].strip(",") for line in shown] == ["0", "2", "4"]
+    assert shown[0].endswith("loss = 0.5")
+    assert "Train net output #0: loss = 0.5 (* 1 = 0.5 loss)" in messages(caplog, "Train net output")
+    assert messages(caplog, ", lr = ") == ["Iteration 0, lr = 0.1", "Iteration 2, lr = 0.1"]
+    assert caplog.messages[-1] == "Optimization Done."
+
+
+def test_debug_info_shows_every_blob(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """Mean absolute values: x = 2, y = 2, the gradient 2."""
+    caplog.set_level("INFO", "netlib")
+    solver_of(ONE_WEIGHT % "", "display: 1 debug_info: true").step(1)
+    assert "[Forward] Layer ip, top blob y data: 2" in messages(caplog, "[Forward]")
+    assert "[Backward] Layer loss, bottom blob y diff: 1" in messages(caplog, "[Backward]")
+    assert "[Update] Layer ip, param 0 data: 1; diff: 2" in messages(caplog, "[Update]")
+
+
+def test_solver_mode_gpu_is_accepted_with_a_note(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """One line says that this runs on the CPU."""
+    caplog.set_level("INFO", "netlib")
+    solver_of(ONE_WEIGHT % "", "solver_mode: GPU")
+    assert len(messages(caplog, "CPU")) == 1
+
+
+# ---------------------------------------------------------------------------------------------- test nets
+
+
+def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: None) -> None:
+    """4 rows in batches of 3: two batches see rows 0-2 and 3, 0, 1. Dropout is off."""
+    solver = solver_of(RANDOM, "test_iter: 2 test_interval: 2 test_initialization: false random_seed: 1")
+    solver.step(1)
+    [means] = solver.test_all()
+    plain = netlib.Net("net.prototxt", netlib.TEST)
+    plain.copy_from(solver.net)
+    losses = [float(plain.forward()["loss"]) for _ in range(2)]
+    assert means["loss"][0] == pytest.approx(np.mean(losses), rel=1e-6)
+    assert np.shares_memory(solver.test_nets[0].params["ip"][0].data, solver.net.params["ip"][0].data)
+
+
+@pytest.mark.parametrize(
+    ("options", "iterations"),
+    [("", [0, 2, 4]), ("test_initialization: false", [2, 4]), ("max_iter: 5", [0, 2, 4]), ("test_interval: 9", [0])],
+)
+def test_when_tests_are_made(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, options: str, iterations: list[int]
+) -> None:
+    """Every test_interval iterations before the update, at 0 unless switched off, at the end if it divides."""
+    caplog.set_level("INFO", "netlib")
+    if "test_interval" not in options:
+        options += " test_interval: 2"
+    if "max_iter" not in options:
+        options += " max_iter: 4"
+    solver_of(ONE_WEIGHT % "", options + " test_iter: 1 snapshot_after_train: false").solve()
+    assert messages(caplog, "Testing net") == [f"Iteration {i}, Testing net (#0)" for i in iterations]
+
+
+def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """``test_net`` files come first, ``net`` for what remains of test_iter, each with its test_state."""
+    caplog.set_level("INFO", "netlib")
+    extra = 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { stage: "more" } }'
+    (work / "other.prototxt").write_text(ONE_WEIGHT % "" + extra)
+    solver = solver_of(
+        ONE_WEIGHT % "" + extra,
+        'test_net: "other.prototxt" test_iter: 1 test_iter: 2 test_interval: 5 '
+        'test_state { } test_state { stage: "more" }',
+    )
+    assert [net.source for net in solver.test_nets] == ["other.prototxt", "net.prototxt"]
+    assert ["p" in net.blobs for net in solver.test_nets] == [False, True]
+    solver.step(1)
+    assert messages(caplog, "Testing net") == [f"Iteration 0, Testing net (#{i})" for i in (0, 1)]
+
+
+# ---------------------------------------------------------------------------------------------- snapshots
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("max_iter: 5 snapshot: 2", [2, 4, 5]),
+        ("max_iter: 4 snapshot: 2", [2, 4]),
+        ("max_iter: 3", [3]),
+        ("max_iter: 5 snapshot: 2 snapshot_after_train: false", [2, 4]),
+        ("max_iter: 3 snapshot_after_train: false", []),
+    ],
+)
+def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: str, expected: list[int]) -> None:
+    """After every ``snapshot`` updates, and at the end unless that was one already."""
+    assert solver_of(ONE_WEIGHT % "", options).solve()
+    names = sorted(f"snap_iter_{i}.{kind}.h5" for i in expected for kind in ("caffemodel", "solverstate"))
+    assert sorted(path.name for path in work.glob("snap*")) == names
+
+
+@pytest.mark.parametrize(
+    ("prefix", "stem"),
+    [('snapshot_prefix: "a/b"', "a/b"), ('snapshot_prefix: "new/"', "new/solver"),
+     ('snapshot_prefix: "there"', "there/solver"), ('snapshot_prefix: ""', "solver")],
+)  # fmt: skip
+def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem: str) -> None:
+    """A directory gets the solver file's name in it; no prefix, the solver file's name."""
+    (work / "there").mkdir()
+    state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
+    assert state == Path(f"{stem}_iter_0.solverstate.h5")
+    assert (work / f"{stem}_iter_0.caffemodel.h5").exists()
+
+
+def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, work: Path) -> None:
+    """Not after hours of it."""
+    (work / "file").write_text("")
+    solver = solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "file/x" max_iter: 2')
+    with pytest.raises(netlib.WeightsError, match=r"^file: cannot write snapshots there: "):
+        solver.solve()
+    assert solver.iter == 0
+
+
+@pytest.mark.parametrize("request_", ["stop", "snapshot"])
+def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path, request_: str) -> None:
+    """ "stop" writes a snapshot and ends; "snapshot" writes one and goes on."""
+    solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
+
+    def ask(solver: netlib.Solver) -> None:
+        if solver.iter == 3:
+            solver.requested = request_
+
+    solver.on_iteration = ask
+    assert solver.solve() == (request_ == "snapshot")
+    assert solver.iter == (3 if request_ == "stop" else 6)
+    assert [path.name for path in work.glob("*.solverstate.h5")] == ["snap_iter_3.solverstate.h5"]
+    assert solver.requested is None
+
+
+def test_stop_during_a_test_ends_the_test(solver_of: MakeSolver, work: Path) -> None:
+    """The rest of a long test is not waited for; the snapshot is that of the iteration."""
+    solver = solver_of(ONE_WEIGHT % "", "test_iter: 1000000 test_interval: 1")
+    forward = solver.test_nets[0].run_forward
+
+    def stopping() -> float:
+        solver.requested = "stop"
+        return forward()
+
+    solver.test_nets[0].run_forward = stopping  # type: ignore[method-assign]
+    assert not solver.solve()
+    assert solver.iter == 0
+    assert (work / "snap_iter_0.solverstate.h5").exists()
+
+
+# ---------------------------------------------------------------------------------------------- resume
+
+
+@pytest.mark.parametrize("rule", list(RULES))
+def test_n_updates_resume_n_more_equal_2n(solver_of: MakeSolver, rows: None, rule: str) -> None:
+    """Bit for bit: dropout, shuffled data in mid-file, a step policy, averaged loss; nobody gave a seed."""
+    options = RULES[rule] + (
+        ' base_lr: 0.01 lr_policy: "step" stepsize: 5 gamma: 0.5 weight_decay: 0.01 average_loss: 3 iter_size: 2'
+        " test_iter: 1 test_interval: 3"
+    )
+    whole = solver_of(RANDOM, options)
+    whole.step(7)
+    state = whole.snapshot()
+    whole.step(7)
+    resumed = solver_of(RANDOM, options)
+    resumed.restore(state)
+    assert resumed.iter == 7
+    resumed.step(7)
+    assert resumed.iter == whole.iter == 14
+    assert_same(weights(whole), weights(resumed))
+    assert whole.loss == resumed.loss
+    assert whole.test(0)["loss"][0] == resumed.test(0)["loss"][0]
+    assert snapshot.as_plain(whole.net.layer_states()) == snapshot.as_plain(resumed.net.layer_states())
+
+
+def test_a_solver_can_go_back(solver_of: MakeSolver, rows: None) -> None:
+    """Restoring into the solver that wrote the state repeats its training, the averaged loss included."""
+    solver = solver_of(RANDOM, "base_lr: 0.01 average_loss: 4 momentum: 0.9")
+    solver.step(3)
+    state = solver.snapshot()
+    solver.step(5)
+    first, loss = weights(solver), solver.loss
+    solver.restore(state)
+    assert len(solver.smoothed) == solver.iter == 3
+    solver.step(5)
+    assert_same(weights(solver), first)
+    assert solver.loss == loss
+
+
+def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture) -> None:
+    """And nothing of changes where there are none."""
+    solver = solver_of(RANDOM, "momentum: 0.9")
+    state = solver.snapshot()
+    caplog.set_level("INFO", "netlib")
+    solver_of(RANDOM, "momentum: 0.9").restore(state)
+    assert messages(caplog, "Resuming at iteration 0: weights from snap_iter_0.caffemodel.h5")
+    assert messages(caplog, "goes on exactly")
+    assert not messages(caplog, "Changed")
+
+
+@pytest.mark.parametrize(
+    ("net", "options", "line"),
+    [
+        (RANDOM, "base_lr: 0.05", "Changed: base_lr was 0.1, is now 0.05"),
+        (RANDOM.replace("batch_size: 5", "batch_size: 4"), "", "Changed: batch size was 5, is now 4"),
+        (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
+        (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
+        (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the training data, which starts from its first row"),
+    ],
+)
+def test_resume_says_what_changed(
+    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, net: str, options: str, line: str
+) -> None:
+    """Another learning rate, another batch size, other data."""
+    state = solver_of(RANDOM).snapshot()
+    caplog.set_level("INFO", "netlib")
+    solver_of(net, options).restore(state)
+    assert line in messages(caplog, "Changed")
+
+
+def test_a_resume_that_changes_something_does_not_claim_to_be_exact(
+    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The training of another learning rate or other data is another training."""
+    state = solver_of(RANDOM).snapshot()
+    caplog.set_level("INFO", "netlib")
+    solver_of(RANDOM.replace("train.txt", "test.txt"), "base_lr: 0.05").restore(state)
+    assert not messages(caplog, "goes on exactly")
+
+
+def test_a_new_max_iter_is_no_change_of_a_fixed_policy(solver_of: MakeSolver) -> None:
+    """Training longer is the commonest resume; it works from the final state."""
+    solver = solver_of(ONE_WEIGHT % "", "max_iter: 2")
+    solver.solve()
+    longer = solver_of(ONE_WEIGHT % "", "max_iter: 4")
+    assert longer.solve(resume="snap_iter_2.solverstate.h5")
+    assert longer.iter == 4
+
+
+def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
+    """A pair that was moved together is found together."""
+    solver = solver_of(ONE_WEIGHT % "")
+    solver.step(2)
+    state = solver.snapshot()
+    (work / "moved").mkdir()
+    for path in work.glob("snap*"):
+        path.rename(work / "moved" / path.name)
+    again = solver_of(ONE_WEIGHT % "")
+    again.restore(work / "moved" / state.name)
+    assert weight(again) == weight(solver)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda s: s.snapshot().with_name("snap_iter_0.caffemodel.h5"), "this is a weights file"),
+        (lambda s: "nothing.solverstate.h5", "nothing.solverstate.h5: cannot read a solver state: No such file"),
+        (lambda s: "solver.prototxt", "solver.prototxt: not an HDF5 file; expected a solver state"),
+    ],
+)
+def test_what_cannot_be_resumed_is_one_line(
+    solver_of: MakeSolver, make: Callable[[netlib.Solver], Any], message: str
+) -> None:
+    """A weights file, a missing file, another kind of file."""
+    solver = solver_of(ONE_WEIGHT % "")
+    with pytest.raises(netlib.WeightsError) as error:
+        solver.restore(make(solver))
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("net", "options", "message"),
+    [
+        (ONE_WEIGHT % "", 'type: "Adam" momentum: 0.9', "1 histories, but Adam on this net has 2"),
+        ((ONE_WEIGHT % "").replace("bias_term: false", ""), "", "1 histories, but SGD on this net has 2"),
+        ((ONE_WEIGHT % "").replace("dim: 1 dim: 1", "dim: 1 dim: 2", 1), "", r"history 0 has shape (1, 1), layer 'ip'"),
+    ],
+)
+def test_a_state_of_another_solver_or_net_changes_nothing(
+    solver_of: MakeSolver, net: str, options: str, message: str
+) -> None:
+    """The message says what differs; the solver is as it was."""
+    solver = solver_of(ONE_WEIGHT % "")
+    solver.step(1)
+    state = solver.snapshot()
+    other = solver_of(net, options)
+    before = weights(other)
+    with pytest.raises(netlib.WeightsError) as error:
+        other.restore(state)
+    assert message in str(error.value)
+    assert_same(weights(other), before)
+    assert other.iter == 0
+
+
+def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path) -> None:
+    """Neither iteration, weights nor history, when only the weights file of the pair does not fit."""
+    solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
+    solver.step(1)
+    state = solver.snapshot()
+    with h5py.File(work / "snap_iter_1.caffemodel.h5", "w") as file:
+        file["data/ip/0"] = np.zeros((2, 2), np.float32)
+    before = weights(solver)
+    solver.step(1)
+    after = weights(solver)
+    with pytest.raises(
+        netlib.WeightsError, match=r"layer 'ip' parameter 0 has shape \(2, 2\), the net expects \(1, 1\)"
+    ):
+        solver.restore(state)
+    assert_same(weights(solver), after)
+    assert solver.iter == 2
+    assert not np.array_equal(before[0], after[0])
+
+
+# ---------------------------------------------------------------------------------------------- divergence
+
+
+def test_nan_in_the_data_names_layer_and_blob(solver_of: MakeSolver, work: Path, rows: None) -> None:
+    """Training stops at once; the message names where the first NaN is."""
+    with h5py.File(work / "train0.h5", "r+") as file:
+        file["x"][:, 0, 2, 2] = np.nan
+    solver = solver_of(RANDOM)
+    with pytest.raises(netlib.DivergenceError, match=r"iteration 0: the loss is nan; .* top blob 'x' of layer 'data'"):
+        solver.step(5)
+
+
+def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, work: Path) -> None:
+    """The learning rate is far too large: the loss becomes infinite, and what was written before stays."""
+    solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")
+    with (
+        pytest.raises(netlib.DivergenceError, match=r"iteration \d+: the loss is inf.*'(ip|loss)'"),
+        np.errstate(all="ignore"),
+    ):
+        solver.solve()
+    for path in work.glob("*.caffemodel.h5"):
+        found = snapshot.read_weights(path)
+        assert np.isfinite(found["ip"][0]).all(), path.name
+    assert len(list(work.glob("*.caffemodel.h5"))) == solver.iter
+
+
+# ---------------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ('type: "Adan"', "unknown solver type 'Adan' (did you mean 'Adam'?)"),
+        ('lr_policy: "stp"', "unknown lr_policy 'stp' (did you mean 'step'?)"),
+        ('lr_policy: "step"', "lr_policy 'step' needs a stepsize"),
+        ('lr_policy: "multistep"', "lr_policy 'multistep' needs stepvalue"),
+        ('lr_policy: "poly" max_iter: 0', "lr_policy 'poly' needs max_iter"),
+        ('type: "AdaGrad" momentum: 0.5', "AdaGrad has no momentum"),
+        ('type: "RMSProp" rms_decay: 1', "must be at least 0 and less than 1"),
+        ('regularization_type: "L3"', "unknown regularization_type 'L3'"),
+        ("iter_size: 0", "must be at least 1"),
+        ("snapshot_format: BINARYPROTO", "BINARYPROTO is not supported; expected HDF5"),
+        ("test_interval: 5", "test_interval without test_iter"),
+        (
+            'train_net: "net.prototxt"',
+            "expected one of net, net_param, train_net, train_net_param; found net, train_net",
+        ),
+        ("test_iter: 1 test_interval: 1 test_state { } test_state { }", "2 test_state for 1 test nets"),
+        ("momentun: 0.9", "unknown field 'momentun' (did you mean 'momentum'?)"),
+        ('base_lr: "much"', "'base_lr' expects a number"),
+    ],
+)
+def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, options: str, message: str) -> None:
+    """file:line:column: error: what was found, what is known."""
+    with pytest.raises(netlib.PrototxtError) as error:
+        solver_of(ONE_WEIGHT % "", options)
+    assert message in str(error.value)
+    assert str(error.value).startswith("solver.prototxt:1:")
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_net_is_named(work: Path) -> None:
+    """By the name in the solver file."""
+    (work / "s.prototxt").write_text('net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"')
+    with pytest.raises(netlib.NetlibError, match=r"s.prototxt: the net 'gone.prototxt' does not exist"):
+        netlib.get_solver("s.prototxt")
+
+
+def test_a_net_beside_the_solver_is_found(work: Path, monkeypatch: pytest.MonkeyPatch, solver_of: MakeSolver) -> None:
+    """From any working directory."""
+    solver_of(ONE_WEIGHT % "")
+    (work / "elsewhere").mkdir()
+    monkeypatch.chdir(work / "elsewhere")
+    assert netlib.get_solver("../solver.prototxt").net.name == ""
+
+
+def test_the_older_solver_type_field(solver_of: MakeSolver) -> None:
+    """``solver_type: ADAM`` is ``type: "Adam"``."""
+    assert solver_of(ONE_WEIGHT % "", "solver_type: ADAM").param.type == "Adam"

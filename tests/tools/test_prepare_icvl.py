@@ -1,0 +1,159 @@
+"""tools/prepare_icvl.py, and the net that reads what it writes"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from handpose import icvl
+from handpose.camera import ICVL
+from handpose.crop import crop
+from netlib import prototxt
+from tools import prepare_icvl
+
+ROOT = Path(__file__).parents[2]
+FRAMES = {"Training/labels.txt": 20, "Testing/test_seq_1.txt": 5, "Testing/test_seq_2.txt": 7}
+
+
+@pytest.fixture
+def root(tmp_path) -> Path:
+    """A small data set in ICVL's layout: a slanted plate where the hand would be."""
+    rng = np.random.default_rng(0)
+    for name, count in FRAMES.items():
+        labels = tmp_path / "icvl" / name
+        (labels.parent / "Depth" / labels.stem).mkdir(parents=True)
+        lines = []
+        for i in range(count):
+            palm = np.array([rng.uniform(100, 220), rng.uniform(80, 160), rng.uniform(250, 450)])
+            uvd = palm + rng.normal(0, 8, (16, 3)) * (np.arange(16) > 0)[:, None]
+            image = np.full((240, 320), 32001, np.uint16)
+            u, v, d = palm.astype(int)
+            image[v - 20 : v + 20, u - 20 : u + 20] = d + np.arange(40)
+            path = f"{labels.stem}/image_{i:04d}.png"
+            assert cv2.imwrite(str(labels.parent / "Depth" / path), image)
+            lines.append(f"{path} {' '.join(f'{value:.3f}' for value in uvd.ravel())} \n")
+        labels.write_text("".join(lines) + "\n")
+    return tmp_path / "icvl"
+
+
+def prepare(root: Path, *more: str) -> int:
+    return prepare_icvl.main([str(root), "--out", str(root.parent / "out"), *more])
+
+
+def test_frames(root, capsys):
+    """Crops about the palm in the 250 mm cube, 16 joints in half-cubes, the two test sequences one after the other."""
+    assert prepare(root) == 0
+    labels = icvl.read_labels([root / name for name in icvl.LABELS["test"]])
+    with h5py.File(root.parent / "out" / "test_000.h5") as file:
+        assert file.attrs["made_from"] == "ICVL"
+        assert file["joint"].shape == (12, 48) and file["depth"].shape == (12, 1, 128, 128)
+        np.testing.assert_array_equal(file["index"], np.arange(12))
+        np.testing.assert_array_equal(file["half_cube"], 125)
+        np.testing.assert_allclose(file["center_uvd"], labels.uvd[:, 0], rtol=1e-6)
+        xyz = ICVL.unproject(labels.uvd)
+        expected = np.clip((xyz - xyz[:, :1]) / 125, -1, 1)
+        np.testing.assert_allclose(file["joint"][:].reshape(-1, 16, 3), expected, atol=1e-6)
+        np.testing.assert_array_equal(file["joint"][:, :3], 0)  # the palm is the centre
+        depth = cv2.imread(str(labels.files[7]), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(file["depth"][7, 0], crop(depth, labels.uvd[7, 0], 250, ICVL))
+    out = capsys.readouterr().out
+    assert "test: 12 frames (ICVL), none bad" in out and "(annotated palm), cube 250 mm" in out
+
+
+def test_net_learns_from_them(root):
+    """The net for ICVL reads the files, and its loss falls."""
+    prepare(root)
+    text = (ROOT / "prototxt" / "icvl_train_test.prototxt").read_text().replace("data/icvl", str(root.parent / "out"))
+    text = text.replace("batch_size: 512", "batch_size: 20").replace("batch_size: 228", "batch_size: 12")
+    net = root.parent / "net.prototxt"
+    net.write_text(text.replace('"hand/icvl', f'"{ROOT}/prototxt/hand/icvl'))
+    solver = (ROOT / "prototxt" / "icvl_solver.prototxt").read_text()
+    solver = solver.replace("prototxt/icvl_train_test.prototxt", str(net)).replace("test_iter: 7", "test_iter: 1")
+    solver = solver.replace("snapshots/icvl", str(root.parent / "snapshot"))
+    (root.parent / "solver.prototxt").write_text(solver)
+    solver = netlib.get_solver(str(root.parent / "solver.prototxt"))
+    assert solver.net.blobs["pred"].shape == (20, 48) and solver.net.blobs["hand"].shape == (20, 63)
+    solver.step(1)
+    first = float(solver.net.blobs["joint_loss"].data)
+    solver.step(30)
+    assert float(solver.net.blobs["joint_loss"].data) < 0.9 * first
+    assert solver.test_nets[0].forward()["joint_loss"].shape == ()
+
+
+def test_shipped_net_finds_its_hand(tmp_path, monkeypatch, root):
+    """From any working directory: the skeleton's path counts from the net's file."""
+    prepare(root)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    (root.parent / "out").rename(tmp_path / "data" / "icvl")
+    (tmp_path / "data" / "icvl" / "test.txt").write_text("test_000.h5\n")
+    net = netlib.Net(str(ROOT / "prototxt" / "icvl_train_test.prototxt"), netlib.TEST)
+    assert net.blobs["pred"].shape == (228, 48)
+    nyu = prototxt.parse_file(ROOT / "prototxt" / "nyu_train_test.prototxt")
+    assert nyu is not None and net.params["DoF"][0].shape == (47, 1024)  # the shapes of NYU's net
+
+
+def test_bad_frames(root, capsys):
+    """A missing, a truncated and an 8-bit frame, one of another size, and one without a hand are left out."""
+    depth = root / "Training" / "Depth" / "labels"
+    (depth / "image_0001.png").unlink()
+    (depth / "image_0002.png").write_bytes((depth / "image_0002.png").read_bytes()[:-20])
+    cv2.imwrite(str(depth / "image_0003.png"), np.full((240, 320), 200, np.uint8))
+    cv2.imwrite(str(depth / "image_0004.png"), np.full((480, 640), 300, np.uint16))
+    cv2.imwrite(str(depth / "image_0005.png"), np.full((240, 320), 32001, np.uint16))
+    assert prepare(root, "--splits", "train") == 0
+    out, err = capsys.readouterr()
+    told = "1 no depth around the hand, 1 no such file, 1 truncated, damaged or no PNG, 2 wrong size or type of image"
+    assert f"train: 15 frames (ICVL), 5 bad frames left out: {told}" in out
+    for i in range(1, 6):
+        assert f"train frame {i}: {depth}/image_000{i}.png: " in err
+    shutil.rmtree(root.parent / "out")
+    assert prepare(root, "--splits", "train", "--strict") == 1
+    assert "image_0001.png: no such file" in capsys.readouterr().err
+    assert [path.name for path in (root.parent / "out").iterdir()] == []
+
+
+def check(root, capsys, *more):
+    status = prepare_icvl.main([str(root), "--check", "--out", str(root / "out"), *more])
+    lines = capsys.readouterr().err.splitlines()
+    assert status == (1 if lines else 0) and not (root / "out").exists()
+    return lines
+
+
+def test_check(root, capsys):
+    """What is short of the whole is said; a sequence, labels, frames, or a split may be missing."""
+    train, test = check(root, capsys)
+    assert "20 labelled frames, the whole training set with its turned copies has over 300,000" in train
+    assert "12 labelled frames, the whole test set has 702 + 894" in test
+    (root / "Testing" / "Depth" / "test_seq_1" / "image_0003.png").unlink()
+    assert "1 of 12 depth frames are missing, the first is" in check(root, capsys, "--splits", "test")[1]
+    (root / "Testing" / "test_seq_2.txt").unlink()
+    assert "one of the two sequences" in check(root, capsys, "--splits", "test")[0]
+    shutil.rmtree(root / "Testing" / "Depth")
+    assert any("5 of 5 depth frames are missing" in line for line in check(root, capsys, "--splits", "test"))
+    assert prepare(root, "--splits", "test") == 1 and not (root.parent / "out").exists()
+    capsys.readouterr()
+    (root / "Training" / "labels.txt").unlink()
+    assert "labels.txt: no such file; it holds the joints" in check(root, capsys, "--splits", "train")[0]
+    shutil.rmtree(root / "Testing")
+    assert "no folder 'Testing'; the data set has" in check(root, capsys, "--splits", "test")[0]
+    assert "is itself a split" in check(root / "Training", capsys, "--splits", "test")[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("train/joint_data.mat", "NYU hand pose data set; use tools/prepare_nyu.py"), ("P0/1/joint.txt", "MSRA15"),
+     ("test_groundtruth_uvd.txt", "only text files"), ("Training.tar.gz", "not unpacked")],
+)  # fmt: skip
+def test_check_wrong_archive(tmp_path, capsys, name, told):
+    """Other data sets are recognised."""
+    (tmp_path / "root" / name).parent.mkdir(parents=True)
+    (tmp_path / "root" / name).touch()
+    lines = check(tmp_path / "root", capsys)
+    assert len(lines) == 2 and all(told in line for line in lines)

@@ -1,0 +1,469 @@
+"""tools/prepare_nyu.py"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from handpose import nyu
+from handpose.camera import NYU
+from handpose.crop import crop, window
+from tools import make_synthetic, prepare_nyu
+
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared" / "data" / "nyu"
+needs_real = pytest.mark.skipif(not SHARED.is_dir(), reason="needs real NYU frames")
+
+
+@pytest.fixture(scope="session")
+def raw(tmp_path_factory) -> Path:
+    """30 training and 20 test frames in NYU's format."""
+    out = tmp_path_factory.mktemp("raw")
+    assert make_synthetic.main(["--raw", "--out", str(out), "--train", "30", "--test", "20", "--workers", "1"]) == 0
+    return out
+
+
+@pytest.fixture
+def root(raw, tmp_path) -> Path:
+    """A copy of them to be broken."""
+    shutil.copytree(raw, tmp_path / "root")
+    return tmp_path / "root"
+
+
+@pytest.fixture
+def small(monkeypatch) -> None:
+    """Files of 12 frames."""
+    monkeypatch.setattr(prepare_nyu, "FRAMES_PER_FILE", 12)
+
+
+def prepare(root: Path, *more: str) -> int:
+    return prepare_nyu.main([str(root), "--out", str(root.parent / "out"), "--workers", "2", *more])
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def write_labels(folder: Path, uvd: np.ndarray, made_from: str = "NYU") -> None:
+    """Labels of ``uvd`` (N, 36, 3)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    nyu.write_labels(folder / nyu.LABELS, NYU.unproject(uvd), made_from)
+
+
+def hand(count: int) -> np.ndarray:
+    """Annotations in the middle of the image, 800 mm away."""
+    return np.tile([320.0, 240.0, 800.0], (count, 36, 1)) + np.random.default_rng(0).normal(0, 5, (count, 36, 3))
+
+
+def write_frame(path: Path, depth: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), nyu.pack_depth(depth))
+
+
+# ------------------------------------------------------------------------------------------- what it makes
+
+
+def test_raw_equals_direct(tmp_path, capsys):
+    """Frames by way of NYU's format are the directly written ones: to half a mm of depth, exactly in all else."""
+    count = ["--train", "150", "--test", "70", "--workers", "1"]
+    make_synthetic.main(["--raw", "--out", str(tmp_path / "root"), *count])
+    make_synthetic.main(["--out", str(tmp_path / "direct"), *count])
+    assert prepare(tmp_path / "root") == 0
+    for split, frames in (("train", 150), ("test", 70)):
+        with (
+            h5py.File(tmp_path / "direct" / f"{split}_000.h5") as a,
+            h5py.File(tmp_path / "out" / f"{split}_000.h5") as b,
+        ):
+            assert sorted(b) == sorted(set(a) - {"dof"}) and b.attrs["made_from"] == "synthetic"
+            for name in ("index", "center", "center_uvd", "half_cube"):
+                np.testing.assert_array_equal(a[name][:], b[name][:], name)
+            np.testing.assert_allclose(b["joint"][:], a["joint"][:], rtol=0, atol=1e-6)
+            assert b["depth"].dtype == np.float32 and b["depth"].chunks is None and b["depth"].shape[0] == frames
+            picked = window(a["center_uvd"][:].astype(float), 300)
+            # beyond the border of the image there is nothing to be read from a file
+            inside = ((picked.rows >= 0)[:, :, None] & (picked.columns >= 0)[:, None])[:, None]
+            difference = np.abs(a["depth"][:] - b["depth"][:]) * 150
+            assert difference[inside].max() <= 0.5 + 1e-4  # mm: the images hold whole ones
+            assert 0.1 < difference[(np.abs(a["depth"][:]) < 1) & inside].mean() < 0.4
+    out = capsys.readouterr().out
+    assert "train: 150 frames (synthetic), none bad" in out
+    assert "mm from the centre (annotated joint 34), cube 300 mm" in out
+
+
+@needs_real
+def test_the_published_crop(tmp_path):
+    """The first real test frame, prepared, is the crop that the paper's authors published, on every pixel."""
+    folder = tmp_path / "root" / "dataset" / "test"
+    uvd = np.load(SHARED / "test_joint_uvd.npz")["joint_uvd"][:1].astype(float)
+    write_labels(folder, uvd)
+    shutil.copy(SHARED / "depth_1_0000001.png", folder)
+    assert prepare(tmp_path / "root", "--splits", "test", "--strict") == 0
+    published = cv2.imread(str(SHARED / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
+    with h5py.File(tmp_path / "out" / "test_000.h5") as file:
+        assert file.attrs["made_from"] == "NYU"
+        np.testing.assert_array_equal(np.rint((file["depth"][0, 0] + 1) / 2 * 255), published)
+        mm = NYU.unproject(uvd)[0]
+        expected = np.clip((mm[list(nyu.ANNOTATION_OF_JOINT)] - mm[34]) / 150, -1, 1).reshape(-1)
+        np.testing.assert_allclose(file["joint"][0], expected, atol=1e-6)
+        np.testing.assert_allclose(file["center"][0], mm[34], rtol=1e-6)
+        palm = file["joint"][0].reshape(31, 3)[24]
+        assert palm[1] > 0 and uvd[0, 32, 1] < uvd[0, 34, 1]  # higher up in the image is more y
+    assert (tmp_path / "out" / "test.txt").read_text() == f"{tmp_path}/out/test_000.h5\n"
+
+
+def test_second_subject(tmp_path):
+    """Test frames from 2440 on have the cube of 261 mm; training frames never."""
+    for split in ("train", "test"):
+        write_labels(tmp_path / split, hand(2442))
+        frames = nyu.annotated(tmp_path, split)
+        cubes = frames.cube_mm[[0, 2439, 2440, 2441]]
+        np.testing.assert_allclose(cubes, [300, 300, 261, 261] if split == "test" else 300)
+
+
+@pytest.mark.parametrize("kind", ["txt", "npy", "npz"])
+def test_other_centres(root, kind, capsys):
+    """--center FILE crops about the centres of a file, and says so."""
+    centers = np.tile([300.0, 200.0, 700.0], (20, 1)) + np.arange(20)[:, None]
+    path = root.parent / f"centers_test.{kind}"
+    if kind == "txt":
+        path.write_text("".join(f"{u} {v} {d}\n" for u, v, d in centers))
+    elif kind == "npy":
+        np.save(path, centers)
+    else:
+        np.savez(path, center_uvd=centers)
+    centre = ["--center", str(path).replace("test.", "{split}.")]
+    assert prepare(root, "--splits", "test", *centre) in (0, 1)
+    with h5py.File(root.parent / "out" / "test_000.h5") as file:
+        some = file["index"][:]
+        np.testing.assert_allclose(file["center_uvd"][:], centers[some])
+        depth = nyu.read_nyu_depth(root / "test" / nyu.frame_name(int(some[-1])))
+        np.testing.assert_array_equal(file["depth"][-1, 0], crop(depth, centers[some[-1]], 300))
+        labels = nyu.read_labels(root / "test" / nyu.LABELS).xyz[some][:, list(nyu.ANNOTATION_OF_JOINT)]
+        expected = (labels - NYU.unproject(centers[some])[:, None]) / 150
+        np.testing.assert_allclose(file["joint"][:].reshape(-1, 31, 3), np.clip(expected, -1, 1), atol=1e-5)
+    assert f"centres of centers_test.{kind}" in capsys.readouterr().out
+
+
+# ------------------------------------------------------------------------------------------------ the run
+
+
+def test_resume(root, small, capsys):
+    """A second run keeps all; a frame that changed has its file, and no other, made again."""
+    assert prepare(root) == 0
+    out = root.parent / "out"
+    times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
+    assert len(times) == 5 and (out / "train.txt").read_text().count("\n") == 3
+    capsys.readouterr()
+    assert prepare(root) == 0
+    assert "all kept" in capsys.readouterr().out
+    write_frame(root / "train" / nyu.frame_name(13), np.full((480, 640), 800))
+    assert prepare(root) == 0
+    assert "made 12 frames" in capsys.readouterr().out
+    changed = {path.name for path in out.glob("*.h5") if path.stat().st_mtime_ns != times[path.name]}
+    assert changed == {"train_001.h5"}
+
+
+def test_workers_change_no_byte(root):
+    """Files of one thread and of three are equal to the byte."""
+    for workers in "13":
+        prepare_nyu.main([str(root), "--out", str(root.parent / workers), "--workers", workers])
+    assert (root.parent / "1" / "train_000.h5").read_bytes() == (root.parent / "3" / "train_000.h5").read_bytes()
+
+
+def break_frames(root: Path) -> None:
+    """One frame of each kind of damage, 2 to 7 of the training set."""
+    at = [root / "train" / nyu.frame_name(i) for i in range(30)]
+    at[2].unlink()
+    at[3].write_bytes(at[3].read_bytes()[:-100])
+    write_frame(at[4], np.full((240, 320), 800))
+    assert cv2.imwrite(str(at[5]), np.full((480, 640), 800, np.uint16))
+    write_frame(at[6], np.full((480, 640), 3000))
+    at[7].write_bytes(b"")
+
+
+KINDS = ("no such file", "truncated, damaged or no PNG", "wrong size", "found uint16", "no depth around the hand")
+
+
+def test_bad_frames(root, small, capsys):
+    """Bad frames are named, counted and left out, in the next run too; the rest is whole."""
+    break_frames(root)
+    for made in ("made 44 frames", "all kept"):
+        assert prepare(root) == 0
+        out, err = capsys.readouterr()
+        assert made in out and "train: 24 frames (synthetic), 6 bad frames left out: 1 no depth" in out
+        assert "2 truncated" in out and "2 wrong size" in out
+        assert "warning: " in err and "1 of 30 depth frames are missing, the first is depth_1_0000003.png" in err
+        for i in range(2, 8):
+            assert f"train frame {i}: {root}/train/{nyu.frame_name(i)}: " in err
+    folder = root.parent / "out"
+    assert (folder / "bad_train.txt").read_text().count("\n") == 6 and not (folder / "bad_test.txt").exists()
+    with h5py.File(folder / "train_000.h5") as file:
+        np.testing.assert_array_equal(file["index"], [0, 1, 8, 9, 10, 11])
+        assert all(len(file[name]) == 6 for name in file)
+        depth = crop(nyu.read_nyu_depth(root / "train" / nyu.frame_name(9)), file["center_uvd"][3].astype(float), 300)
+        np.testing.assert_array_equal(file["depth"][3, 0], depth)
+    assert not [name for name in names(folder) if name.endswith(".tmp")]
+
+
+def test_mended_frames_are_taken_in(root, raw, small, capsys):
+    """When a missing frame has come, the next run makes that file again."""
+    break_frames(root)
+    prepare(root)
+    shutil.copy(raw / "train" / nyu.frame_name(2), root / "train")
+    assert prepare(root) == 0
+    assert "train: 25 frames" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("frame", range(2, 8))
+def test_strict(root, raw, small, capsys, frame):
+    """--strict stops at the first bad frame with one line about it, and keeps only whole files."""
+    break_frames(root)
+    for i in range(2, frame):
+        shutil.copy(raw / "train" / nyu.frame_name(i), root / "train")
+    assert prepare(root, "--strict", "--splits", "test", "train") == 1
+    error = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    assert len(error) == 1 and nyu.frame_name(frame) in error[0] and any(kind in error[0] for kind in KINDS)
+    assert "train_000.h5" not in names(root.parent / "out") and "train.txt" not in names(root.parent / "out")
+
+
+def test_nothing_usable(root, small, capsys):
+    """A split without any good frame is an error, and gets no list."""
+    for i in range(20):
+        write_frame(root / "test" / nyu.frame_name(i), np.zeros((480, 640)))
+    assert prepare(root, "--splits", "test") == 1
+    error = capsys.readouterr().err
+    assert "none of the 20 test frames can be used" in error and "10 more bad frames, see" in error
+    assert "test.txt" not in names(root.parent / "out")
+
+
+def test_file_without_good_frames_is_not_listed(root, small):
+    """HDF5Data wants rows in every file."""
+    for i in range(12):
+        (root / "train" / nyu.frame_name(i)).write_bytes(b"")
+    for _ in range(2):
+        assert prepare(root, "--splits", "train") == 0
+        listed = (root.parent / "out" / "train.txt").read_text().splitlines()
+        assert [Path(line).name for line in listed] == ["train_001.h5", "train_002.h5"]
+
+
+def test_labels_that_are_no_numbers(root, capsys):
+    """A frame whose annotation is NaN is a bad frame."""
+    labels = nyu.read_labels(root / "test" / nyu.LABELS)
+    labels.xyz[4, 0] = np.nan
+    nyu.write_labels(root / "test" / nyu.LABELS, labels.xyz, "synthetic")
+    assert prepare(root, "--splits", "test") == 0
+    assert "test frame 4: " in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_interrupted(root):
+    """SIGTERM leaves whole files only, and the next run completes them."""
+    source = root / "test" / nyu.frame_name(0)
+    count = 4000
+    labels = nyu.read_labels(root / "test" / nyu.LABELS).xyz[:1].repeat(count, axis=0)
+    nyu.write_labels(root / "test" / nyu.LABELS, labels, "synthetic")
+    for i in range(1, count):
+        (root / "test" / nyu.frame_name(i)).unlink(missing_ok=True)
+        os.link(source, root / "test" / nyu.frame_name(i))
+    out = root.parent / "out"
+    command = [sys.executable, str(ROOT / "tools" / "prepare_nyu.py"), str(root), "--out", str(out), "--splits", "test"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        begun = time.monotonic()
+        while not list(out.glob(".*.tmp")) and time.monotonic() - begun < 60:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        stdout, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stdout) == (143, "")
+    assert stderr == "stopped; whole files are kept, and the next run goes on after them\n"
+    assert set(names(out)) <= {"test_000.h5"}
+
+
+def test_leaves_foreign_files_alone(root, capsys):
+    """Data of another origin is not replaced without --force."""
+    out = root.parent / "out"
+    out.mkdir()
+    with h5py.File(out / "test_000.h5", "w") as file:
+        file.attrs["made_from"] = "my camera"
+    assert prepare(root) == 1
+    assert "made from my camera" in capsys.readouterr().err and names(out) == ["test_000.h5"]
+    assert prepare(root, "--force") == 0
+
+
+# ---------------------------------------------------------------------------------------------- --check
+
+
+def check(root: Path, capsys: pytest.CaptureFixture[str], *more: str) -> list[str]:
+    """The lines of complaint of --check, which exits 1 if there are any; the run itself makes nothing then."""
+    status = prepare_nyu.main([str(root), "--check", "--out", str(root / "out"), *more])
+    lines = capsys.readouterr().err.splitlines()
+    assert status == (1 if lines else 0) and not (root / "out").exists()
+    return lines
+
+
+def refused(root: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> None:
+    """The run itself gives up, with the same lines, before it makes anything."""
+    lines = check(root, capsys, *more)
+    assert prepare_nyu.main([str(root), "--out", str(out), *more]) == 1
+    told = [line.removeprefix("warning: ") for line in capsys.readouterr().err.splitlines()]
+    assert told == lines and not out.exists()
+
+
+def test_check_whole(raw, capsys):
+    """A whole directory has nothing wrong."""
+    assert check(raw, capsys) == []
+
+
+def test_check_counts(tmp_path, capsys):
+    """What is short of the whole data set is said; the second test subject alone cannot be prepared."""
+    for count, told in ((2440, "the first of the two test subjects only"), (5812, "the second test subject only"),
+                        (100, "100 labelled frames, the whole test set has 8252")):  # fmt: skip
+        write_labels(tmp_path / "test", hand(count))
+        write_frame(tmp_path / "test" / nyu.frame_name(0), np.full((480, 640), 800))
+        lines = check(tmp_path, capsys, "--splits", "test")
+        assert told in lines[0] and f"{count - 1} of {count} depth frames are missing" in lines[1]
+    write_labels(tmp_path / "test", hand(5812))
+    refused(tmp_path, tmp_path / "out", capsys, "--splits", "test")
+
+
+def test_check_missing_subject(tmp_path, capsys):
+    """All labels, but the frames of one subject only."""
+    write_labels(tmp_path / "test", hand(8252))
+    for i in range(2440):
+        (tmp_path / "test" / nyu.frame_name(i)).touch()
+    (line,) = check(tmp_path, capsys, "--splits", "test")
+    assert "5812 of 8252 depth frames are missing, the first is depth_1_0002441.png" in line
+    assert "all of the second test subject's are" in line
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        (["Training/labels.txt", "Training/Depth/a/image_0000.png"], "the ICVL data set; use tools/prepare_icvl.py"),
+        (["P0/1/000000_depth.bin", "P1/1/joint.txt"], "looks like the MSRA15 data set"),
+        (["test_groundtruth_uvd.txt", "predictions.txt"], "looks like only text files"),
+        (["nyu_hand_dataset_v2.zip"], "an archive that is not unpacked (nyu_hand_dataset_v2.zip)"),
+        (["train.txt", "train_000.h5"], "prepared already"),
+        (["notes.odt"], "does not look like any data set known here"),
+        ([], "looks like nothing"),
+    ],
+)  # fmt: skip
+def test_check_wrong_archive(tmp_path, capsys, files, told):
+    """Other data sets are recognised."""
+    for name in files:
+        path = tmp_path / "root" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    (tmp_path / "root").mkdir(exist_ok=True)
+    refused(tmp_path / "root", tmp_path / "out", capsys)
+    lines = check(tmp_path / "root", capsys)
+    assert len(lines) == 2 and all(told in line for line in lines)
+
+
+@pytest.mark.parametrize(("prefix", "told"), [("synthdepth_1_", "rendered depth"), ("rgb_1_", "colour images"),
+                                              ("depth_2_", "camera 2")])  # fmt: skip
+def test_check_wrong_images(root, capsys, prefix, told):
+    """Rendered depth, colour, or another camera's frames are told from the real depth."""
+    for path in list((root / "test").glob("depth_1_*.png")):
+        path.rename(path.with_name(prefix + path.name.removeprefix("depth_1_")))
+    refused(root, root.parent / "out", capsys)
+    (line,) = check(root, capsys)
+    assert told in line and "no depth frames such as depth_1_0000001.png" in line
+
+
+def test_check_places(root, capsys):
+    """A split in the root's place, a missing split, and no root at all."""
+    assert all("is itself a split" in line for line in check(root / "train", capsys))
+    shutil.rmtree(root / "test")
+    (line,) = check(root, capsys)
+    assert "no folder 'test'; the data set has train and test" in line
+    (line,) = check(root.parent / "no", capsys)
+    assert "no such folder" in line
+
+
+def damage_labels(path: Path, how: str) -> None:
+    joints = nyu.read_labels(path).xyz
+    uvd = NYU.project(joints)
+    if how == "absent":
+        path.unlink()
+    elif how == "truncated":
+        path.write_bytes(path.read_bytes()[:-1000])
+    elif how == "text":
+        path.write_text("u v d " * 100)
+    elif how == "version 4":
+        scipy.io.savemat(path, {"joint_uvd": uvd[0], "joint_xyz": joints[0]}, format="4")
+    elif how == "predictions":
+        scipy.io.savemat(path, {"pred_joint_uvconf": uvd[None]})
+    elif how == "14 joints":
+        scipy.io.savemat(path, {"joint_uvd": uvd[None, :, :14], "joint_xyz": joints[None, :, :14]})
+    elif how == "y down":
+        scipy.io.savemat(path, {"joint_uvd": uvd[None], "joint_xyz": joints[None] * (1, -1, 1)})
+    elif how == "hdf5":
+        path.write_bytes((path.parent / "other.h5").read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("absent", "no such file; it holds the joints"),
+        ("truncated", "not a readable MATLAB file, perhaps truncated"),
+        ("text", "not a readable MATLAB file"),
+        ("version 4", "version 4, or none; expected version 5 or 7.3"),
+        ("predictions", "no variable 'joint_uvd'; it has pred_joint_uvconf"),
+        ("14 joints", "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
+        ("y down", "its y axis points down, expected up"),
+    ],
+)
+def test_check_labels(root, capsys, how, told):
+    """Every way in which joint_data.mat can be wrong is one line, and stops the run."""
+    damage_labels(root / "test" / nyu.LABELS, how)
+    refused(root, root.parent / "out", capsys)
+    (line,) = check(root, capsys)
+    assert told in line and str(root / "test" / nyu.LABELS) in line
+
+
+def test_labels_of_version_73(root, capsys):
+    """MATLAB's version 7.3 is HDF5 with the axes in reverse order; of three cameras the first is taken."""
+    path = root / "test" / nyu.LABELS
+    labels = nyu.read_labels(path)
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in (("joint_uvd", labels.uvd), ("joint_xyz", labels.xyz)):
+            file[name] = np.stack([array, array + 1, array + 2]).T
+        file["made_from"] = np.array([[ord(c)] for c in "synthetic"], np.uint16)
+    again = nyu.read_labels(path)
+    np.testing.assert_array_equal(again.uvd, labels.uvd)
+    np.testing.assert_array_equal(again.xyz, labels.xyz)
+    assert check(root, capsys) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("1 2\n" * 20, "centers.txt:1: expected 3 numbers, found '1 2'"), ("1 2 3\n" * 19, "expected (20, 3)"),
+     ("u v d\n", "centers.txt:1: expected 3 numbers"), (None, "No such file")],
+)  # fmt: skip
+def test_wrong_centres(root, capsys, text, told):
+    """A file of centres that does not fit is one line."""
+    path = root.parent / "centers.txt"
+    if text is not None:
+        path.write_text(text)
+    assert prepare(root, "--splits", "test", "--center", str(path)) == 1
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
+
+
+def test_usage(root, capsys):
+    """One file of centres cannot serve two splits; numbers and splits are checked."""
+    for wrong in (["--center", "c.txt"], ["--workers", "0"], ["--splits", "val"]):
+        with pytest.raises(SystemExit) as exit_:
+            prepare(root, *wrong)
+        assert exit_.value.code == 2 and wrong[0] in capsys.readouterr().err

@@ -1,0 +1,39 @@
+#!/usr/bin/env python3
+"""Prepare the ICVL hand posture data set: raw frames and labels to the HDF5 files that the nets read.
+
+    python tools/prepare_icvl.py ICVL_ROOT --check
+    python tools/prepare_icvl.py ICVL_ROOT --out data/icvl
+
+ICVL_ROOT has Training/labels.txt and Training/Depth/..., Testing/test_seq_1.txt, Testing/test_seq_2.txt and
+Testing/Depth/... --check only says what is there and what is missing.
+
+Crops are 128 x 128 about the annotated palm (or the --center given), cube 250 mm, resized by nearest neighbour;
+16 joints. Written are train_000.h5, ... of 2,500 frames each, test_000.h5 with the two test sequences one after the
+other, and the lists train.txt and test.txt. Files that are there and whole are kept, so a run that was interrupted
+goes on where it stopped. Bad frames are left out, named and counted.
+
+A --center FILE has one line "u v d" (px, px, mm) for each frame of the split, or is an .npy or .npz file of such
+an array; "{split}" in its name stands for train and test.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
+
+from handpose import icvl
+from tools.console import guarded
+from tools.prepare_nyu import arguments, run
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns its exit status."""
+    assert __doc__
+    args = arguments(argv, __doc__, "ICVL_ROOT", Path("data/icvl"), "palm")
+    return guarded(lambda: run(args, icvl.check, icvl.annotated, ["ICVL"]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
