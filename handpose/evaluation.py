@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -60,10 +61,13 @@ def predict(
     wanted = [prediction, truth, *((hand.spec.bottom[0],) if hand else ())]
     found: dict[str, list[Array]] = {name: [] for name in wanted}
     sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
+    if data.rows % data.param.batch_size:  # a last batch would run over into the first rows and count them twice
+        data.use_batch_size(math.gcd(data.rows, data.param.batch_size))
+        net.reshape()
     done = 0
     while done < data.rows:
         net.run_forward()
-        take = min(data.param.batch_size, data.rows - done)  # the last batch runs over into the first rows again
+        take = data.batch_size
         for name in wanted:
             found[name].append(net.blobs[name].data[:take].reshape(take, -1).copy())
         for name, values in sums.items():
@@ -86,10 +90,19 @@ def _half_cubes(data: HDF5Data) -> Array:
     halves = []
     for source in data.files:
         with h5py.File(source.path, "r") as file:
-            known = "half_cube" in file
-            halves.append(file["half_cube"][...].reshape(-1) if known else np.full(source.rows, CUBE_MM / 2))
+            stored = file.get("half_cube")
+            if stored is None:
+                halves.append(np.full(source.rows, CUBE_MM / 2))
+                continue
+            if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "fiu":
+                raise DataError(
+                    f"{source.path}: half_cube is not a data set of numbers; expected half the cube's edge, mm"
+                )
+            halves.append(stored[...].reshape(-1))
         if len(halves[-1]) != source.rows:
             raise DataError(f"{source.path}: {len(halves[-1])} values of half_cube for {source.rows} frames")
+        if not (np.isfinite(halves[-1]) & (halves[-1] > 0)).all():
+            raise DataError(f"{source.path}: half_cube has values that are not positive numbers; expected mm")
     return np.concatenate(halves).astype(np.float64)
 
 
@@ -100,6 +113,12 @@ def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:
     within_20_mm, within_40_mm   frames whose largest error over the 14 joints is at most that
     out_of_limits     frames with an angle beyond its limit (only for nets with a hand model)
     """
+    for what, values in (("predicted", p.joints), ("annotated", p.truth)):
+        wrong = ~np.isfinite(values).all(axis=(1, 2))
+        if wrong.any():
+            raise DataError(
+                f"the {what} joints of frame {int(wrong.argmax())} are not finite ({wrong.sum()} such frames)"
+            )
     scale = p.half_cube[:, None, None]
     errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
     few = errors[:, list(metrics.EVALUATION_JOINTS)] if errors.shape[1] == len(ANNOTATION_OF_JOINT) else errors

@@ -24,7 +24,7 @@ import numpy as np
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError, os_reason
 from netlib.layer import Layer
-from netlib.paths import find
+from netlib.paths import exists, find
 from netlib.schema import UInt
 
 Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
@@ -58,10 +58,17 @@ class HDF5Data(Layer):
                 if first.shape[1:] != this.shape[1:]:
                     raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
                                     f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
-        self.notes = [f"{self.rows} rows in {len(self.files)} files of {self.param.source}, made from {self._origin()}"]
+        if self.param.batch_size > self.rows:
+            self.notes = [f"warning: batch_size {self.param.batch_size} is more than the {self.rows} rows of "
+                          f"{self.param.source}; every batch repeats some"]  # fmt: skip
+        else:
+            self.notes = []
+        self.notes += [
+            f"{self.rows} rows in {len(self.files)} files of {self.param.source}, made from {self._origin()}"
+        ]
         self.cursor: Cursor = (0, 0, 0)
         self._ahead: Future[Cursor] | None = None
-        self._next = [np.empty((self.param.batch_size, *a.shape[1:]), self.dtype) for a in self.files[0].arrays]
+        self.use_batch_size(self.param.batch_size)
         self._reader = ThreadPoolExecutor(1, "hdf5_data")
 
     def _origin(self) -> str:
@@ -69,7 +76,7 @@ class HDF5Data(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for blob, array in zip(top, self.files[0].arrays):
-            blob.reshape(self.param.batch_size, *array.shape[1:])
+            blob.reshape(self.batch_size, *array.shape[1:])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         ahead = self._ahead or self._reader.submit(self.read, self.cursor, self._next)
@@ -81,15 +88,24 @@ class HDF5Data(Layer):
         self._ahead = self._reader.submit(self.read, self.cursor, self._next)
 
     def state(self) -> dict[str, Any]:
-        return {"seed": self.seed, "cursor": list(self.cursor), "rows": self.rows}
+        return {"seed": self.seed, "cursor": list(self.cursor), "files": self._identity()}
 
     def restore(self, state: dict[str, Any]) -> None:
         if "seed" not in state:  # of a layer of another type
             return
         self._drop_ahead()
         self.seed = int(state["seed"])
-        if state.get("rows") == self.rows:  # with other data there is no such place to go on
+        if state.get("files") == self._identity():  # with other data there is no such place to go on
             self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]), int(state["cursor"][2]))
+
+    def _identity(self) -> list[list[Any]]:
+        return [[file.path.name, file.rows, file.made_from] for file in self.files]
+
+    def use_batch_size(self, size: int) -> None:
+        """Read ``size`` rows at a time from now on; the net must be reshaped after it."""
+        self._drop_ahead()
+        self.batch_size = size
+        self._next = [np.empty((size, *a.shape[1:]), self.dtype) for a in self.files[0].arrays]
 
     def rewind(self) -> None:
         """Go on from the first row."""
@@ -168,7 +184,8 @@ class File:
         if dataset.dtype.kind not in "fiu":
             raise DataError(f"{self.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
         offset = dataset.id.get_offset()
-        if offset is None or dataset.size == 0:  # in chunks, compressed or empty
+        elsewhere = Path(dataset.file.filename).resolve() != self.path.resolve()  # an external link
+        if offset is None or elsewhere or dataset.size == 0:  # in chunks, compressed, in another file, or empty
             return np.asarray(dataset[...])
         return np.memmap(self.path, dataset.dtype, "r", offset, dataset.shape).view(np.ndarray)
 
@@ -177,8 +194,8 @@ def read_list(source: str, prototxt: str | None) -> list[Path]:
     """The files that a list names, relative to the working directory or to the list. Raises DataError."""
     path = find(source, prototxt)
     try:
-        lines = path.read_text(encoding="utf-8").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
+        lines = path.read_text(encoding="utf-8-sig").split("\n")
+    except (OSError, ValueError) as error:
         reason = os_reason(error) if isinstance(error, OSError) else "not a text file"
         raise DataError(f"{source}: cannot read the list of HDF5 files: {reason}") from error
     names = [line.strip() for line in lines if line.strip()]
@@ -187,7 +204,7 @@ def read_list(source: str, prototxt: str | None) -> list[Path]:
     files = []
     for name in names:
         files.append(find(name, str(path)))
-        if not files[-1].exists():
+        if not exists(files[-1]):
             raise DataError(f"{source}: names {name!r}, which does not exist; expected a path from the working "
                             "directory or from the list")  # fmt: skip
     return files

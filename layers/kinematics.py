@@ -153,6 +153,8 @@ class Skeleton:
 
     def __init__(self, param: SkeletonParameter) -> None:
         self.name = param.name
+        if not param.joint:
+            raise PrototxtError(schema.position_of(param), "no joint in this file; expected a skeleton")
         self.dof_names = _unique([(d.name, d) for d in param.dof], "DoF")
         self.joint_names = _unique([(j.name, j) for j in param.joint], "joint")
         self.initial = np.array([d.initial for d in param.dof])
@@ -166,7 +168,7 @@ class Skeleton:
                 )
         self.parents = np.array([self._index(j.parent, self.joint_names, j, "parent") for j in param.joint], dtype=int)
         self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
-        lineage = [self._lineage(j, param.joint[j]) for j in range(len(param.joint))]
+        lineage = [self._lineage(j, param.joint) for j in range(len(param.joint))]
         steps = self._steps(param.joint)
         self._groups, self._places = _groups(param.joint, self.parents, [len(way) for way in lineage], steps)
         motions = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
@@ -186,13 +188,14 @@ class Skeleton:
             raise PrototxtError(where, f"unknown {field} {name!r}{did_you_mean(name, known)}")
         return known.index(name)
 
-    def _lineage(self, joint: int, param: JointParameter) -> list[int]:
+    def _lineage(self, joint: int, params: Sequence[JointParameter]) -> list[int]:
         """The joint, its parent, and so on to its root."""
         way = [joint]
         while self.parents[way[-1]] >= 0:
             way.append(int(self.parents[way[-1]]))
             if len(way) > len(self.parents):
-                raise PrototxtError(schema.position_of(param), f"joint {param.name!r} is its own ancestor")
+                stuck = params[way[-1]]
+                raise PrototxtError(schema.position_of(stuck), f"joint {stuck.name!r} is its own ancestor")
         return way
 
     def _steps(self, joints: Sequence[JointParameter]) -> list[list[Step]]:
@@ -365,9 +368,14 @@ def rotation(axis: int, angle: float) -> Array:
     return R
 
 
-@functools.lru_cache(maxsize=16)
 def load(path: str | Path = NYU_HAND) -> Skeleton:
     """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
+    return _load(Path(path), Path(path).resolve())
+
+
+@functools.lru_cache(maxsize=16)
+def _load(path: Path, whole_path: Path) -> Skeleton:
+    """``load``; the whole path tells apart files of the same relative name."""
     return Skeleton(schema.read(prototxt.parse_file(path), SkeletonParameter, f"skeleton {path}"))
 
 

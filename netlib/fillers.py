@@ -43,6 +43,9 @@ def Constant(value: float) -> Filler:
 
 def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
     """Set every element of ``array``. Raises PrototxtError for an unknown type."""
+    fault = _fault(array.shape, filler)
+    if fault:
+        raise PrototxtError(schema.position_of(filler, "type"), f"filler {filler.type!r}: {fault}")
     if filler.type == "constant":
         array[...] = filler.value
     elif filler.type == "uniform":
@@ -64,6 +67,19 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
     else:
         advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
         raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
+
+
+def _fault(shape: tuple[int, ...], filler: Filler) -> str:
+    """What is wrong with the options, or with a shape for them; empty if nothing."""
+    if filler.type == "gaussian" and not filler.std >= 0:
+        return f"std {filler.std:g} must not be negative"
+    if filler.type == "uniform" and not -np.inf < filler.min <= filler.max < np.inf:
+        return f"min {filler.min:g} and max {filler.max:g} must be finite, and in this order"
+    if filler.type in ("xavier", "msra", "positive_unitball") and (not shape or 0 in shape):
+        return f"cannot fill a parameter of shape {shape}"
+    if filler.type == "bilinear" and (len(shape) != 4 or shape[2] != shape[3]):
+        return f"fills kernels (O, C, k, k), not {shape}"
+    return ""
 
 
 def _fan(shape: tuple[int, ...], filler: Filler) -> float:

@@ -21,6 +21,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -28,9 +29,9 @@ from numpy.typing import DTypeLike, NDArray
 
 from netlib import schema
 from netlib.blob import Blob, Blobs
-from netlib.errors import LayerError, PrototxtError, did_you_mean
+from netlib.errors import LayerError, NetlibError, PrototxtError, did_you_mean
 from netlib.fillers import Filler, fill
-from netlib.prototxt import Position
+from netlib.prototxt import Message, Position
 from netlib.schema import LayerParameter, Phase
 
 
@@ -101,8 +102,8 @@ class Layer:
         self._buffers = threading.local()
 
     def _read_block(self, name: str, kind: type) -> Any:
-        block = self.spec.blocks.get(name)
-        return kind() if block is None else schema.read(block, kind, name)
+        nothing = Message([], schema.position_of(self.spec))  # required options are then missed at the layer
+        return schema.read(self.spec.blocks.get(name, nothing), kind, name)
 
     # ------------------------------------------------------------------------------------------ the contract
 
@@ -167,6 +168,15 @@ class Layer:
             where = next((f.position for f in block.fields if f.name == field), where)
         return LayerError(f"{where}: error: layer {self.name!r}: {message}")
 
+    def guarded(self, method: str, *args: Any) -> None:
+        """Call one of the four methods; a Python error in it becomes a LayerError that names the layer."""
+        try:
+            getattr(self, method)(*args)
+        except (NetlibError, KeyboardInterrupt, MemoryError):
+            raise
+        except Exception as error:
+            raise self.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
+
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""
         n = len(blob.shape)
@@ -187,6 +197,14 @@ class Layer:
         twin = copy.copy(self)
         twin.blobs = params
         return twin
+
+
+def _place(error: BaseException) -> str:
+    """`` (file:line)`` of the innermost call that failed."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return f" ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})" if trace else ""
 
 
 PHASES: dict[str, int] = {"TRAIN": 0, "TEST": 1}  # pycaffe's caffe.TRAIN and caffe.TEST
@@ -244,15 +262,16 @@ def _python_class(spec: LayerParameter) -> type[Layer]:
         sys.path.append("")  # the working directory, as in pycaffe
     try:
         module = importlib.import_module(param.module)
-    except ImportError as error:
+    except (Exception, SystemExit) as error:
         raise PrototxtError(
             schema.position_of(param, "module"),
-            f"layer {spec.name!r}: cannot import {param.module!r} ({error}); "
+            f"layer {spec.name!r}: cannot import {param.module!r} ({type(error).__name__}: {error}); "
             "it must lie in the working directory or on PYTHONPATH",
         ) from error
     cls = getattr(module, param.layer, None)
     if not (isinstance(cls, type) and issubclass(cls, Layer)):
-        found = "has no such class" if cls is None else "is not a subclass of netlib.Layer"
+        where = getattr(module, "__file__", param.module)
+        found = f"has no such class ({where})" if cls is None else "is not a subclass of netlib.Layer"
         raise PrototxtError(
             schema.position_of(param, "layer"), f"layer {spec.name!r}: {param.module}.{param.layer} {found}"
         )

@@ -103,7 +103,7 @@ class Net:
         self._seen = [False, False]  # has forward, has backward run
         self._plan()
         if weights is not None:
-            self.copy_from(weights)
+            self.copy_from(weights, strict=True)
 
     # ------------------------------------------------------------------------------------------ building
 
@@ -125,13 +125,14 @@ class Net:
             if spec.name in names:
                 raise LayerError(f"{schema.position_of(spec)}: error: two layers are called {spec.name!r}")
             names.add(spec.name)
+            _check_name(spec)
             rng = np.random.Generator(np.random.SFC64(seed))
             layer = layers.create(spec, spec.phase or self.state.phase, rng, self.dtype)
             self._check_counts(layer)
             bottom = Blobs(self._bottom(layer, i, name, unread) for i, name in enumerate(spec.bottom))
             top = Blobs(self._top(layer, name, unread) for name in spec.top)
-            layer.setup(bottom, top)
-            layer.reshape(bottom, top)
+            layer.guarded("setup", bottom, top)
+            layer.guarded("reshape", bottom, top)
             params = self._share(layer)
             down = [needs.get(id(b), False) for b in bottom]
             if spec.propagate_down:
@@ -375,9 +376,10 @@ class Net:
                 raise NetlibError(f"net {self.name!r} has no input {name!r}{did_you_mean(name, self.inputs)}; "
                                   f"its inputs: {', '.join(self.inputs) or 'none'}")  # fmt: skip
             blob = self.blobs[name]
-            if array.ndim != len(blob.shape) or array.dtype.kind not in "fiub":
-                raise LayerError(f"input {name!r} has shape {blob.shape} of {blob.dtype}, "
-                                 f"given an array {array.shape} of {array.dtype}")  # fmt: skip
+            if array.ndim != len(blob.shape):
+                raise LayerError(f"input {name!r} has shape {blob.shape}, given an array of shape {array.shape}")
+            if array.dtype.kind not in "fiub":
+                raise LayerError(f"input {name!r} takes numbers, given an array of {array.dtype}")
             if array.shape != blob.shape:
                 blob.reshape(array.shape)
                 reshaped = True
@@ -416,10 +418,12 @@ class Net:
 
     # ------------------------------------------------------------------------------------------ weights
 
-    def copy_from(self, source: str | Path | Net) -> list[str]:
-        """Copy weights by layer name from a snapshot or another net; returns source layers not in this net.
+    def copy_from(self, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+        """Copy weights by layer name from a snapshot or another net.
 
-        Raises WeightsError if a shape does not fit, or if no layer fits at all.
+        Returns the layers of the source that are not in this net, and those of this net that are not in the source
+        and keep their values. Raises WeightsError if a shape does not fit, if no layer fits at all, or, if
+        ``strict``, if a layer of this net is not in the source.
         """
         if isinstance(source, Net):
             what, found = (
@@ -433,6 +437,10 @@ class Net:
         if not shared and self.params:
             raise WeightsError(f"{what}: no layer of net {self.name!r} is in it; it has {_some(found)}, "
                                f"the net has {_some(self.params)}")  # fmt: skip
+        missing_layers = [n for n in dict.fromkeys(p.layer for p in self.learnable) if n not in shared]
+        if strict and missing_layers:
+            raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {self.name!r}; "
+                               f"it has {_some(found)}")  # fmt: skip
         writes = []
         for name in shared:
             target = self.layer_dict[name].blobs
@@ -452,7 +460,7 @@ class Net:
                 raise WeightsError(f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}")
         for blob, array in writes:  # only after every check: a net is never half copied
             blob.data[...] = array
-        return ignored
+        return ignored, missing_layers
 
     def share_params(self, other: Net) -> None:
         """Use the other net's parameters, by layer name (a test net those of the training net)."""
@@ -491,6 +499,17 @@ def _look(net: weakref.ref[Net], blob: Blob) -> None:
     """Tell the net, if it is still there, that somebody looks at a hidden blob."""
     if (owner := net()) is not None:
         owner._reveal(blob)
+
+
+def _check_name(spec: LayerParameter) -> None:
+    """A layer's name becomes a group of the HDF5 snapshots. Raises LayerError for one that cannot."""
+    parts = spec.name.split("/")
+    if any(part in ("", ".", "..") for part in parts) or not spec.name.isprintable():
+        raise LayerError(f"{schema.position_of(spec, 'name')}: error: a layer of type {spec.type!r} has the name "
+                         f"{spec.name!r}; expected a name that a snapshot can store")  # fmt: skip
+    if parts[-1].isdigit() and len(parts) > 1:
+        raise LayerError(f"{schema.position_of(spec, 'name')}: error: layer {spec.name!r}: the part after the last "
+                         "slash must not be a number, or snapshots could not tell it from a parameter")  # fmt: skip
 
 
 def _put_back(kept: list[tuple[NDArray[Any], NDArray[Any]]]) -> None:

@@ -30,7 +30,7 @@ def threads() -> int:
 
 def _threads_from_environment() -> int:
     text = os.environ.get("NETLIB_NUM_THREADS", "")
-    return int(text) if text.isdigit() and int(text) > 0 else available_cpus()
+    return int(text) if text.isdecimal() and int(text) > 0 else available_cpus()
 
 
 def set_threads(count: int) -> None:

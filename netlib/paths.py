@@ -11,7 +11,15 @@ def find(name: str, source: str | None) -> Path:
     A file that is in neither place keeps its name, so that the error says what the user wrote.
     """
     path = Path(name)
-    if path.exists() or path.is_absolute() or source is None:
+    if path.is_absolute() or source is None or exists(path):
         return path
     beside = Path(source).parent / path
-    return beside if beside.exists() else path
+    return beside if exists(beside) else path
+
+
+def exists(path: Path) -> bool:
+    """Is there such a file? No, if there cannot be."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long, or with characters that no file name has
+        return False

@@ -197,11 +197,11 @@ def tree_of(message: object) -> Message | None:
     return getattr(message, "_tree", None)
 
 
-def position_of(message: object, name: str | None = None, index: int = 0) -> Position | str:
+def position_of(message: object, name: str | None = None, index: int = 0) -> Position:
     """Where a typed message, or one field of it, stands in its file."""
     tree = tree_of(message)
     if tree is None:
-        return "<built in code>"
+        return Position("<built in code>", 1, 1)
     places = [f.position for f in tree.fields if f.name == name]
     return places[index] if index < len(places) else tree.position
 

@@ -70,10 +70,14 @@ class WholeStep:
         """Shape the tops and compute them."""
         at = self.connections[0]
         shapes = [blob.shape for blob in at.bottom]
-        if shapes != self._shapes or not at.layer.steady:
-            at.layer.reshape(at.bottom, at.top)
-            self._shapes = shapes
-        at.layer.forward(at.bottom, at.top)
+        if at.layer.steady:
+            if shapes != self._shapes:
+                at.layer.reshape(at.bottom, at.top)
+                self._shapes = shapes
+            at.layer.forward(at.bottom, at.top)
+        else:  # somebody's own layer: its mistakes are told with its name
+            at.layer.guarded("reshape", at.bottom, at.top)
+            at.layer.guarded("forward", at.bottom, at.top)
 
     def pieces(self) -> list[Piece]:
         """The layer, for the whole batch."""
@@ -82,8 +86,10 @@ class WholeStep:
     def backward(self) -> None:
         """Compute the diffs, if somebody needs them."""
         at = self.connections[0]
-        if at.needs_backward:
+        if at.needs_backward and at.layer.steady:
             at.layer.backward(at.top, at.propagate_down, at.bottom)
+        elif at.needs_backward:
+            at.layer.guarded("backward", at.top, at.propagate_down, at.bottom)
 
 
 class SlicedRun:

@@ -14,6 +14,7 @@ import contextlib
 import io
 import json
 import os
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,7 +50,17 @@ def write_weights(net: Net, path: str | Path) -> None:
 
 def write_pair(net: Net, state: SolverState, weights_path: Path, state_path: Path) -> None:
     """Write weights and solver state, both or none. Raises WeightsError if the disk says no."""
-    _replace([(weights_path, weights_image(net)), (state_path, _state_image(state))])
+    weights = weights_image(net)
+    state.extra["weights_crc"] = zlib.crc32(weights)
+    _replace([(weights_path, weights), (state_path, _state_image(state))])
+
+
+def checksum(path: str | Path) -> int:
+    """CRC-32 of a weights file; a state remembers that of its pair. Raises WeightsError."""
+    try:
+        return zlib.crc32(Path(path).read_bytes())
+    except OSError as error:
+        raise WeightsError(f"{path}: cannot read weights: {os_reason(error)}") from error
 
 
 def weights_image(net: Net) -> bytes:
@@ -58,7 +69,7 @@ def weights_image(net: Net) -> bytes:
     with _in_memory() as (file, image):
         data = file.create_group("data")
         for layer in net.layers:
-            group = data.create_group(layer.name)
+            group = data.require_group(layer.name)
             for i, blob in enumerate(layer.blobs):
                 if (layer.name, i) in owned:  # a shared parameter is written once, by its owner
                     group[str(i)] = blob.data
@@ -150,15 +161,17 @@ def _sync_directory(directory: Path) -> None:
 def probe_directory(prefix: str | Path) -> None:
     """Raise WeightsError now, before hours of training, if snapshots cannot be written at ``prefix``."""
     directory = Path(f"{prefix}_").parent
-    probe = directory / f".probe.{os.getpid()}.tmp"
+    longest = f".{Path(prefix).name}_iter_{10**9}.solverstate.h5.{os.getpid()}.tmp"
+    probe = directory / longest
     try:
         directory.mkdir(parents=True, exist_ok=True)
         probe.write_bytes(b"\0" * 4096)
         probe.unlink()
-    except OSError as error:
-        with contextlib.suppress(OSError):
+    except (OSError, ValueError) as error:
+        with contextlib.suppress(OSError, ValueError):
             probe.unlink(missing_ok=True)
-        raise WeightsError(f"{directory}: cannot write snapshots there: {os_reason(error)}") from error
+        reason = os_reason(error) if isinstance(error, OSError) else str(error)
+        raise WeightsError(f"{directory}: cannot write snapshots there: {reason}") from error
 
 
 # ---------------------------------------------------------------------------------------------- reading
@@ -175,7 +188,14 @@ def read_weights(path: str | Path) -> Weights:
             raise WeightsError(f"{path}: no group /data in it; expected weights as Caffe's HDF5 snapshots have them")
         found: Weights = {}
         for name, group in _layers(file["data"]):
-            found[name] = {int(i): group[i][...] for i in sorted(group, key=_index)}
+            found[name] = {}
+            for key in sorted(group):
+                if not key.isdecimal() or not key.isascii() or str(int(key)) != key:
+                    raise WeightsError(f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on")
+                array = np.asarray(group[key][...])
+                if array.dtype.kind not in "fiu":
+                    raise WeightsError(f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers")
+                found[name][int(key)] = array
         return found
 
 
@@ -197,10 +217,6 @@ class _Only(dict[str, Any]):
         super().__init__({k: v for k, v in group.items() if isinstance(v, h5py.Dataset)})
 
 
-def _index(name: str) -> int:
-    return int(name) if name.isdigit() else -1
-
-
 def read_state(path: str | Path) -> SolverState:
     """Read a solver state. Raises WeightsError if the file is not one."""
     with _open(path, "a solver state") as file:
@@ -209,6 +225,8 @@ def read_state(path: str | Path) -> SolverState:
             raise WeightsError(f"{path}: {hint if 'data' in file else 'not a solver state'}")
         group = file["history"]
         extra = json.loads(file["netlib"][()]) if "netlib" in file else {}
+        if not isinstance(extra, dict) or int(np.ravel(file["iter"][()])[0]) < 0:
+            raise ValueError("the state makes no sense")
         return SolverState(
             iter=int(np.ravel(file["iter"][()])[0]),
             current_step=int(np.ravel(file["current_step"][()])[0]) if "current_step" in file else 0,

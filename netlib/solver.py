@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 import secrets
 import time
 from collections import deque
@@ -24,7 +25,7 @@ import numpy as np
 from netlib import prototxt, schema, snapshot
 from netlib.errors import DivergenceError, NetlibError, PrototxtError, WeightsError, did_you_mean
 from netlib.net import Net, Param, load_parameter
-from netlib.paths import find
+from netlib.paths import exists, find
 from netlib.prototxt import Message
 from netlib.schema import NetParameter, NetState, SolverParameter
 from netlib.snapshot import SolverState
@@ -96,8 +97,11 @@ class Solver:
         """Start from these weights ("finetuning"). Raises WeightsError."""
         path = find(str(path), self.source)
         log.info("Finetuning from %s", path)
-        for name in self.net.copy_from(path):
+        ignored, missing = self.net.copy_from(path)
+        for name in ignored:
             log.info("Ignoring source layer %s", name)
+        for name in missing:
+            log.info("Not in %s, keeps its initial values: layer %s", path, name)
 
     # ------------------------------------------------------------------------------------------ training
 
@@ -107,6 +111,7 @@ class Solver:
         log.info("Learning Rate Policy: %s", self.param.lr_policy)
         if self.param.snapshot or self.param.snapshot_after_train:
             snapshot.probe_directory(self.prefix)
+            self._extra()  # a layer whose state cannot be stored is found now, not after hours
         if resume is not None:
             self.restore(resume)
         finished = self.step(self.param.max_iter - self.iter)
@@ -276,6 +281,9 @@ class Solver:
             if self.requested == "stop":
                 log.info("Test interrupted.")
                 return {}
+        if not np.isfinite(loss):
+            where = net.first_not_finite() or "its loss alone"
+            log.error("Test net (#%d) has a value that is not finite: %s", number, where)
         means = {name: total / batches for name, total in sums.items()}
         if self.param.test_compute_loss:
             log.info("Test loss: %.6g", loss / batches)
@@ -347,14 +355,19 @@ class Solver:
             if array.shape != target.shape:
                 raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
                                    f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
-        self.net.copy_from(weights)
+        if state.extra.get("weights_crc") not in (None, snapshot.checksum(weights)):
+            raise WeightsError(f"{path}: the weights beside it, {weights}, are those of another snapshot")
+        self.net.copy_from(weights, strict=True)
         for i, array in enumerate(state.history):
             self.history[i % count][i // count][...] = array
         self.iter = state.iter
         self.smoothed.clear()
         self.smoothed.extend(state.extra.get("smoothed", []))
-        for net, states in zip([self.net, *self.test_nets], state.extra.get("layers", [])):
-            net.restore_layer_states(states)
+        try:
+            for net, states in zip([self.net, *self.test_nets], state.extra.get("layers", [])):
+                net.restore_layer_states(states)
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            raise WeightsError(f"{path}: damaged: the state of a layer cannot be restored ({error})") from error
         self._saved_iter = self.iter
         log.info("SGDSolver: restoring history")
         self._tell_restored(path, weights, state)
@@ -369,7 +382,7 @@ class Solver:
             now.pop("max_iter")  # training longer changes nothing on the way
         changes = []
         if not self._same_data(state):
-            changes.append("the training data, which starts from its first row")
+            changes.append("the data files; they are read from the first row")
         for name, old in state.extra.get("solver", {}).items():
             if name in now and now[name] != old:
                 what = "batch size" if name == "batch" else name
@@ -380,8 +393,12 @@ class Solver:
             log.info("Changed: %s", change)
 
     def _same_data(self, state: SolverState) -> bool:
-        then, now = state.extra.get("layers", [{}])[0], self.net.layer_states()
-        return all(then.get(name, {}).get("rows") == mine["rows"] for name, mine in now.items() if "rows" in mine)
+        """Do all nets read the files that they read when the state was written?"""
+        for net, then in zip([self.net, *self.test_nets], state.extra.get("layers", [])):
+            for name, now in snapshot.as_plain(net.layer_states()).items():
+                if now.get("files") != then.get(name, {}).get("files"):
+                    return False
+        return True
 
 
 def _g(value: Any) -> str:
@@ -429,6 +446,23 @@ def _checked(p: SolverParameter) -> SolverParameter:
         raise fail("lr_policy", "lr_policy 'poly' needs max_iter")
     if p.type in ("AdaGrad", "RMSProp") and p.momentum:
         raise fail("momentum", f"{p.type} has no momentum; leave the field out")
+    for field in dataclasses.fields(p):
+        value = getattr(p, field.name)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise fail(field.name, f"{field.name} is {value}; expected a finite number")
+    if p.average_loss > 10**6:
+        raise fail("average_loss", f"average_loss {p.average_loss} is more than a million iterations")
+    if 0 in p.test_iter:
+        raise fail("test_iter", "test_iter must be at least 1")
+    tree = schema.tree_of(p)
+    if p.base_lr < 0 or (tree is not None and not tree.values("base_lr") and not p.base_lr):
+        raise fail("base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative")
+    if p.lr_policy in ("step", "exp", "multistep") and p.gamma <= 0:
+        raise fail("gamma", f"lr_policy {p.lr_policy!r} needs a gamma above 0, found {p.gamma:g}")
+    if p.lr_policy == "inv" and p.gamma < 0:
+        raise fail("gamma", f"lr_policy 'inv' needs a gamma that is not negative, found {p.gamma:g}")
+    if p.snapshot_diff:
+        log.info("snapshot_diff is accepted, but gradients are not stored")
     for name in ("momentum", "momentum2", "rms_decay"):
         if not 0 <= getattr(p, name) < 1:
             raise fail(name, f"{name} {getattr(p, name):g} must be at least 0 and less than 1")
@@ -470,6 +504,6 @@ def _load(net: str | Message, source: str) -> tuple[str, NetParameter]:
     if isinstance(net, Message):
         return "net_param", load_parameter(net)
     path = find(net, source)
-    if not path.exists():
+    if not exists(path):
         raise NetlibError(f"{source}: the net {net!r} does not exist, from the working directory or from the solver's")
     return str(path), load_parameter(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import logging
 import os
 import sys
@@ -11,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from netlib.errors import NetlibError
+from netlib.errors import NetlibError, os_reason
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -22,10 +23,16 @@ def guarded(run: Callable[[], int]) -> int:
         return run()
     except NetlibError as error:
         print(" ".join(str(error).split("\n")), file=sys.stderr)
+    except UnicodeEncodeError as error:
+        print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
+              "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
     except MemoryError:
         print("not enough memory; use a smaller batch_size", file=sys.stderr)
     except BrokenPipeError:  # the reader of our output has gone, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else "standard output: "
+        print(f"{where}{os_reason(error)}", file=sys.stderr)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
@@ -58,6 +65,22 @@ class CaffeFormatter(logging.Formatter):
         return f"{letter}{stamp}.{micro:06d} {threading.get_native_id()} {record.filename}:{record.lineno}] {text}"
 
 
+class LogFile(logging.FileHandler):
+    """A log file. If it cannot be written any more, that is said once, and the training goes on without it."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Say what is wrong, and write no more."""
+        error = sys.exc_info()[1]
+        reason = os_reason(error) if isinstance(error, OSError) else str(error)
+        logging.getLogger(record.name).removeHandler(self)
+        print(f"{self.baseFilename}: cannot write the log any more: {reason}", file=sys.stderr)
+
+    def close(self) -> None:
+        """Close the file; what could not be written is lost."""
+        with contextlib.suppress(OSError):
+            super().close()
+
+
 class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
     """Writes log lines above a progress bar."""
 
@@ -73,7 +96,7 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
 
 def progress_bar(total: int, initial: int, unit: str) -> Any:
     """A tqdm bar on stderr if that is a terminal and tqdm is there, else None."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         return None
     try:
         from tqdm import tqdm

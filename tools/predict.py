@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import draw
+from handpose.crop import SIZE
 from handpose.evaluation import hand_layer
 from handpose.nyu import CUBE_MM
 from netlib.errors import DataError, NetlibError, os_reason
@@ -33,7 +34,6 @@ from netlib.net import Net
 from tools.console import DONE, guarded
 
 ROOT = Path(__file__).resolve().parent.parent
-SIZE = 128
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -49,7 +49,7 @@ def main(argv: list[str] | None = None) -> int:
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
-    if not args.cube > 0:
+    if not 0 < args.cube < float("inf"):
         parser.error(f"--cube must be more than 0, found {args.cube:g}")
     return guarded(lambda: run(args))
 
@@ -71,10 +71,13 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise NetlibError(f"{out}: cannot write pictures there: {os_reason(error)}") from error
     results = []
-    for image in args.images:
-        crop = read_crop(image)
+    crops = {image: read_crop(image) for image in args.images}
+    pictures = _targets(args.images, out)
+    for image, crop in crops.items():
         joints = net.forward(depth=crop[None, None])["pred"].reshape(-1, 3).astype(np.float64)
-        picture = out / f"{Path(image).stem}_hand.png"
+        if not np.isfinite(joints).all():
+            raise NetlibError(f"{args.snapshot}: predicts joints that are not finite; are its weights?")
+        picture = pictures[image]
         _write(picture, draw.sheet([draw.overlay(crop, joints, hand.skeleton), draw.view_3d(joints, hand.skeleton)], 2))
         mm = joints * args.cube / 2
         results.append({"image": image, "picture": str(picture), "cube_mm": args.cube,
@@ -88,13 +91,30 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
+def _targets(images: list[str], out: Path) -> dict[str, Path]:
+    """Where each picture goes. Raises NetlibError rather than write over an input, or two to one place."""
+    inputs = {Path(image).resolve() for image in images}
+    targets: dict[str, Path] = {}
+    for image in images:
+        target = out / f"{Path(image).stem}_hand.png"
+        if target in targets.values() and image not in targets:
+            raise NetlibError(f"{image}: its picture {target} would overwrite another's; run once for each folder")
+        if target.resolve() in inputs:
+            raise NetlibError(f"{image}: its picture {target} would overwrite an input; choose another --out")
+        targets[image] = target
+    return targets
+
+
 def read_crop(path: str) -> NDArray[np.float32]:
     """A crop (128, 128) in [-1, 1]. Raises DataError."""
     try:
         raw = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise DataError(f"{path}: cannot read the picture: {os_reason(error)}") from error
-    image = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
+    try:
+        image = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
+    except cv2.error as error:
+        raise DataError(f"{path}: not a picture that can be read: {str(error).splitlines()[0]}") from error
     if image is None:
         raise DataError(f"{path}: not a picture that can be read; expected an 8-bit grey PNG")
     if image.ndim == 3:

@@ -55,6 +55,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--picture", metavar="FILE", help="draw the first frames with the last snapshot's hands")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
+    if args.picture and not args.picture.lower().endswith(".png"):
+        parser.error(f"--picture must end in .png, found {args.picture}")
     return guarded(lambda: run(args))
 
 
@@ -64,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     with with_advice():
         net = Net(args.model, netlib.TEST)
     for snapshot in args.snapshots:
-        net.copy_from(snapshot)
+        net.copy_from(snapshot, strict=True)
         predictions = _run(net, snapshot)
         hand = hand_layer(net)
         figures = score(predictions, hand.skeleton if hand else kinematics.load())
@@ -73,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         write_picture(args.picture, net, predictions)
     if args.json:
         facts = {"model": args.model, "frames": len(predictions.joints), "data": predictions.made_from}
-        print(json.dumps({**facts, "centre": "of the crop", "snapshots": rows}, indent=2))
+        print(json.dumps({**facts, "centre": "of the crop", "snapshots": rows}, indent=2, allow_nan=False))
     else:
         cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
         print(f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "

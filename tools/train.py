@@ -33,6 +33,7 @@ from tools.console import (
     DONE,
     BarHandler,
     CaffeFormatter,
+    LogFile,
     duration,
     guarded,
     natural,
@@ -87,7 +88,7 @@ def _log_to(path: str | None) -> Iterator[BarHandler]:
     if path:
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
-            handlers.append(logging.FileHandler(path, mode="w", encoding="utf-8"))
+            handlers.append(LogFile(path, mode="w", encoding="utf-8"))
         except OSError as error:
             raise NetlibError(f"{path}: cannot write the log: {os_reason(error)}") from error
     log.setLevel(logging.INFO)

@@ -69,7 +69,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
 SOURCES = {"DummyData", "HDF5Data", "Input"}  # no bottoms: their own tests say all there is
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
-    "HDF5Data": {"read", "rewind", "row"},
+    "HDF5Data": {"read", "rewind", "row", "use_batch_size"},
     "InnerProduct": {"weight"},
 }  # documented, for tools or for their own use
 

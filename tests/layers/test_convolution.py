@@ -98,7 +98,8 @@ def check_transpose(dy, x, w, b, dx, dw, db, convolve):
     "options",
     [
         {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 3, "pad": 1, "stride": 2},
-        {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2}, {"kernel_size": 2, "bias_term": "false"},
+        {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
+        {"kernel_size": 2, "bias_term": "false"},
         {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
     ],
     ids=str,

@@ -223,7 +223,7 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     ("call", "message"),
     [
         (lambda net: net.forward(y=np.ones(3)), "has no input 'y'.*its inputs: x"),
-        (lambda net: net.forward(x=np.ones(3)), r"input 'x' has shape \(2, 3\), given an array of shape \(3,\)"),
+        (lambda net: net.forward(x=np.ones(3)), r"input 'x' has shape \(2, 3\).* given an array.* \(3,\)"),
         (lambda net: net.forward(start="aa"), r"has no layer 'aa' \(did you mean 'a'\?\)"),
         (lambda net: net.forward(["aaa"]), "has no blob 'aaa'"),
         (lambda net: net.backward(bb=np.ones(3)), "has no blob 'bb'"),
@@ -440,7 +440,7 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
     source.save(tmp_path / "w.h5")
     for origin in (source, tmp_path / "w.h5"):
         net.params["a"][0].data[...] = 0
-        assert net.copy_from(origin) == ["more"]
+        assert net.copy_from(origin) == (["more"], [])
         assert np.array_equal(net.params["a"][0].data, source.params["a"][0].data)
 
 

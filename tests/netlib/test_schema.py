@@ -145,7 +145,7 @@ def test_places_of_fields() -> None:
     assert str(schema.position_of(layer, "name")) == "f:2:2"
     assert str(schema.position_of(layer, "bottom", 1)) == "f:2:24"
     assert str(schema.position_of(layer, "top")) == "f:1:1"
-    assert schema.position_of(LayerParameter()) == "<built in code>"
+    assert schema.position_of(LayerParameter()).source == "<built in code>"
 
 
 def test_the_defaults_of_a_solver_are_caffes() -> None:

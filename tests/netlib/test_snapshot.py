@@ -75,7 +75,7 @@ def test_what_is_written_is_read(net: netlib.Net, tmp_path: Path) -> None:
     assert np.array_equal(found["a"][0], net.params["a"][0].data)
     state = snapshot.read_state(tmp_path / "s.h5")
     assert (state.iter, state.current_step, state.learned_net) == (5, 2, "dir/w_iter_5.caffemodel.h5")
-    assert state.extra == {"seed": 3}
+    assert state.extra == {"seed": 3, "weights_crc": snapshot.checksum(tmp_path / "w.h5")}
     assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
 
 

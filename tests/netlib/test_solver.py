@@ -383,7 +383,7 @@ def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog:
         (RANDOM.replace("batch_size: 5", "batch_size: 4"), "", "Changed: batch size was 5, is now 4"),
         (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
         (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
-        (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the training data, which starts from its first row"),
+        (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the data files; they are read from the first row"),
     ],
 )
 def test_resume_says_what_changed(
@@ -481,9 +481,7 @@ def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path
     before = weights(solver)
     solver.step(1)
     after = weights(solver)
-    with pytest.raises(
-        netlib.WeightsError, match=r"layer 'ip' parameter 0 has shape \(2, 2\), the net expects \(1, 1\)"
-    ):
+    with pytest.raises(netlib.WeightsError, match="are those of another snapshot"):
         solver.restore(state)
     assert_same(weights(solver), after)
     assert solver.iter == 2
