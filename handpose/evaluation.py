@@ -29,6 +29,7 @@ class Predictions:
     joints: Array  # (N, K, 3) predicted, half-cubes
     truth: Array  # (N, K, 3) annotated, half-cubes
     dof: Array | None  # (N, D) predicted inputs of the hand model, if the net has one
+    skeleton: Array | None  # (N, all joints of the skeleton, 3) where the hand model puts them, half-cubes
     half_cube: Array  # (N,) mm
     outputs: dict[str, float]  # mean of every scalar output of the net
     made_from: str  # what the data are
@@ -58,7 +59,7 @@ def predict(
     if data.param.shuffle:
         raise NetlibError(f"{net.source}: layer {data.name!r} shuffles its frames; a test set is read in order")
     data.rewind()
-    wanted = [prediction, truth, *((hand.spec.bottom[0],) if hand else ())]
+    wanted = [prediction, truth, *((hand.spec.bottom[0], hand.spec.top[0]) if hand else ())]
     found: dict[str, list[Array]] = {name: [] for name in wanted}
     sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
     if data.rows % data.param.batch_size:  # a last batch would run over into the first rows and count them twice
@@ -68,7 +69,7 @@ def predict(
     while done < data.rows:
         net.run_forward()
         take = data.batch_size
-        for name in wanted:
+        for name in found:
             found[name].append(net.blobs[name].data[:take].reshape(take, -1).copy())
         for name, values in sums.items():
             values.append(float(net.blobs[name].data.sum()))
@@ -79,6 +80,7 @@ def predict(
         joints=arrays[prediction].reshape(done, -1, 3),
         truth=arrays[truth].reshape(done, -1, 3),
         dof=arrays[hand.spec.bottom[0]] if hand else None,
+        skeleton=arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None,
         half_cube=_half_cubes(data),
         outputs={name: float(np.mean(values)) for name, values in sums.items()},
         made_from=", ".join(sorted({file.made_from for file in data.files})),

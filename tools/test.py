@@ -102,7 +102,8 @@ def write_picture(path: str, net: Net, predictions: Predictions, count: int = 12
     images = []
     for i in chosen:
         crop = data.row(int(i))[depth][0]
-        joints, truth = predictions.joints[i], predictions.truth[i]
+        joints = predictions.joints[i] if predictions.skeleton is None else predictions.skeleton[i]
+        truth = predictions.truth[i] if len(predictions.truth[i]) == len(joints) else None
         images.append(draw.overlay(crop, joints, skeleton, truth, zoom=3))
         images.append(draw.view_3d(joints, skeleton, truth, size=384))
     errors = joint_errors(predictions.joints[chosen], predictions.truth[chosen]).mean(axis=1)
