@@ -135,8 +135,11 @@ class SlicedRun:
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self.needs_backward:
             return
-        for blob in [*self._inputs, *self._outputs]:
-            blob.ensure("diff")
+        wanted = [b for at in self.connections for b, down in zip(at.bottom, at.propagate_down) if down]
+        secret = {id(b) for b in self.hidden}
+        for blob in [*wanted, *self._outputs]:
+            if id(blob) not in secret:
+                blob.ensure("diff")
         parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self._order):
             for j, whole in enumerate(at.layer.blobs):
