@@ -265,8 +265,8 @@ class Skeleton:
         theta += self.initial[:, None]
         value = theta[self._row_dof]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
-        X = np.zeros((len(self.parents), 3, N))
-        axis, pivot = np.zeros((2, len(self._row_dof), 3, N))
+        X = np.empty((len(self.parents), 3, N))
+        axis, pivot = np.empty((2, len(self._row_dof), 3, N))
         frames: list[tuple[Array, Array, Array]] = []
         lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
         origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
@@ -406,12 +406,17 @@ def _as_slice(indices: list[int]) -> slice | list[int]:
 
 def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
     """Right-multiply the frames, three columns of (1 or n, 3, N), by constant ``matrices`` (n, 3, 3)."""
-    return [
-        matrices[:, 0, c, None, None] * frame[0]
-        + matrices[:, 1, c, None, None] * frame[1]
-        + matrices[:, 2, c, None, None] * frame[2]
-        for c in range(3)
-    ]
+    if len(frame[0]) == 1:  # one parent: all columns of all joints are one product
+        N = frame[0].shape[-1]
+        columns = matrices.transpose(0, 2, 1).reshape(-1, 3) @ np.concatenate(frame).reshape(3, 3 * N)
+        return list(columns.reshape(len(matrices), 3, 3, N).transpose(1, 0, 2, 3))
+    return [_combine(matrices[:, :, c], frame) for c in range(3)]
+
+
+def _combine(weights: Array, columns: list[Array]) -> Array:
+    """weights[:, 0] columns[0] + ...: (n, 3) and three (n, 3, N) → (n, 3, N)."""
+    a, b, c = (weights[:, m, None, None] * columns[m] for m in range(3))
+    return a + b + c
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -67,6 +67,13 @@ def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
     assert len({tuple(rows) for rows in passes}) == 4
 
 
+def test_files_of_one_size_are_shuffled_differently(data):
+    """Not all by the same permutation."""
+    found = numbers(data([8, 8, 8], 24, shuffle=True), 1)
+    orders = {tuple(n % 8 for n in found[i : i + 8]) for i in (0, 8, 16)}
+    assert len(orders) == 3
+
+
 def test_the_order_depends_on_the_seed_only(data):
     """Not on the batch size, nor on reading ahead."""
     one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)

@@ -293,6 +293,20 @@ def test_windows_that_hang_over_the_edge_leave_no_trace(net_of: MakeNet, functio
     assert_close(everything(sliced, x, dy), everything(plain, x, dy), 2e-5)
 
 
+def test_only_a_monotone_layer_changes_places_with_a_max_pooling(net_of: MakeNet) -> None:
+    """The maximum of -x is not minus the maximum of x."""
+    text = (
+        ODD % 'type: "Power" power_param { scale: -1 }'
+        + """
+        layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+                convolution_param { num_output: 1 kernel_size: 1 weight_filler { type: "xavier" } } }
+    """
+    )
+    sliced, plain = net_of(text), layer_by_layer(net_of(text))
+    x, dy = {"x": np.random.default_rng(0).normal(size=(3, 1, 9, 8))}, {"d": np.ones((3, 1, 3, 3))}
+    assert_close(everything(sliced, x, dy), everything(plain, x, dy), 2e-5)
+
+
 @pytest.mark.parametrize("half", ["data", "diff"])
 def test_a_blob_with_a_layer_in_place_is_true_when_somebody_looks(net_of: MakeNet, half: str) -> None:
     """A leaky ReLU in place cannot run twice: the row of layers is cut there, and all of it is computed again."""
