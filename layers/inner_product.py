@@ -24,9 +24,10 @@ from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.schema import UInt
 
-# The rows of a product are computed in blocks, one a thread. The size is fixed, so that the rounding of a sum
-# never depends on the number of threads.
-BLOCK = 128
+# A product is computed in blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So even one
+# item keeps all threads busy. The size is fixed, so that the rounding of a sum never depends on their number; large,
+# because every product packs its factors anew.
+BLOCK = 512
 
 
 @dataclass(frozen=True)
@@ -77,19 +78,19 @@ class InnerProduct(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self._rows(bottom[0].data), self._flat(top[0].data), self.weight()
 
-        def job(rows: slice) -> None:
-            np.matmul(x[rows], w.T, out=y[rows])
+        def job(o: slice) -> None:
+            np.matmul(x, w[o].T, out=y[:, o])
             if self.param.bias_term:
-                y[rows] += self.blobs[1].data
+                y[:, o] += self.blobs[1].data[o]
 
-        _each(job, len(x))
+        _each(job, len(w))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x, dy, w = self._rows(bottom[0].data), self._flat(top[0].diff), self.weight()
         dw = self.blobs[0].diff.T if self.param.transpose else self.blobs[0].diff
 
-        def weight_job(rows: slice) -> None:
-            dw[rows] += dy[:, rows].T @ x
+        def weight_job(o: slice) -> None:
+            dw[o] += dy[:, o].T @ x
 
         _each(weight_job, len(dw))
         if self.param.bias_term:
@@ -97,10 +98,10 @@ class InnerProduct(Layer):
         if propagate_down[0]:
             dx = self._rows(bottom[0].diff)
 
-            def input_job(rows: slice) -> None:
-                np.matmul(dy[rows], w, out=dx[rows])
+            def input_job(i: slice) -> None:
+                np.matmul(dy, w[:, i], out=dx[:, i])
 
-            _each(input_job, len(dx))
+            _each(input_job, self.inputs)
 
     def _rows(self, array: Array) -> Array:
         return array.reshape(-1, self.inputs)

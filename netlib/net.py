@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from netlib import layer as layers
-from netlib import prototxt, schema, slices, snapshot
+from netlib import parallel, prototxt, schema, slices, snapshot
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError, NetlibError, PrototxtError, WeightsError, did_you_mean
 from netlib.layer import PHASES, Layer
@@ -386,7 +386,7 @@ class Net:
         if reshaped:
             self.reshape()
         for name, array in arrays.items():
-            self.blobs[name].data[...] = array
+            _copy(array, self.blobs[name].data)
 
     def _blob(self, name: str | None) -> Blob:
         if name not in self.blobs:
@@ -402,8 +402,7 @@ class Net:
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
-        for param in self.learnable:
-            param.blob.diff[...] = 0
+        parallel.run([functools.partial(param.blob.diff.fill, 0) for param in self.learnable])
 
     def first_not_finite(self) -> str | None:
         """Where in the net NaN or infinity first appears, in words; None if nowhere."""
@@ -510,6 +509,18 @@ def _check_name(spec: LayerParameter) -> None:
     if parts[-1].isdigit() and len(parts) > 1:
         raise LayerError(f"{schema.position_of(spec, 'name')}: error: layer {spec.name!r}: the part after the last "
                          "slash must not be a number, or snapshots could not tell it from a parameter")  # fmt: skip
+
+
+def _copy(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """Copy a batch, on all threads if it is large."""
+    if target.nbytes < 1 << 20:
+        target[...] = source
+        return
+
+    def job(rows: slice) -> None:
+        target[rows] = source[rows]
+
+    parallel.run([functools.partial(job, rows) for rows in parallel.blocks(len(target), -(-len(target) // 16))])
 
 
 def _put_back(kept: list[tuple[NDArray[Any], NDArray[Any]]]) -> None:

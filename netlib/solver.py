@@ -11,6 +11,7 @@ to the logger "netlib"; tools/train.py gives it Caffe's time stamps.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import logging
 import math
 import secrets
@@ -22,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from netlib import prototxt, schema, snapshot
+from netlib import parallel, prototxt, schema, snapshot
 from netlib.errors import DivergenceError, NetlibError, PrototxtError, WeightsError, did_you_mean
 from netlib.net import Net, Param, load_parameter
 from netlib.paths import exists, find
@@ -189,14 +190,16 @@ class Solver:
             log.info("Iteration %d, lr = %.6g", self.iter, rate)
         trained = [(param, h) for param, h in zip(self.net.learnable, self.history) if param.spec.lr_mult != 0]
         scale = self._clip([param for param, _ in trained]) / p.iter_size
-        for param, history in trained:
-            w, g = param.blob.data, param.blob.diff
-            if scale != 1:
-                g *= scale
-            decay = p.weight_decay * param.spec.decay_mult
-            if decay:
-                g += decay * (w if p.regularization_type == "L2" else np.sign(w))
-            self.rule(p, w, g, rate * param.spec.lr_mult, history, self.iter + 1)
+        parallel.run([functools.partial(self._update_param, param, h, scale, rate) for param, h in trained])
+
+    def _update_param(self, param: Param, history: list[Any], scale: float, rate: float) -> None:
+        p, w, g = self.param, param.blob.data, param.blob.diff
+        if scale != 1:
+            g *= scale
+        decay = p.weight_decay * param.spec.decay_mult
+        if decay:
+            g += decay * (w if p.regularization_type == "L2" else np.sign(w))
+        self.rule(p, w, g, rate * param.spec.lr_mult, history, self.iter + 1)
 
     def _clip(self, params: list[Param]) -> float:
         """The factor that brings the norm of all gradients together down to clip_gradients."""
