@@ -161,6 +161,11 @@ class Skeleton:
         self.lower = np.array([d.lower for d in param.dof])
         self.upper = np.array([d.upper for d in param.dof])
         self.fixed = np.array([d.fixed for d in param.dof], dtype=bool)
+        parts: list[DofParameter | BoneParameter] = [*param.dof, *(j.bone for j in param.joint if j.bone)]
+        for part in parts:
+            number = part.initial if isinstance(part, DofParameter) else part.length
+            if not np.isfinite(number):
+                raise PrototxtError(schema.position_of(part), f"{number} is not a length or an angle")
         for d in param.dof:
             if d.lower > d.upper:
                 raise PrototxtError(

@@ -1,7 +1,7 @@
 """Protocol-buffer text format ⇄ tree. Knows the grammar, and no field names.
 
     text   = { field }
-    field  = name [ ":" ] message | name ":" value        then an optional "," or ";"
+    field  = name [ ":" ] message(s) | name ":" value     then an optional "," or ";"
     message= "{" text "}" | "<" text ">"
     value  = scalar | "[" value { "," value } "]"
     scalar = one or more adjacent strings | number | word (an enum, true, inf ...)
@@ -211,9 +211,10 @@ class _Parser:
     def field(self) -> list[Field]:
         """One field as written; a list gives one Field for each element."""
         name = self.take()
-        if self.at(":"):
+        colon = self.at(":")
+        if colon:
             self.take()
-        elif not self.at("{<"):
+        elif not self.at("{<["):
             raise self.fail(f"':' or '{{' after {name.text!r}")
         if not self.at("["):
             return [Field(name.text, self.value(), name.position)]
@@ -221,6 +222,8 @@ class _Parser:
         fields: list[Field] = []
         while not self.at("]"):
             position = self.token.position
+            if not colon and not self.at("{<"):  # only messages may do without
+                raise self.fail(f"'{{' in a list without ':' after {name.text!r}")
             fields.append(Field(name.text, self.value(), position))
             if not self.at(","):
                 break

@@ -1,5 +1,7 @@
 """Skeletons and forward kinematics: a planar arm in closed form, the hand, any pose, and broken skeleton files."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -249,3 +251,11 @@ def test_the_same_relative_name_in_another_folder(tmp_path, monkeypatch):
         (tmp_path / folder / "arm.prototxt").write_text(ARM.replace("length: 1 ", f"length: {length} "))
         monkeypatch.chdir(tmp_path / folder)
         assert kinematics.load_for("arm.prototxt", None).bones[0] == length
+
+
+def test_numbers_that_are_none(tmp_path: Path) -> None:
+    """A length or an initial value must be finite."""
+    path = tmp_path / "s.prototxt"
+    path.write_text('joint { name: "a" bone { axis: X length: nan } }')
+    with pytest.raises(netlib.PrototxtError, match=r"s\.prototxt:1:24: error: nan is not a length or an angle"):
+        kinematics.load(path)
