@@ -3,6 +3,7 @@
 import json
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 
@@ -53,3 +54,25 @@ def test_mistakes(snapshot, capsys, image, message):
         cv2.imwrite("bad.png", image)
     assert predict.main([snapshot, "bad.png"]) == 1
     assert message in capsys.readouterr().err
+
+
+def test_no_picture_is_written_over(snapshot, tmp_path, capsys):
+    """Two crops of one name, or a crop that has the name of a picture to be."""
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(f"{folder}/x.png", np.zeros((128, 128), np.uint8))
+    cv2.imwrite("x_hand.png", np.zeros((128, 128), np.uint8))
+    before = (tmp_path / "x_hand.png").read_bytes()
+    assert predict.main([snapshot, "a/x.png", "b/x.png", "--out", "o"]) == 1
+    assert "b/x.png: its picture o/x_hand.png would overwrite another's" in capsys.readouterr().err
+    assert predict.main([snapshot, "a/x.png", "x_hand.png"]) == 1
+    assert "a/x.png: its picture x_hand.png would overwrite an input" in capsys.readouterr().err
+    assert (tmp_path / "x_hand.png").read_bytes() == before
+
+
+def test_weights_that_lack_a_layer(snapshot, capsys):
+    """A hand from half the weights would look like an answer."""
+    with h5py.File(snapshot, "a") as file:
+        del file["data/FC2"]
+    assert predict.main([snapshot, "crop.png"]) == 1
+    assert "no weights for layer 'FC2' of net 'DeepModel'" in capsys.readouterr().err

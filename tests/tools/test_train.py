@@ -159,3 +159,11 @@ def test_nan_in_the_data_stops(work, small_data, capsys):
     line = mistake(capsys, ["solver.prototxt"])
     assert "iteration 0: the loss is nan" in line and "top blob 'depth' of layer 'data'" in line
     assert not list(work.glob("snapshots/*.h5"))
+
+
+def test_a_full_disk_ends_the_log_not_the_training(work, capsys, monkeypatch):
+    """The log says once that it cannot be written; the snapshots are made."""
+    assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "/dev/full"]) == 0
+    errors = capsys.readouterr().err
+    assert errors.count("/dev/full: cannot write the log any more: No space left on device") == 1
+    assert (work / "snapshots/net_iter_1.solverstate.h5").exists()

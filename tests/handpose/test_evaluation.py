@@ -1,0 +1,92 @@
+"""A net's predictions over a test set, and their figures."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from handpose import evaluation
+from layers import kinematics
+from netlib import prototxt
+from netlib.errors import DataError, NetlibError
+
+NET = """
+layer {{
+  name: "data" type: "HDF5Data" top: "x" top: "joint"
+  hdf5_data_param {{ source: "{list}" batch_size: {batch} {extra} }}
+}}
+layer {{ name: "hand" type: "HandModel" bottom: "x" top: "pred" }}
+layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: "loss" }}
+"""
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """Seven frames whose inputs are the pose itself, and whose joints are 10 mm beside it."""
+    x = np.random.default_rng(0).normal(0, 0.2, (7, 47)).astype(np.float32)
+    joint = kinematics.load().joints(x) + np.array([10 / 150, 0, 0])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"], file["joint"] = x, joint.reshape(7, 93).astype(np.float32)
+        file["half_cube"] = np.full(7, 150.0)
+    (tmp_path / "list.txt").write_text("a.h5\n")
+    return tmp_path
+
+
+def net_of(folder: Path, batch: int = 7, extra: str = "") -> netlib.Net:
+    text = NET.format(list=folder / "list.txt", batch=batch, extra=extra)
+    return netlib.Net(prototxt.parse(text), netlib.TEST)
+
+
+@pytest.mark.parametrize("batch", [1, 3, 7, 50])
+def test_every_frame_counts_once(frames: Path, batch: int) -> None:
+    """Whatever the batch size: the error is 10 mm, and the loss that of the seven frames."""
+    told: list[int] = []
+    found = evaluation.predict(net_of(frames, batch), progress=told.append)
+    figures = evaluation.score(found, kinematics.load())
+    assert figures["error_mm"] == pytest.approx(10, rel=1e-5)
+    assert figures["error_14_mm"] == pytest.approx(10, rel=1e-5)
+    assert (figures["within_20_mm"], figures["out_of_limits"] > 0) == (1.0, True)
+    assert found.outputs["loss"] == pytest.approx(31 * (10 / 150) ** 2 / 2, rel=1e-5)
+    assert told[-1] == 7
+    assert found.skeleton is not None and np.allclose(found.skeleton, found.joints)
+
+
+def test_a_second_run_begins_at_the_first_frame(frames: Path) -> None:
+    """Two snapshots of one net are scored on the same frames."""
+    net = net_of(frames, 3)
+    first, second = evaluation.predict(net), evaluation.predict(net)
+    assert np.array_equal(first.joints, second.joints)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.zeros(7), "half_cube has values that are not positive numbers"),
+        (np.full(7, np.nan), "half_cube has values that are not positive numbers"),
+        (np.full(5, 150.0), "5 values of half_cube for 7 frames"),
+        (np.array([b"150"] * 7), "half_cube is not a data set of numbers"),
+    ],
+)
+def test_a_half_cube_that_gives_no_millimetres(frames: Path, values: np.ndarray, message: str) -> None:
+    """Never a wrong figure from a wrong scale."""
+    with h5py.File(frames / "a.h5", "a") as file:
+        del file["half_cube"]
+        file["half_cube"] = values
+    with pytest.raises(DataError, match=message):
+        evaluation.predict(net_of(frames))
+
+
+def test_joints_that_are_not_finite(frames: Path) -> None:
+    """The frame is named."""
+    with h5py.File(frames / "a.h5", "a") as file:
+        file["joint"][3, 5] = np.nan
+    with pytest.raises(DataError, match="the annotated joints of frame 3 are not finite"):
+        evaluation.score(evaluation.predict(net_of(frames)), kinematics.load())
+
+
+def test_a_shuffled_test_set(frames: Path) -> None:
+    """Half-cubes belong to frames in order."""
+    with pytest.raises(NetlibError, match="layer 'data' shuffles its frames"):
+        evaluation.predict(net_of(frames, extra="shuffle: true"))

@@ -1,0 +1,103 @@
+"""Layers of one's own, and layers whose names or options cannot be: each mistake is one line with its place."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import prototxt
+
+SQUARE = """
+import netlib
+
+class Square(netlib.Layer):
+    def setup(self, bottom, top):
+        self.factor = float(self.param_str or 1)
+
+    def reshape(self, bottom, top):
+        top[0].reshape(*bottom[0].shape)
+
+    def forward(self, bottom, top):
+        top[0].data[...] = self.factor * bottom[0].data ** 2
+
+    def backward(self, top, propagate_down, bottom):
+        if propagate_down[0]:
+            bottom[0].diff[...] = 2 * self.factor * bottom[0].data * top[0].diff
+
+class Broken(Square):
+    def forward(self, bottom, top):
+        1 / 0
+
+class Stranger:
+    pass
+"""
+
+
+def net_with(layer: str) -> netlib.Net:
+    text = 'force_backward: true layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 } } } '
+    return netlib.Net(prototxt.parse(text + layer, "f"), netlib.TRAIN)
+
+
+def python(name: str, module: str = "squares", more: str = "") -> str:
+    param = f'python_param {{ module: "{module}" layer: "{name}" {more} }}'
+    return f'layer {{ name: "own" type: "Python" bottom: "x" top: "y" {param} }}'
+
+
+@pytest.fixture
+def squares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "squares.py").write_text(SQUARE)
+    (tmp_path / "nonsense.py").write_text("def")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "squares", raising=False)
+
+
+def test_a_python_layer(squares: None) -> None:
+    """Caffe's protocol: four methods, param_str."""
+    net = net_with(python("Square", more='param_str: "3"'))
+    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
+    assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
+
+
+def test_a_python_layer_that_fails(squares: None) -> None:
+    """The layer, what happened, and the line of the file it happened in."""
+    net = net_with(python("Broken"))
+    message = r"layer 'own': forward failed: ZeroDivisionError: division by zero \(squares.py:20\)$"
+    with pytest.raises(netlib.LayerError, match=message):
+        net.forward(x=np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        (python("Nobody"), r"squares.Nobody has no such class \(.*squares.py\)"),
+        (python("Stranger"), "squares.Stranger is not a subclass of netlib.Layer"),
+        (python("Square", module="missing"), "cannot import 'missing' .ModuleNotFoundError"),
+        (python("Square", module="nonsense"), "cannot import 'nonsense' .SyntaxError"),
+        (
+            'layer { name: "own" type: "Python" bottom: "x" top: "y" }',
+            "layer 'own' of type 'Python' needs a python_param",
+        ),
+    ],
+)
+def test_a_python_layer_that_is_not_there(squares: None, layer: str, message: str) -> None:
+    """The module or class, and where it was looked for."""
+    with pytest.raises(netlib.PrototxtError, match=message):
+        net_with(layer)
+
+
+@pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
+def test_a_name_that_no_snapshot_can_hold(name: str) -> None:
+    """Found when the net is built, not at the first snapshot after hours."""
+    with pytest.raises(netlib.LayerError, match=r"^f:1:\d+: error: .*(name|slash)"):
+        net_with(f'layer {{ name: "{name}" type: "ReLU" bottom: "x" top: "y" }}')
+
+
+def test_a_missing_options_block() -> None:
+    """Required options are missed at the layer."""
+    with pytest.raises(netlib.PrototxtError, match="missing required field 'num_output' in inner_product_param"):
+        net_with('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }')
