@@ -182,6 +182,8 @@ def test_nan_is_not_hidden(run, options):
         ({"global_pooling": "true", "pad": 1}, "global_pooling needs pad 0 and stride 1"),
         ({"pool": "STOCHASTIC", "kernel_size": 2}, "STOCHASTIC pooling is not supported; expected MAX or AVE"),
         ({"kernel_size": 6}, "kernel 6 is larger than the padded bottom"),
+        ({"kernel_size": 2, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_size": 3, "stride": 2, "stride_h": 1}, "give either stride, or stride_h and stride_w"),
     ],
     ids=str,
 )
