@@ -16,6 +16,7 @@ parameter diffs as ones, so that a backward that forgets an element, or overwrit
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,18 +39,17 @@ def make_layer(text: str, bottoms: Sequence[ArrayLike], tops: int = 1, phase: Ph
     """A layer from the inside of a ``layer { ... }``, set up in float64 for bottoms of these shapes."""
     spec = schema.read(prototxt.parse(text, "<gradcheck>"), LayerParameter)
     names = [f"bottom{i}" for i in range(len(bottoms))]
-    changes = {"name": spec.name or "layer", "bottom": tuple(names), "top": tuple(f"top{i}" for i in range(tops))}
+    changes: dict[str, Any] = {
+        "name": spec.name or "layer",
+        "bottom": tuple(names),
+        "top": tuple(f"top{i}" for i in range(tops)),
+    }
     tree = schema.tree_of(spec)
-    spec = LayerParameter(**{**vars_of(spec), **changes})
+    spec = dataclasses.replace(spec, **changes)
     object.__setattr__(spec, "_tree", tree)
     layer = create(spec, phase, np.random.default_rng(seed), np.float64)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
-
-
-def vars_of(spec: LayerParameter) -> dict[str, Any]:
-    """The fields of a layer's parameters."""
-    return {name: getattr(spec, name) for name in spec.__dataclass_fields__}
 
 
 def check(

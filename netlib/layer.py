@@ -31,7 +31,8 @@ from netlib import schema
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError, NetlibError, PrototxtError, did_you_mean
 from netlib.fillers import Filler, fill
-from netlib.prototxt import Message, Position
+from netlib.parallel import buffer_of
+from netlib.prototxt import Message
 from netlib.schema import LayerParameter, Phase
 
 
@@ -155,10 +156,9 @@ class Layer:
         return blob
 
     @property
-    def source(self) -> str | None:
-        """The prototxt file that this layer is written in, if it is a file."""
-        where = schema.position_of(self.spec)
-        return where.source if isinstance(where, Position) else None
+    def source(self) -> str:
+        """The prototxt file that this layer is written in."""
+        return schema.position_of(self.spec).source
 
     def fail(self, message: str, field: str | None = None) -> LayerError:
         """A LayerError that names this layer and its place in the prototxt."""
@@ -186,11 +186,7 @@ class Layer:
 
     def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> NDArray[Any]:
         """Working memory of the calling thread: zeros at first, then whatever was left in it."""
-        buffers: dict[Any, NDArray[Any]] = self._buffers.__dict__
-        found = buffers.get(key)
-        if found is None or found.shape != shape:
-            found = buffers[key] = np.zeros(shape, dtype or self.dtype)
-        return found
+        return buffer_of(self._buffers, key, shape, dtype or self.dtype)
 
     def on_slice(self, params: Blobs) -> Layer:
         """This layer for one slice of a batch: same options, parameters with diffs of their own."""

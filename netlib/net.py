@@ -596,14 +596,13 @@ def _input_layer(param: NetParameter) -> LayerParameter:
         dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
     if len(dims) not in (1, len(param.input)) or len(param.input_dim) % 4:
         raise PrototxtError(where, f"{len(param.input)} inputs need as many input_shape, found {len(dims)}")
-    position = where if isinstance(where, prototxt.Position) else prototxt.Position("<net>", 1, 1)
     shapes = [
         Field(
             "shape",
-            Message([Field("dim", Scalar("number", str(n), position), position) for n in d], position),
-            position,
+            Message([Field("dim", Scalar("number", str(n), where), where) for n in d], where),
+            where,
         )
         for d in dims
     ]
-    block = Message(shapes, position)
+    block = Message(shapes, where)
     return LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})

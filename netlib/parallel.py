@@ -10,6 +10,10 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 _here = threading.local()
 _threads = 0  # 0: not decided yet
@@ -73,6 +77,15 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
         other.result()
     if failed:
         raise failed[0]
+
+
+def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Memory of the calling thread under a name: zeros at first and in a new shape, else what was left in it."""
+    kept: dict[str, NDArray[Any]] = buffers.__dict__
+    found = kept.get(key)
+    if found is None or found.shape != shape:
+        found = kept[key] = np.zeros(shape, dtype)
+    return found
 
 
 def blocks(count: int, size: int) -> list[slice]:

@@ -107,6 +107,8 @@ class SlicedRun:
         self._lanes: list[Lane] = []
         self.weights: list[tuple[Array, Array]] = []  # parameters, and their values in the last forward
         self._inputs, self._outputs = self.outside("bottom"), self.outside("top")
+        down = {id(b) for at in connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
+        self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is written or read
 
     def outside(self, blobs: str) -> list[Blob]:
         """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
@@ -135,11 +137,8 @@ class SlicedRun:
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self.needs_backward:
             return
-        wanted = [b for at in self.connections for b, down in zip(at.bottom, at.propagate_down) if down]
-        secret = {id(b) for b in self.hidden}
-        for blob in [*wanted, *self._outputs]:
-            if id(blob) not in secret:
-                blob.ensure("diff")
+        for blob in self._gradients:
+            blob.ensure("diff")
         parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self._order):
             for j, whole in enumerate(at.layer.blobs):
@@ -248,11 +247,7 @@ class _Hidden(Blob):
         return self._buffer("diff")
 
     def _buffer(self, half: str) -> Array:
-        buffers, key, shape = self._buffers.__dict__, f"{half}{self._key}", self.storage_shape
-        found: Array | None = buffers.get(key)
-        if found is None or found.shape != shape:
-            found = buffers[key] = np.zeros(shape, self.dtype)
-        return found
+        return parallel.buffer_of(self._buffers, f"{half}{self._key}", self.storage_shape, self.dtype)
 
 
 class _ParamTwin(Blob):

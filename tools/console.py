@@ -14,7 +14,7 @@ from typing import Any
 
 from netlib.errors import NetlibError, os_reason
 
-DONE, FAILED, USAGE = 0, 1, 2
+DONE, FAILED = 0, 1  # wrong usage is 2, which argparse returns by itself
 
 
 def guarded(run: Callable[[], int]) -> int:
