@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.camera import NYU, Camera
-from handpose.crop import SIZE
+from handpose.crop import SIZE, window
 from handpose.nyu import CUBE_MM
 from handpose.render import Capsules, Floats, normalise_depth, render_crop
 from layers import kinematics
@@ -45,7 +45,7 @@ Split = Literal["train", "test"]
 
 _AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
 BLOCK = 64  # frames that share a random generator
-VERSION = 1  # to be raised when a change of the code, not of the numbers below, changes the frames
+VERSION = 2  # to be raised when a change of the code, not of the numbers below, changes the frames
 FINGERS = ("little", "ring", "middle", "index")
 
 # ------------------------------------------------------------------------------------------- the numbers
@@ -227,6 +227,7 @@ class Generator:
         depth = render_crop(capsules, center_uvd, self.cube_mm, self.camera)
         if self.sensor is not None:
             depth = sense(rng, depth, center_uvd[:, 2] + half, self.sensor, self.camera)
+            self._blank_outside(depth, center_uvd)
         normalise_depth(depth, center_uvd[:, 2], self.cube_mm)
         return Frames(
             depth=depth[:, None],
@@ -237,6 +238,15 @@ class Generator:
             index=np.arange(number * BLOCK, (number + 1) * BLOCK),
             half_cube=np.full(BLOCK, half, dtype=np.float32),
         )
+
+    def _blank_outside(self, depth: Floats, center_uvd: Array) -> None:
+        """Crop pixels that no image pixel fills are background again, whatever ragged edges moved there."""
+        picked = window(center_uvd, self.cube_mm, self.camera)
+        columns, rows = picked.columns < 0, picked.rows < 0
+        for n in np.flatnonzero(columns.any(axis=1) | rows.any(axis=1)):
+            far = center_uvd[n, 2] + self.cube_mm / 2
+            depth[n][:, columns[n]] = far
+            depth[n][rows[n]] = far
 
     def recipe(self) -> dict[str, object]:
         """All that the frames depend on, in plain values that JSON can hold."""
@@ -548,7 +558,7 @@ def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecuto
     ahead: collections.deque[Future[Frames]] = collections.deque()
     try:
         for number in numbers:
-            with _no_interrupt():
+            with no_interrupt():
                 ahead.append(pool.submit(generator.block, number))
             if len(ahead) > _AHEAD:
                 yield ahead.popleft().result()
@@ -574,7 +584,7 @@ def _start_worker() -> None:
 
 
 @contextlib.contextmanager
-def _no_interrupt() -> Iterator[None]:
+def no_interrupt() -> Iterator[None]:
     """Processes started in here never see Ctrl-C, which stops their parent, which stops them."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield

@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: f
 
 from handpose import dataset, nyu
 from handpose.crop import restore_joints, window
-from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, _no_interrupt, empty_frames, generate, processes
+from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, no_interrupt, empty_frames, generate, processes
 from netlib.errors import NetlibError
 from tools.console import duration, guarded, progress_bar
 
@@ -227,7 +227,7 @@ def _write_raw(folder: Path, generator: Remembering, count: int, recipe: str, wo
     with contextlib.ExitStack() as stack:
         if workers > 1:
             pool = stack.enter_context(processes(workers))
-            with _no_interrupt():
+            with no_interrupt():
                 jobs = [pool.submit(_raw_block, generator, number, folder, count) for number in numbers]
             results = (job.result() for job in jobs)
         else:

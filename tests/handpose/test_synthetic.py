@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.camera import NYU
-from handpose.crop import crop, crop_pixels, restore_joints
+from handpose.crop import crop, crop_pixels, restore_joints, window
 from handpose.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
 from handpose.render import Capsules, normalise_depth, render_crop, render_image
 from handpose.synthetic import BLOCK, Frames, Generator, HandShape, PosePrior, Sensor, empty_frames, generate, sense
@@ -136,6 +136,18 @@ def test_rendered_hand_equals_its_cropped_image(generator: Generator) -> None:
     direct = normalise_depth(render_crop(flesh, centers, 300.0), centers[:, 2], 300.0)
     for n, whole in enumerate(render_image(flesh, NYU, background=9999.0)):
         assert (np.abs(direct[n] - crop(whole, centers[n], 300.0)) > 1e-3).sum() <= 5
+
+
+def test_nothing_is_seen_outside_the_image() -> None:
+    """Hands at the border of the image: no ragged edge reaches into crop pixels that no image pixel fills."""
+    at_the_border = PosePrior(lateral_x=(-0.5, 0.02), lateral_y=(0.38, 0.02), depth=(550, 560))
+    frames = Generator(prior=at_the_border).block(0)
+    picked = window(frames.center_uvd, 300.0)
+    outside = (picked.columns < 0)[:, None, :] | (picked.rows < 0)[:, :, None]
+    assert outside.any(axis=(1, 2)).mean() > 0.9
+    touching = outside & np.pad(frames.depth[:, 0] < 1, ((0, 0), (0, 1), (0, 0)))[:, 1:]
+    assert touching.any()  # the hand is cut by the border
+    assert (frames.depth[:, 0][outside] == 1).all()
 
 
 def test_forearm_does_not_point_at_the_camera(generator: Generator) -> None:
