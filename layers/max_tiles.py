@@ -123,14 +123,7 @@ class MaxTiles:
         C, A = gradient.shape
         total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
         x.rest_diff = total.astype(gradient.dtype)
-        places = len(self.rank)
-        diff = self.layer.buffer("diff", (self.R * self.L * places,))[: places * C * A]
-        diff.fill(0)
-        index = self.winners.astype(np.intp)
-        index *= C * A
-        index += np.arange(C * A)
-        diff[index] = gradient.reshape(-1)
-        x.diff = diff.reshape(places, C, A)
+        x.diff, x.winner = gradient, self.winners.reshape(C, A)
 
     def _tiles(self, top: Blob, array: Array) -> Array:
         """The top as tiles: as it is stored, or a buffer for tiles of 1."""

@@ -11,14 +11,17 @@ outputs: each needs only T / 2 + k - 1 of the S rows of inputs, which saves a qu
 sparse blob (netlib/blob.py): the windows, and the constant of all others. It is exact for any image and any b; the
 time saved depends on how much of the image is b.
 
-Backward: dM = dY X, folded back to the kernel. Every output over the background saw b under the whole kernel, so
-together they add b * (sum of their dy) to each element of dw.
+Backward: dM (T T O, S S) = dY X, folded back to the kernel. dY is what a max pooling passes down: of the T T places of
+a window only one has a gradient, so dY is kept as a sparse matrix, and the product has 1 / (T T) of the operations of a
+dense one. Every output over the background saw b under the whole kernel, so together they add b * (sum of their dy) to
+each element of dw.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
+from scipy.sparse import csc_array
 
 from netlib.blob import Array, Blob, SparseTiles
 from netlib.layer import Layer
@@ -99,15 +102,17 @@ class WindowTiles:
     def backward(self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db."""
         found = y.sparse
-        assert found is not None and found.diff is not None and found.rest_diff is not None and not down
-        T, k = y.tile or 1, w.shape[2]
-        places, O, A = found.diff.shape
-        dy = found.diff.reshape(places * O, A)
+        assert found is not None and found.diff is not None and found.winner is not None and not down
+        T, S, k = y.tile or 1, 2 * (y.tile or 1), w.shape[2]
+        O, A = found.diff.shape
         X = self.patches(layer, x.data, (found.image, found.row, found.column), T)
-        dM = (dy.reshape(2, places * O // 2, A) @ self.halves(X, T)).sum(axis=0)
-        dM = dM.reshape(T // 2, T, O, T // 2 + k - 1, T + k - 1)
-        for p, q in np.ndindex(T // 2, T):
+        # Column a of dY holds O numbers, in the rows (winner, o).
+        rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
+        columns = np.arange(0, O * A + 1, O, dtype=np.int32)
+        dY = csc_array((found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A))
+        dM = (dY @ X).reshape(T, T, O, S, S)
+        for p, q in np.ndindex(T, T):
             dw[:, 0] += dM[p, q, :, p : p + k, q : q + k]
         dw += (found.rest_diff * x.data.max())[:, None, None, None]
         if db is not None:
-            db += found.diff.sum(axis=(0, 2)) + found.rest_diff
+            db += found.diff.sum(axis=1) + found.rest_diff

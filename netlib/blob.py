@@ -32,7 +32,8 @@ class SparseTiles:
     image, row, column   (A,) which image, row of windows and window in that row
     values               (T T, C, A) data, place by place of the window; good until the thread's next slice
     rest                 (C,) data everywhere else
-    diff, rest_diff      the same for the diff; ``rest_diff`` (C,) is summed over everything else
+    diff, winner         (C, A): of a window only the place that won has a diff, which of the T T is ``winner``
+    rest_diff            (C,) the diffs of everything else, summed
     """
 
     image: Array
@@ -41,6 +42,7 @@ class SparseTiles:
     values: Array
     rest: Array
     diff: Array | None = None
+    winner: Array | None = None
     rest_diff: Array | None = None
 
 

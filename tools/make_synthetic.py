@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: f
 
 from handpose import dataset, nyu
 from handpose.crop import restore_joints, window
-from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, no_interrupt, empty_frames, generate, processes
+from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate, no_interrupt, processes
 from netlib.errors import NetlibError
 from tools.console import duration, guarded, progress_bar
 

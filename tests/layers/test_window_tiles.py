@@ -56,11 +56,14 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     assert np.allclose(dense(found, want.shape, T, found.values, found.rest), want, atol=exact)
     dy = rng.normal(size=want.shape).astype(dtype)
     mark = np.zeros(want.shape)
-    found.diff = np.empty_like(found.values)
+    A = len(found.image)
+    found.diff = rng.normal(size=(2, A)).astype(dtype)
+    found.winner = rng.integers(0, T * T, (2, A)).astype(np.uint8)
     for a, (n, r, c) in enumerate(zip(found.image, found.row, found.column)):
-        window = dy[n, :, r * T : r * T + T, c * T : c * T + T]
-        found.diff[:, :, a] = window.transpose(1, 2, 0).reshape(T * T, -1)
         mark[n, :, r * T : r * T + T, c * T : c * T + T] = 1
+        dy[n, :, r * T : r * T + T, c * T : c * T + T] = 0
+        for o, place in enumerate(found.winner[:, a]):  # as a max pooling passes it down
+            dy[n, o, r * T + place // T, c * T + place % T] = found.diff[o, a]
     found.rest_diff = (dy * (1 - mark)).sum(axis=(0, 2, 3)).astype(dtype)
     dw, db = np.ones_like(w), np.ones_like(b)
     way.backward(layer, bottom, top, w, dw, db, False)
