@@ -149,10 +149,14 @@ class Skeleton:
     fixed                    (D,) bool: DoFs that ignore their input
     parents                  (K,) index of the parent joint, -1 for a root
     bones                    (K,) signed bone lengths along each joint's bone axis
+    bone_axes                (K,) that axis: 0, 1, 2 for x, y, z; -1 without a bone
+    steps                    per joint its motions in order, fixed rotations multiplied out to constants
+    free                     (Q,) the DoF of each motion, in the order of ``steps``; a DoF may drive several
+    turns                    (Q,) bool: the motion is a rotation, not a translation
     """
 
     def __init__(self, param: SkeletonParameter) -> None:
-        self.name = param.name
+        self.param, self.name = param, param.name
         if not param.joint:
             raise PrototxtError(schema.position_of(param), "no joint in this file; expected a skeleton")
         self.dof_names = _unique([(d.name, d) for d in param.dof], "DoF")
@@ -173,16 +177,17 @@ class Skeleton:
                 )
         self.parents = np.array([self._index(j.parent, self.joint_names, j, "parent") for j in param.joint], dtype=int)
         self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
+        self.bone_axes = np.array([_signed(j.bone.axis)[0] if j.bone else -1 for j in param.joint])
         lineage = [self._lineage(j, param.joint) for j in range(len(param.joint))]
-        steps = self._steps(param.joint)
+        self.steps = steps = self._steps(param.joint)
         self._groups, self._places = _groups(param.joint, self.parents, [len(way) for way in lineage], steps)
         motions = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
-        self._row_dof = np.array([step.dof for _, step in motions], dtype=int)
-        self._turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
+        self.free = np.array([step.dof for _, step in motions], dtype=int)
+        self.turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
         self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
         self._rodrigues = _rodrigues([step for _, step in motions])
         self._order = np.argsort([j for group in self._groups for j in group.joints])
-        self._repeats = len(set(self._row_dof.tolist())) < len(self._row_dof)
+        self._repeats = len(set(self.free.tolist())) < len(self.free)
 
     def _index(self, name: str | None, known: list[str], owner: object, field: str) -> int:
         """Index of a name; -1 for none."""
@@ -242,7 +247,7 @@ class Skeleton:
         A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of
         a pose come from three operations, and a group's frames from one stacked 3 x 3 product a turn.
         """
-        value = self.theta(inputs)[:, self._row_dof]
+        value = self.theta(inputs)[:, self.free]
         P, C, S = self._rodrigues
         R = P + np.cos(value)[..., None, None] * C + np.sin(value)[..., None, None] * S  # (N, Q, 3, 3)
         frames: list[Array] = []
@@ -268,10 +273,10 @@ class Skeleton:
         theta = np.array(inputs.T, dtype=np.float64, order="C")
         theta[self.fixed] = 0.0
         theta += self.initial[:, None]
-        value = theta[self._row_dof]  # (Q, N)
+        value = theta[self.free]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
         X = np.empty((len(self.parents), 3, N))
-        axis, pivot = np.empty((2, len(self._row_dof), 3, N))
+        axis, pivot = np.empty((2, len(self.free), 3, N))
         frames: list[tuple[Array, Array, Array]] = []
         lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
         origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
@@ -302,15 +307,31 @@ class Skeleton:
         force = (self._moves @ dX.reshape(K, -1)).reshape(-1, 3, N)
         torque = (self._moves @ _cross(pose.joints, dX).reshape(K, -1)).reshape(-1, 3, N)
         torque -= _cross(pose.pivot, force)
-        torque[~self._turns] = force[~self._turns]
+        torque[~self.turns] = force[~self.turns]
         torque *= pose.axis
         gradient = np.zeros((len(self.initial), N))
         if self._repeats:  # one DoF drives several joints
-            np.add.at(gradient, self._row_dof, torque.sum(axis=1))
+            np.add.at(gradient, self.free, torque.sum(axis=1))
         else:
-            gradient[self._row_dof] = torque.sum(axis=1)
+            gradient[self.free] = torque.sum(axis=1)
         gradient[self.fixed] = 0
         return gradient.T
+
+    def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
+        """(N, Q, 3 K): how each of ``joints`` (all by default), x y z of one after the other, moves with each motion.
+
+        a x (X - P) for a turn about the axis a through P, and a for a translation along a; 0 for joints not moved.
+        """
+        chosen = list(range(len(self.parents))) if joints is None else list(joints)
+        Q, _, N = pose.axis.shape
+        X, a, P = pose.joints[chosen], pose.axis[:, None], pose.pivot[:, None]
+        arm = np.where(self.turns[:, None, None, None], X - P, 0.0)
+        J = np.empty((Q, len(chosen), 3, N))
+        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+            J[:, :, i] = a[:, :, j] * arm[:, :, k] - a[:, :, k] * arm[:, :, j]
+        J[~self.turns] = a[~self.turns]
+        J *= self._moves[:, chosen, None, None]
+        return J.reshape(Q, -1, N).transpose(2, 0, 1)
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """world_from_joint of one joint, (N, 3, 3)."""

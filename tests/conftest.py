@@ -65,3 +65,9 @@ def keep_threads() -> Iterator[None]:
     before = netlib.threads()
     yield
     netlib.set_threads(before)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers, the same for every test."""
+    return np.random.default_rng(0)

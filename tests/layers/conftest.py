@@ -77,14 +77,3 @@ def check() -> Callable[..., None]:
         gradcheck.check(gradcheck.make_layer(text, bottoms, tops, phase), bottoms, tops, **options)
 
     return make
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    """Random numbers, the same for every test."""
-    return np.random.default_rng(0)
-
-
-def pytest_make_parametrize_id(val: object) -> str | None:
-    """Short names for cases that are texts of a prototxt."""
-    return val.replace("\n", " ")[:60] if isinstance(val, str) else None

@@ -112,6 +112,20 @@ def test_one_dof_may_drive_several_joints(skeleton, rng):
     assert not got[:, 3].any()
 
 
+@pytest.mark.parametrize("joints", [None, [2, 0]])
+def test_jacobian_against_differences(skeleton, rng, joints):
+    """Of turns and translations, of all joints and of some."""
+    body, inputs = skeleton(ARM), rng.normal(size=(3, 4))
+    chosen = joints or [0, 1, 2]
+    J = body.jacobian(body.forward(inputs), joints)
+    assert J.shape == (3, len(body.free), 3 * len(chosen))
+    for q, dof in enumerate(body.free):
+        step = np.zeros(4)
+        step[dof] = 1e-6
+        slope = (body.joints(inputs + step) - body.joints(inputs - step)) / 2e-6
+        assert np.allclose(J[:, q], slope[:, chosen].reshape(3, -1), atol=1e-8)
+
+
 def test_bones_of_every_row(skeleton, rng):
     """Each pose with its own lengths."""
     inputs, body = rng.normal(size=(4, 4)), skeleton(ARM)

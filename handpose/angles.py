@@ -1,0 +1,127 @@
+r"""Joint angles that can be compared: one canonical form of the poses that are the same, and errors in degrees.
+
+Different angles can mean the same pose of every bone. All such pairs follow from one identity: for three different
+axes a, b, c a half turn about all three does nothing, and a half turn about c changes the sign of a and b, so
+
+    R_a(p) R_b(q)  =  R_a(p + pi) R_b(pi - q) R_c(pi)
+
+- A joint that turns about a, b and c in a row (the palm: z, x, y) takes the half turn into its third angle.
+- A joint that turns about a and b only (the base of a finger) passes it down to its children. If all bones below lie
+  along c, they do not feel it, and every angle about a or b below changes its sign; an angle about c stays.
+
+``canonical`` chooses, of the two, the third-angle kind with the second angle between -90 and 90 degrees, the other kind
+with the angles nearest to the initial pose, and wraps every angle into (-180, 180].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from layers.kinematics import Skeleton
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Flip:
+    """The other angles of the same pose: the DoFs that turn by 180 degrees, that mirror, that change sign."""
+
+    turned: tuple[int, ...]  # t -> t + pi
+    mirrored: int  # t -> pi - t
+    negated: tuple[int, ...]  # t -> -t
+    whole: bool  # about three axes: nothing below changes
+
+
+def wrap(angles: ArrayLike) -> Array:
+    """Angles in radians moved by full turns into (-pi, pi]."""
+    return np.pi - (np.pi - np.asarray(angles, dtype=np.float64)) % (2 * np.pi)
+
+
+def rotations(skeleton: Skeleton) -> NDArray[np.int_]:
+    """The free DoFs that are rotations, ascending: 23 of the NYU hand."""
+    return np.unique(skeleton.free[skeleton.turns & ~skeleton.fixed[skeleton.free]])
+
+
+def flips(skeleton: Skeleton) -> list[Flip]:
+    """All pairs of angles of the skeleton that mean one pose, from the roots to the tips."""
+    found = []
+    driven = skeleton.free.tolist()
+    for joint in range(len(skeleton.parents)):
+        turns = [step for step in skeleton.steps[joint] if step.kind == "rotate"]
+        if any(driven.count(step.dof) > 1 for step in turns):  # a DoF of several joints cannot flip in one
+            continue
+        if len(turns) == 3 and len(skeleton.steps[joint]) == len([*_translations(skeleton, joint), *turns]):
+            a, b, c = turns
+            if len({a.axis, b.axis, c.axis}) == 3:
+                found.append(Flip((a.dof, c.dof), b.dof, (), whole=True))
+        elif len(turns) == 2 and turns[0].axis != turns[1].axis and skeleton.steps[joint][-2:] == turns:
+            a, b = turns
+            negated = _passed_down(skeleton, joint, 3 - a.axis - b.axis)
+            if negated is not None and not any(driven.count(dof) > 1 for dof in negated):
+                found.append(Flip((a.dof,), b.dof, tuple(negated), whole=False))
+    return found
+
+
+def _translations(skeleton: Skeleton, joint: int) -> list[object]:
+    return [step for step in skeleton.steps[joint] if step.kind == "translate"]
+
+
+def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
+    """The DoFs below that change sign when the joint's frame makes a half turn about its axis ``c``.
+
+    None if a bone, a fixed rotation or a translation below would feel it.
+    """
+    if skeleton.bone_axes[joint] not in (c, -1):
+        return None
+    negated = []
+    for child in np.flatnonzero(skeleton.parents == joint):
+        for step in skeleton.steps[child]:
+            if step.kind != "rotate":
+                return None
+            if step.axis != c:
+                negated.append(step.dof)
+        below = _passed_down(skeleton, int(child), c)
+        if below is None:
+            return None
+        negated += below
+    return negated
+
+
+def canonical(skeleton: Skeleton, inputs: ArrayLike) -> Array:
+    """The canonical inputs (N, D) of the same poses as ``inputs`` (N, D), radians. Not for comparing with limits
+    beyond 180 degrees: rotations come out in (-pi, pi] of the input."""
+    theta = skeleton.theta(np.asarray(inputs, dtype=np.float64))
+    turning = rotations(skeleton)
+    for flip in flips(skeleton):
+        other = theta.copy()
+        other[:, list(flip.turned)] += np.pi
+        other[:, flip.mirrored] = np.pi - theta[:, flip.mirrored]
+        other[:, list(flip.negated)] *= -1
+        if flip.whole:
+            better = np.abs(wrap(theta[:, flip.mirrored])) > np.pi / 2
+        else:
+            changed = [*flip.turned, flip.mirrored, *flip.negated]
+            away, other_away = (
+                (wrap(t[:, changed] - skeleton.initial[changed]) ** 2).sum(axis=1) for t in (theta, other)
+            )
+            better = other_away < away
+        theta[better] = other[better]
+    result = theta - skeleton.initial
+    result[:, turning] = wrap(result[:, turning])
+    result[:, skeleton.fixed] = 0
+    return np.asarray(result)
+
+
+def angle_errors(
+    skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike, dofs: NDArray[np.int_] | None = None
+) -> Array:
+    """Differences (N, R) in degrees, 0 to 180, between two lots of inputs (N, D), both in canonical form.
+
+    ``dofs`` are the DoFs compared, by default all free rotations (the paper's "mean rotation angle error" is the mean).
+    """
+    chosen = rotations(skeleton) if dofs is None else dofs
+    difference = canonical(skeleton, inputs)[:, chosen] - canonical(skeleton, truth)[:, chosen]
+    return np.asarray(np.rad2deg(np.abs(wrap(difference))))
