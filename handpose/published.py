@@ -1,0 +1,139 @@
+"""Published results: text files of predicted joints, and the figures by which methods are compared.
+
+A file has a line for each test frame, and on it three numbers for each joint: ``u v d`` (px, px, mm) or ``x y z``
+(mm, camera axes: x right, y up, z away). Positions are absolute, so no crop centre is involved.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose import icvl, metrics, nyu
+from handpose.camera import ICVL, NYU, Camera
+from layers import kinematics
+from netlib.errors import DataError, os_reason
+
+Array = NDArray[np.float64]
+Format = Literal["uvd", "xyz"]
+
+FORMATS: tuple[Format, ...] = ("uvd", "xyz")
+THRESHOLDS_MM = range(81)  # of the success curves
+_LARGEST = 1e6  # px or mm; beyond it a number is a mistake, and squares might overflow
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What results on a data set are compared on."""
+
+    name: str
+    camera: Camera
+    joints: tuple[str, ...]  # K names, in the order of the files
+    frames: int  # of the whole test set
+    parts: dict[str, slice]  # frames of the whole test set that have a mean error of their own
+
+
+def nyu_benchmark() -> Benchmark:
+    """The 14 joints of NYU, by the names of the model's joints there, and the two test subjects."""
+    names = kinematics.load().joint_names
+    return Benchmark(
+        name="NYU",
+        camera=NYU,
+        joints=tuple(names[j] for j in nyu.EVALUATION_JOINTS),
+        frames=nyu.TEST_FRAMES,
+        parts={"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)},
+    )
+
+
+def icvl_benchmark() -> Benchmark:
+    """The 16 joints of ICVL, over both test sequences, one after the other."""
+    return Benchmark(name="ICVL", camera=ICVL, joints=icvl.JOINTS, frames=sum(icvl.TEST_FRAMES), parts={})
+
+
+BENCHMARKS = {"nyu": nyu_benchmark, "icvl": icvl_benchmark}
+
+
+def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> Array:
+    """Joints (N, K, 3) in mm, camera axes, of a file with N frames of K = ``joints``. Raises DataError."""
+    values = []
+    lines = _text(path).rstrip().split("\n")
+    for number, line in enumerate(lines, 1):
+        try:
+            row = [float(word) for word in line.split()]
+        except ValueError:
+            raise _mistake(f"{path}:{number}", line, joints) from None
+        if len(row) != 3 * joints:
+            raise _mistake(f"{path}:{number}", line, joints)
+        values.append(row)
+    found = np.array(values).reshape(-1, joints, 3)
+    wrong = ~(np.abs(found) < _LARGEST).all(axis=(1, 2))
+    if wrong.any():
+        first = int(wrong.argmax())
+        raise _mistake(f"{path}:{first + 1}", lines[first], joints)
+    if fmt == "xyz":
+        return found
+    depth = found[..., 2].min(axis=1)
+    if (depth <= 0).any():
+        first = int((depth <= 0).argmax())
+        raise DataError(f"{path}:{first + 1}: found a joint at depth {depth[first]:g}, expected more than 0 mm "
+                        f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)")  # fmt: skip
+    return camera.unproject(found)
+
+
+def _text(path: str | Path) -> str:
+    """The text of a file that is not empty. Raises DataError."""
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        told = os_reason(error) if isinstance(error, OSError) else "not a text file"
+        raise DataError(f"{path}: cannot read the joints: {told}") from None
+    if not text.strip():
+        raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
+    return text
+
+
+def _mistake(where: str, line: str, joints: int) -> DataError:
+    """What is wrong with a line."""
+    for word in re.finditer(r"\S+", line):
+        if not _is_sensible(word[0]):
+            return DataError(f"{where}:{word.start() + 1}: found {word[0][:40]!r}, "
+                             f"expected a number of px or mm, below {_LARGEST:g}")  # fmt: skip
+    count = len(line.split())
+    return DataError(f"{where}: found {count} number{'s' * (count != 1)}, expected {3 * joints} = {joints} joints x 3")
+
+
+def _is_sensible(word: str) -> bool:
+    try:
+        return abs(float(word)) < _LARGEST
+    except ValueError:
+        return False
+
+
+@dataclass(frozen=True)
+class Score:
+    """How good a method is. Errors are in mm; a success rate is a fraction of the frames."""
+
+    mean_mm: float  # over all frames and joints
+    parts_mm: dict[str, float]  # mean over each part of the test set; nothing if only some frames were given
+    median_max_mm: float  # median over the frames of the worst joint's error
+    joints_mm: dict[str, float]  # mean over the frames, by joint
+    success_max: list[float]  # frames whose worst joint is within each of THRESHOLDS_MM
+    success_mean: list[float]  # frames whose mean error is
+
+
+def score(errors: Array, benchmark: Benchmark) -> Score:
+    """The figures of a method from the errors (N, K) in mm of its joints."""
+    parts = benchmark.parts if len(errors) == benchmark.frames else {}
+    return Score(
+        mean_mm=metrics.mean_error(errors),
+        parts_mm={name: metrics.mean_error(errors[part]) for name, part in parts.items()},
+        median_max_mm=float(np.median(errors.max(axis=1))),
+        joints_mm=dict(zip(benchmark.joints, metrics.mean_error_per_joint(errors).tolist())),
+        success_max=metrics.success_rate(errors, THRESHOLDS_MM).tolist(),
+        success_mean=metrics.success_rate(errors, THRESHOLDS_MM, worst=False).tolist(),
+    )

@@ -1,0 +1,142 @@
+"""handpose/published.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose import published
+from handpose.camera import ICVL, NYU
+from handpose.metrics import joint_errors
+from handpose.published import Format, Score
+from netlib.errors import DataError
+from tests.handpose.conftest import SHARED
+
+LINE = "320 240 700  330.5 230 -1e2\n"  # two joints
+
+
+def read(tmp_path: Path, text: str | bytes, fmt: Format = "xyz") -> np.ndarray:
+    """The joints, two a frame, of a file of this text."""
+    (tmp_path / "joints.txt").write_bytes(text if isinstance(text, bytes) else text.encode())
+    return published.read_joints(tmp_path / "joints.txt", 2, fmt, NYU)
+
+
+def test_read_joints(tmp_path: Path) -> None:
+    """x y z are taken as they are, u v d through the camera: u0, v0 is straight ahead, and v grows downwards."""
+    np.testing.assert_array_equal(read(tmp_path, LINE), [[[320, 240, 700], [330.5, 230, -100]]])
+    found = read(tmp_path, "320 240 700 378.803 181.293 500\n", "uvd")
+    np.testing.assert_allclose(found, [[[0, 0, 700], [50, 50, 500]]])
+    assert found.dtype == np.float64
+
+
+@pytest.mark.parametrize("text", [LINE * 3, LINE * 3 + "\n \n", (LINE * 3).strip(), LINE.replace("\n", "\r\n") * 3,
+                                  "\ufeff" + LINE * 3, LINE.replace(" ", "\t") * 3])  # fmt: skip
+def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
+    """Empty lines at the end, none at all, Windows' ends of lines, a byte order mark, tabs: the same three frames."""
+    np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "joints.txt: empty, expected the numbers of a frame on each line"),
+        (" \n\n", "joints.txt: empty, expected the numbers of a frame on each line"),
+        (b"\x89HDF\r\n\x1a\n", "joints.txt: cannot read the joints: not a text file"),
+        (b"\0\0", r"joints.txt:1:1: found '\x00\x00', expected a number of px or mm, below 1e+06"),
+        (LINE + "1 2 3 4 5\n", "joints.txt:2: found 5 numbers, expected 6 = 2 joints x 3"),
+        ("1\n" + LINE, "joints.txt:1: found 1 number, expected 6 = 2 joints x 3"),
+        (LINE + "\n" + LINE, "joints.txt:2: found 0 numbers, expected 6 = 2 joints x 3"),
+        (LINE + "1 2  x3 4 5 6\n", "joints.txt:2:6: found 'x3', expected a number of px or mm, below 1e+06"),
+        ("# u v d\n" + LINE, "joints.txt:1:1: found '#', expected a number of px or mm, below 1e+06"),
+        ("1,2,3,4,5,6\n", "joints.txt:1:1: found '1,2,3,4,5,6', expected a number of px or mm, below 1e+06"),
+        (LINE + "1 2 3 4 nan 6\n", "joints.txt:2:9: found 'nan', expected a number of px or mm, below 1e+06"),
+        (LINE + "1 2 3 4 5 -inf\n", "joints.txt:2:11: found '-inf', expected a number of px or mm, below 1e+06"),
+        (LINE + "1e300 2 3 4 5 6\n", "joints.txt:2:1: found '1e300', expected a number of px or mm, below 1e+06"),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str | bytes, message: str) -> None:
+    """A file that is none says in which line, at which column, what was found and what was expected."""
+    with pytest.raises(DataError) as caught:
+        read(tmp_path, text)
+    assert str(caught.value) == f"{tmp_path}/{message}"
+
+
+def test_pixels_without_depth(tmp_path: Path) -> None:
+    """A pixel at depth 0 is no point; x y z may be anywhere."""
+    text = "1 1 500 1 1 500\n1 1 500 1 1 0\n1 1 -3 1 1 500\n"
+    with pytest.raises(DataError, match=r"txt:2: found a joint at depth 0, expected more than 0 mm \(2 of 3 frames"):
+        read(tmp_path, text, "uvd")
+    assert len(read(tmp_path, text, "xyz")) == 3
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    """Not there, or a folder."""
+    for path, reason in ((tmp_path / "no.txt", "No such file or directory"), (tmp_path, "Is a directory")):
+        with pytest.raises(DataError) as caught:
+            published.read_joints(path, 2, "uvd", NYU)
+        assert str(caught.value) == f"{path}: cannot read the joints: {reason}"
+
+
+def test_benchmarks() -> None:
+    """The joints of each data set by name, in the order of the files."""
+    nyu, icvl = published.nyu_benchmark(), published.icvl_benchmark()
+    assert len(nyu.joints) == 14 and len(icvl.joints) == 16
+    assert nyu.joints[:2] == ("little_tip", "little_pip_a") and nyu.joints[8:] == (
+        *("thumb_tip", "thumb_dip", "thumb_pip"),
+        *("wrist_left", "wrist_middle", "palm"),
+    )
+    assert (nyu.camera, icvl.camera) == (NYU, ICVL) and (nyu.frames, icvl.frames) == (8252, 1596)
+
+
+def test_score() -> None:
+    """Figures of three frames with two joints, by hand; some frames of a test set are not told apart further."""
+    benchmark = published.Benchmark("two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)})
+    errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
+    found = published.score(errors, benchmark)
+    assert found.mean_mm == 13 and found.median_max_mm == 10
+    assert found.parts_mm == {"first": 4, "others": 17.5} and found.joints_mm == {"a": 11, "b": 15}
+    assert len(found.success_max) == len(found.success_mean) == 81
+    assert [found.success_max[t] for t in (4, 5, 10, 40)] == [0, 1 / 3, 2 / 3, 1]
+    assert [found.success_mean[t] for t in (3, 4, 30)] == [0, 1 / 3, 1]
+    assert published.score(errors[:2], benchmark).parts_mm == {}
+
+
+def published_score(dataset: str, name: str) -> Score:
+    """The score of a published file of predictions; skips the test where there is none."""
+    folder = SHARED / dataset
+    if not folder.is_dir():
+        pytest.skip("needs published predictions")
+    benchmark = published.BENCHMARKS[dataset]()
+    truth, predicted = (
+        published.read_joints(folder / file, len(benchmark.joints), "uvd", benchmark.camera)
+        for file in ("test_groundtruth_uvd.txt", f"predictions/{name}.txt")
+    )
+    return published.score(joint_errors(predicted, truth), benchmark)
+
+
+@pytest.mark.parametrize(
+    ("dataset", "name", "mean"),
+    [
+        ("nyu", "IJCAI16_NYU_DeepModel", 17.0359),
+        ("nyu", "CVWW15_NYU_Prior", 20.7499),
+        ("nyu", "ICCV15_NYU_Feedback", 15.9727),
+        ("icvl", "IJCAI16_ICVL_DeepModel", 11.5611),
+        ("icvl", "CVPR14_LRF_Results", 12.5776),
+    ],
+)
+def test_published_results(dataset: str, name: str, mean: float) -> None:
+    """Published predictions have the published errors."""
+    found = published_score(dataset, name)
+    assert found.mean_mm == pytest.approx(mean, abs=1e-4)
+    assert np.mean(list(found.joints_mm.values())) == pytest.approx(found.mean_mm)
+    assert list(found.parts_mm) == (["subject 1", "subject 2"] if dataset == "nyu" else [])
+
+
+def test_published_curve() -> None:
+    """The paper's curve on NYU, and its errors on the two subjects."""
+    found = published_score("nyu", "IJCAI16_NYU_DeepModel")
+    assert found.parts_mm == pytest.approx({"subject 1": 10.154, "subject 2": 19.925}, abs=1e-3)
+    rates = [found.success_max[t] for t in range(10, 81, 10)]
+    np.testing.assert_allclose(rates, [0.019, 0.190, 0.419, 0.582, 0.718, 0.834, 0.911, 0.951], atol=5e-4)

@@ -1,0 +1,155 @@
+"""tools/evaluate.py: tables, JSON and the picture of published predictions."""
+
+import json
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.camera import ICVL
+from tests.tools.conftest import ROOT
+from tools import evaluate
+
+FRAMES = 20
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Annotation of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter as x y z."""
+    monkeypatch.chdir(tmp_path)
+    truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
+    for name, move in (("truth", 0), ("near", 3), ("far", 30)):
+        np.savetxt(f"{name}.txt", ICVL.project(truth + (0, 0, move)).reshape(FRAMES, 48), fmt="%.6f")
+    np.savetxt("far_xyz.txt", (truth + (0, 0, 30)).reshape(FRAMES, 48), fmt="%.6f")
+    return tmp_path
+
+
+def run(*arguments, dataset="icvl"):
+    return evaluate.main([dataset, "--groundtruth", "truth.txt", "--predictions", *arguments])
+
+
+def test_tables(files, capsys):
+    """What the figures are, a method a line, then a joint a line."""
+    assert run("Near=near.txt", "Far hand=far.txt") == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == (
+        "ICVL, 20 frames of the test set's 1596, 16 joints: errors in mm between absolute positions in camera axes;"
+    )
+    assert " ".join(out[3].split()) == ("method mean median of max max <= 20 mm max <= 40 mm max <= 60 mm max <= 80 mm")
+    assert out[4].split() == ["Near", "3.00", "3.00", "100.0%", "100.0%", "100.0%", "100.0%"]
+    assert out[5].split() == ["Far", "hand", "30.00", "30.00", "0.0%", "100.0%", "100.0%", "100.0%"]
+    assert out[9].split() == ["joint", "Near", "Far", "hand"]
+    assert [line.split() for line in out[10:]][::16] == [["palm", "3.00", "30.00"], ["mean", "3.00", "30.00"]]
+
+
+def test_json(files, capsys):
+    """Everything, with both curves from 0 to 80 mm; --predictions may be given again."""
+    assert run("Near=near.txt", "--predictions", "Far=far.txt", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["dataset"], report["frames"], report["joints"]) == ("ICVL", FRAMES, 16)
+    assert report["thresholds_mm"] == list(range(81))
+    near, far = report["methods"]
+    assert (near["name"], near["file"]) == ("Near", "near.txt")
+    assert far["mean_mm"] == pytest.approx(30, abs=1e-4) and far["joints_mm"]["palm"] == pytest.approx(30, abs=1e-4)
+    for curve in ("success_max", "success_mean"):
+        assert far[curve] == [0.0] * 30 + far[curve][30:31] + [1.0] * 50
+
+
+def test_formats(files, capsys):
+    """Predictions and annotation may each be x y z or u v d."""
+    assert run("Far=far.txt") == run("Far=far_xyz.txt", "--format", "xyz") == 0
+    first, second = np.array_split(capsys.readouterr().out.splitlines(), 2)
+    assert list(first) == list(second)
+    assert run("A=far.txt", "--groundtruth", "far_xyz.txt", "--groundtruth-format", "xyz", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["methods"][0]["mean_mm"] == pytest.approx(0, abs=1e-4)
+
+
+def test_wrong_format_is_noticed(files, capsys):
+    """Figures that no method has come with a question."""
+    assert run("Far=far_xyz.txt") == 0
+    err = capsys.readouterr().err
+    assert err.startswith("warning: far_xyz.txt: a mean error of ") and err.count("\n") == 1
+    assert err.endswith("; are these uvd, y up if xyz, of the same ICVL frames?\n")
+
+
+def test_pictures(files, capsys):
+    """A picture of each kind; more methods than colours, and names that matplotlib would take for something else."""
+    pytest.importorskip("matplotlib")
+    assert run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json") == 0
+    captured = capsys.readouterr()
+    assert captured.err == "wrote a.png\n" and json.loads(captured.out)
+    assert cv2.imread("a.png").std() > 10
+    for name, start in (("a.SVG", b"<?xml"), (".pdf", b"%PDF")):
+        assert run("Far=far.txt", "--plot", name) == 0
+        assert (files / name).read_bytes().startswith(start)
+    assert not list(files.glob(".*.tmp"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["near.txt"], "argument --predictions: expected NAME=FILE, found 'near.txt'"),
+        (["=near.txt"], "expected NAME=FILE, found '=near.txt'"),
+        (["A="], "expected NAME=FILE, found 'A='"),
+        (["A=near.txt", "A=far.txt"], "--predictions: the name 'A' is given 2 times"),
+        (["A=near.txt", "--plot", "a.jpg"], "--plot must end in .png, .svg, .pdf, found a.jpg"),
+        (["A=near.txt", "--format", "xyd"], "invalid choice: 'xyd'"),
+    ],
+)
+def test_wrong_usage(files, capsys, arguments, message):
+    """Arguments that make no sense end before any file is read."""
+    with pytest.raises(SystemExit) as stopped:
+        run(*arguments)
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["A=no.txt"], "no.txt: cannot read the joints: No such file or directory"),
+        (["A=near.txt", "B=."], ".: cannot read the joints: Is a directory"),
+        (["A=short.txt"], "short.txt: 19 frames, the ground truth truth.txt has 20"),
+        (["A=near.txt", "--plot", "no/a.png"], "no/a.png: cannot write the picture: No such file or directory"),
+        (["A=near.txt", "--plot", "folder.png"], "folder.png: cannot write the picture: Is a directory"),
+    ],
+)
+def test_mistakes(files, capsys, arguments, message):
+    """A file that cannot be used is one line on stderr, and nothing on stdout."""
+    (files / "short.txt").write_text("".join((files / "near.txt").read_text().splitlines(keepends=True)[:-1]))
+    (files / "folder.png").mkdir()
+    if "--plot" in arguments:
+        pytest.importorskip("matplotlib")
+    assert run(*arguments) == 1
+    assert capsys.readouterr() == ("", f"{message}\n")
+    assert not list(files.glob(".*.tmp"))
+
+
+def test_joints_of_another_data_set(files, capsys):
+    """ICVL's 16 joints are not NYU's 14."""
+    assert run("A=near.txt", dataset="nyu") == 1
+    assert capsys.readouterr().err == "truth.txt:1: found 48 numbers, expected 42 = 14 joints x 3\n"
+
+
+def test_without_matplotlib(files, monkeypatch, capsys):
+    """One line says how to get it; tables do without."""
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert run("A=near.txt", "--plot", "a.png") == 1
+    assert capsys.readouterr().err == "matplotlib is missing: pip install '.[tools]'\n"
+    assert run("A=near.txt") == 0
+
+
+def test_published_predictions(capsys):
+    """The table of the methods that are published for NYU, both subjects apart."""
+    folder = ROOT.parent / "shared" / "data" / "nyu"
+    if not folder.is_dir():
+        pytest.skip("needs published predictions")
+    files = {"DeepModel": "IJCAI16_NYU_DeepModel", "Feedback": "ICCV15_NYU_Feedback"}
+    named = [f"{name}={folder / 'predictions' / file}.txt" for name, file in files.items()]
+    truth = str(folder / "test_groundtruth_uvd.txt")
+    assert evaluate.main(["nyu", "--groundtruth", truth, "--predictions", *named]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("NYU, 8252 frames, 14 joints: errors in mm between absolute positions in camera axes;\n")
+    assert "DeepModel  17.04      10.15      19.93          34.56         19.0%         58.2%" in out
+    assert "Feedback   15.97 " in out

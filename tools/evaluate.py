@@ -1,0 +1,182 @@
+#!/usr/bin/env python3
+r"""Compare published predictions with the annotation: errors in mm, success rates, errors by joint, the paper's curves.
+
+    python tools/evaluate.py nyu --groundtruth test_groundtruth_uvd.txt --plot nyu.png \
+        --predictions DeepModel=IJCAI16_NYU_DeepModel.txt Feedback=ICCV15_NYU_Feedback.txt
+
+Files are text, a frame on each line, three numbers for each joint: u v d (px, px, mm) or x y z (mm, camera axes: x
+right, y up, z away). NYU has 14 joints: annotated 0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 27, 30, 31, 32. ICVL has its 16.
+Several NAME=FILE make one table and one picture. Errors are distances between absolute positions: no crop centre and
+no cube is involved.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from handpose.dataset import replace
+from handpose.metrics import joint_errors
+from handpose.published import BENCHMARKS, FORMATS, THRESHOLDS_MM, Benchmark, Score, read_joints, score
+from netlib.errors import DataError, NetlibError, os_reason
+from tools.console import DONE, guarded
+
+PICTURES = (".png", ".svg", ".pdf")
+WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have every mm
+IMPLAUSIBLE_MM = 50.0  # a mean error of no method, but of files with other axes (y down: 62 mm on ICVL) or frames
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito, without yellow
+LINES = ("-", "--", ":", "-.")  # for each round of the colours
+HATCHES = ("", "///", "...", "xxx")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("dataset", metavar="DATASET", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
+    parser.add_argument("--groundtruth", metavar="FILE", required=True, help="the annotated joints")
+    parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend", type=_named,
+                        help="the joints that each method predicts")  # fmt: skip
+    parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
+    parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
+    parser.add_argument("--plot", metavar="FILE", help=f"draw the curves and bars ({', '.join(PICTURES)})")
+    parser.add_argument("--json", action="store_true", help="print JSON, with the curves, instead of tables")
+    args = parser.parse_args(argv)
+    names = [name for name, _ in args.predictions]
+    for name in names:
+        if names.count(name) > 1:
+            parser.error(f"--predictions: the name {name!r} is given {names.count(name)} times")
+    if args.plot is not None and not args.plot.lower().endswith(PICTURES):
+        parser.error(f"--plot must end in {', '.join(PICTURES)}, found {args.plot}")
+    return guarded(lambda: run(args))
+
+
+def _named(text: str) -> tuple[str, str]:
+    """The two halves of NAME=FILE."""
+    name, _, path = text.partition("=")
+    if not name.strip() or not path:
+        raise argparse.ArgumentTypeError(f"expected NAME=FILE, found {text!r}")
+    return name.strip(), path
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare as the parsed arguments say."""
+    benchmark = BENCHMARKS[args.dataset]()
+    truth = read_joints(args.groundtruth, len(benchmark.joints), args.groundtruth_format, benchmark.camera)
+    scores = {}
+    for name, path in args.predictions:
+        predicted = read_joints(path, len(benchmark.joints), args.format, benchmark.camera)
+        if len(predicted) != len(truth):
+            raise DataError(f"{path}: {len(predicted)} frames, the ground truth {args.groundtruth} has {len(truth)}")
+        scores[name] = score(joint_errors(predicted, truth), benchmark)
+        if scores[name].mean_mm > IMPLAUSIBLE_MM:
+            print(f"warning: {path}: a mean error of {scores[name].mean_mm:.0f} mm; are these {args.format}, "
+                  f"y up if xyz, of the same {benchmark.name} frames?", file=sys.stderr)  # fmt: skip
+    if args.plot:
+        plot(scores, benchmark, len(truth), args.plot)
+    if args.json:
+        print(_json(scores, benchmark, len(truth), args))
+    else:
+        print(_tables(scores, benchmark, len(truth)))
+    return DONE
+
+
+def _json(scores: dict[str, Score], benchmark: Benchmark, frames: int, args: argparse.Namespace) -> str:
+    files = dict(args.predictions)
+    facts = {
+        "dataset": benchmark.name,
+        "groundtruth": args.groundtruth,
+        "frames": frames,
+        "joints": len(benchmark.joints),
+        "positions": "absolute, camera axes",
+        "thresholds_mm": list(THRESHOLDS_MM),
+        "methods": [{"name": name, "file": files[name], **dataclasses.asdict(s)} for name, s in scores.items()],
+    }
+    return json.dumps(facts, indent=2, allow_nan=False)
+
+
+def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
+    """What the figures are, a table with a method a line, and one with a joint a line."""
+    some = "" if frames == benchmark.frames else f" of the test set's {benchmark.frames}"
+    parts = list(next(iter(scores.values())).parts_mm)
+    methods = [["method", "mean", *parts, "median of max", *(f"max <= {t} mm" for t in WITHIN_MM)]]
+    for name, s in scores.items():
+        means = [f"{error:.2f}" for error in (s.mean_mm, *s.parts_mm.values(), s.median_max_mm)]
+        methods.append([name, *means, *(f"{s.success_max[t]:.1%}" for t in WITHIN_MM)])
+    joints = [["joint", *scores]]
+    for joint in benchmark.joints:
+        joints.append([joint, *(f"{s.joints_mm[joint]:.2f}" for s in scores.values())])
+    joints.append(["mean", *(f"{s.mean_mm:.2f}" for s in scores.values())])
+    return (
+        f"{benchmark.name}, {frames} frames{some}, {len(benchmark.joints)} joints: errors in mm between absolute "
+        "positions in camera axes;\nmax is the worst joint of a frame\n\n"
+        f"{_aligned(methods)}\n\nmean error by joint, mm\n\n{_aligned(joints)}"
+    )
+
+
+def _aligned(rows: list[list[str]]) -> str:
+    """Rows of cells as a table: the first column to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return "\n".join(
+        "  ".join(cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))) for row in rows
+    )
+
+
+def plot(scores: dict[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:
+    """Success curves by worst and by mean error, and errors by joint. Raises NetlibError if they cannot be written."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
+    figure = Figure(figsize=(12, 8.5), layout="constrained")
+    axes = figure.subplot_mosaic([["max", "mean"], ["joints", "joints"]])
+    _draw_curves(axes["max"], [s.success_max for s in scores.values()], "all joints")
+    _draw_curves(axes["mean"], [s.success_mean for s in scores.values()], "mean error")
+    _draw_bars(axes["joints"], list(scores.values()), benchmark.joints)
+    for axis in axes.values():
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    labels = [f"{s.mean_mm:.2f} mm  {name}".replace("$", r"\$") for name, s in scores.items()]  # no formula
+    figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
+                  title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
+                  title_fontsize="large")  # fmt: skip
+    how: dict[str, Any] = {"format": str(out)[-3:].lower(), "bbox_inches": "tight", "pad_inches": 0.15}
+    try:
+        replace(Path(out), lambda file: figure.savefig(file, dpi=130, **how))
+    except OSError as error:
+        raise NetlibError(f"{out}: cannot write the picture: {os_reason(error)}") from error
+    print(f"wrote {out}", file=sys.stderr)
+
+
+def _draw_curves(axis: Any, curves: list[list[float]], what: str) -> None:
+    for i, rates in enumerate(curves):
+        turn, colour = divmod(i, len(COLOURS))
+        line = LINES[turn % len(LINES)]
+        axis.plot(THRESHOLDS_MM, [100 * rate for rate in rates], line, color=COLOURS[colour], linewidth=1.8)
+    axis.set(xlabel="threshold, mm", ylabel=f"frames with {what} within the threshold, %")
+    axis.set(xlim=(0, THRESHOLDS_MM[-1]), ylim=(0, 101))
+    axis.grid(True, alpha=0.3)
+
+
+def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
+    width = 0.8 / len(scores)
+    places = [*range(len(joints)), len(joints) + 0.5]  # the mean stands a little apart
+    for i, s in enumerate(scores):
+        turn, colour = divmod(i, len(COLOURS))
+        left = [place - 0.4 + i * width for place in places]
+        axis.bar(left, [*s.joints_mm.values(), s.mean_mm], width, align="edge", color=COLOURS[colour],
+                 hatch=HATCHES[turn % len(HATCHES)], edgecolor="white", linewidth=0.4)  # fmt: skip
+    axis.set_xticks(places, [*(joint.replace("_", "\n", 1).replace("_", " ") for joint in joints), "mean"])
+    axis.tick_params(axis="x", length=0)
+    axis.set(ylabel="mean error, mm", xlim=(-0.6, places[-1] + 0.6))
+    axis.grid(True, axis="y", alpha=0.3)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
