@@ -94,8 +94,10 @@ def fit(
         progress(rows.stop - rows.start)
 
     parallel.run([partial(job, rows) for rows in parallel.blocks(len(goal), CHUNK)])
-    # An angle beyond 180 degrees of its limits' middle is the same pose as one within, so do not change those fitted.
-    final = inputs if limits else canonical(skeleton, inputs)
+    final = canonical(skeleton, inputs)
+    if limits:  # of the two forms of a finger the one within its limits
+        own = np.setdiff1d(rotations(skeleton), problem.root_turns)
+        final[:, own] = inputs[:, own]
     found = skeleton.forward(final).joints[chosen].transpose(2, 0, 1)
     return Fit(final, np.linalg.norm(found - goal, axis=2))
 

@@ -164,6 +164,11 @@ class File:
             path.open("rb").close()
             with h5py.File(path, "r") as file:
                 for name in names:
+                    link = file.get(name, getlink=True)
+                    if isinstance(link, h5py.ExternalLink) and file.get(name) is None:
+                        raise DataError(
+                            f"{path}: data set {name!r} is kept in {link.filename}, which is missing or lacks it"
+                        )
                     if not isinstance(file.get(name), h5py.Dataset):
                         raise DataError(f"{path}: no data set {name!r}; it has {', '.join(file) or 'none'}")
                 self.arrays = [self._array(file[name]) for name in names]
@@ -184,10 +189,10 @@ class File:
         if dataset.dtype.kind not in "fiu":
             raise DataError(f"{self.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
         offset = dataset.id.get_offset()
-        elsewhere = Path(dataset.file.filename).resolve() != self.path.resolve()  # an external link
-        if offset is None or elsewhere or dataset.size == 0:  # in chunks, compressed, in another file, or empty
+        if offset is None or dataset.size == 0:  # in chunks, compressed, in a raw file elsewhere, or empty
             return np.asarray(dataset[...])
-        return np.memmap(self.path, dataset.dtype, "r", offset, dataset.shape).view(np.ndarray)
+        home = dataset.file.filename  # another file for an external link
+        return np.memmap(home, dataset.dtype, "r", offset, dataset.shape).view(np.ndarray)
 
 
 def read_list(source: str, prototxt: str | None) -> list[Path]:

@@ -333,6 +333,14 @@ class Skeleton:
         J *= self._moves[:, chosen, None, None]
         return J.reshape(Q, -1, N).transpose(2, 0, 1)
 
+    def bone_directions(self, pose: Pose) -> Array:
+        """(K, 3, N): how each joint, and all below it, moves as its signed bone grows; 0 for a joint without a bone."""
+        directions = np.zeros_like(pose.joints)
+        for group, frame in zip(self._groups, pose.frames):
+            directions[group.joints] = frame[group.bone_axis]
+        directions[self.bone_axes < 0] = 0
+        return directions
+
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """world_from_joint of one joint, (N, 3, 3)."""
         group, slot = self._places[joint]

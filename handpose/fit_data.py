@@ -1,0 +1,106 @@
+"""Joint angles for the frames of a training set, found by fitting the hand model to their joints.
+
+A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a real data set has
+only joints. Each HDF5 file of the set gets a small companion with
+
+    dof          (n, 47) inputs of the hand model, as its layer HandModel takes them
+    residual_mm  (n, 31) what the fit leaves of each joint; NaN for joints that were cut off at the cube
+
+and links to everything else in the first file, so that a list of companions is read like the list of the first files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose import dataset, fit
+from handpose.nyu import CUBE_MM
+from layers.kinematics import Skeleton
+from netlib.errors import DataError, os_reason
+
+Array = NDArray[np.float64]
+VERSION = 1  # to be raised when a change of the code changes the angles
+
+
+def companions(files: Sequence[Path], out: Path) -> list[Path]:
+    """Where the companion of each file goes. Raises DataError if two of them, or a file and its own, are the same."""
+    targets = [out / path.name for path in files]
+    for path, target in zip(files, targets):
+        if path.resolve() == target.resolve():
+            raise DataError(f"{target}: would replace the data themselves; choose another --out")
+    if len(set(targets)) < len(targets):
+        raise DataError(f"{out}: two files of the list have the same name, expected different ones")
+    return targets
+
+
+def fit_file(
+    path: Path,
+    target: Path,
+    skeleton: Skeleton,
+    *,
+    limits: bool = True,
+    ridge: float = 0.0,
+    starts: int = 4,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Array:
+    """Fit the frames of one file and write its companion, whole or not at all; returns the residuals (n, K) in mm.
+
+    A companion that is there already, made from the same file in the same way, is kept. Raises DataError.
+    """
+    recipe = json.dumps(
+        {"version": VERSION, "skeleton": skeleton.name, "limits": limits, "ridge": ridge, "starts": starts,
+         "source": path.name, "size": path.stat().st_size, "changed": path.stat().st_mtime_ns},
+        sort_keys=True,
+    )  # fmt: skip
+    kept = dataset.attributes(target)
+    if kept is not None and kept.get("recipe") == recipe:
+        with h5py.File(target, "r") as file:
+            residuals = file["residual_mm"][...].astype(np.float64)
+        progress(len(residuals))
+        return np.asarray(residuals)
+    joints, half_cube, names, made_from = _read(path, len(skeleton.parents))
+    joints[(np.abs(joints) >= 1).any(axis=2)] = np.nan  # cut off at the cube: not where the joint is
+    found = fit.fit(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+    residuals = found.residuals * half_cube[:, None]
+
+    def fill(temporary: Path) -> None:
+        with h5py.File(temporary, "w") as file:
+            file["dof"] = found.inputs.astype(np.float32)
+            file["residual_mm"] = residuals.astype(np.float32)
+            for name in names:
+                file[name] = h5py.ExternalLink(os.path.relpath(path.resolve(), target.parent.resolve()), name)
+            file.attrs.update(recipe=recipe, made_from=made_from)
+
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        dataset.replace(target, fill)
+    except OSError as error:
+        raise DataError(f"{target}: {dataset.reason(error)}") from None
+    return np.asarray(residuals)
+
+
+def _read(path: Path, count: int) -> tuple[Array, Array, list[str], str]:
+    """Joints (n, count, 3) and half-cubes (n,) in mm of a file, the names of its other data sets, and its origin."""
+    try:
+        with h5py.File(path, "r") as file:
+            stored = file.get("joint")
+            if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "fiu" or not stored.shape:
+                raise DataError(f"{path}: no numbers in a data set 'joint'; it has {', '.join(file) or 'none'}")
+            if stored.size != len(stored) * count * 3 or not len(stored):
+                raise DataError(f"{path}: joint has shape {stored.shape}, expected (N, {count * 3}): {count} joints")
+            half_cube = file["half_cube"][...].reshape(-1) if "half_cube" in file else np.full(len(stored), CUBE_MM / 2)
+            names = [name for name in file if name not in ("dof", "residual_mm")]
+            joints = stored[...].astype(np.float64).reshape(len(stored), count, 3)
+            made_from = str(file.attrs.get("made_from", "an unknown source"))
+    except OSError as error:
+        raise DataError(f"{path}: cannot read the HDF5 file: {os_reason(error)}") from None
+    if half_cube.shape != (len(joints),) or not (np.isfinite(half_cube) & (half_cube > 0)).all():
+        raise DataError(f"{path}: half_cube is not one positive number of mm a frame")
+    return joints, half_cube.astype(np.float64), names, made_from

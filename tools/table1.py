@@ -1,0 +1,370 @@
+#!/usr/bin/env python3
+"""The paper's Table 1: train its four networks, and DeepPrior's, on the same data, and compare them.
+
+    make table1                         or: python tools/table1.py --iterations 10000
+
+The data are those of data/nyu: synthetic hands (tools/make_synthetic.py) or the NYU data set (tools/prepare_nyu.py).
+All networks are trained with the paper's solver; snapshots and logs go to snapshots/table1, and a stopped run goes on
+where it was. The table, the figures and the text around them are written to docs/results.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import cv2
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose import angles, dataset, draw, fit, fit_data, metrics, nyu
+from handpose.camera import NYU
+from handpose.evaluation import Predictions, data_layer, predict, score
+from handpose.published import Benchmark
+from handpose.published import score as curves_of
+from layers import kinematics
+from layers.hdf5_data import read_list
+from netlib.errors import NetlibError, os_reason
+from netlib.net import Net
+from tools import evaluate, train
+from tools.console import DONE, duration, guarded, natural, positive
+
+Array = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parent.parent
+DATA, ANGLES = Path("data/nyu"), Path("data/nyu_angles")
+SOLVER = ROOT / "prototxt" / "nyu_solver.prototxt"
+RIDGE = 3e-3  # of the true angles, fitted to the annotated joints: undetermined ones stay at the initial pose
+BOTTLENECK = 30  # components
+OWN_FIELDS = ("net:", "max_iter:", "stepvalue:", "test_", "snapshot", "random_seed:", "display:")
+
+
+@dataclass(frozen=True)
+class Network:
+    """One line of the table."""
+
+    name: str
+    title: str
+    model: Path
+    paper: str  # joint error, angle error: the paper's on NYU
+    by_fit: bool = False  # its angles are those of a hand fitted to its joints
+
+
+NETWORKS = (
+    Network(
+        "direct_joint", "direct joint", ROOT / "prototxt/table1/direct_joint.prototxt", "17.2 mm, 21.4°", by_fit=True
+    ),
+    Network(
+        "direct_parameter", "direct parameter", ROOT / "prototxt/table1/direct_parameter.prototxt", "26.7 mm, 12.2°"
+    ),
+    Network("no_limit", "ours without PhysLimit", ROOT / "prototxt/table1/no_limit.prototxt", "16.9 mm, 12.0°"),
+    Network("ours", "ours", ROOT / "prototxt/nyu_train_test.prototxt", "16.9 mm, 12.2°"),
+    Network("bottleneck", "DeepPrior's bottleneck", ROOT / "prototxt/table1/bottleneck.prototxt", "–", by_fit=True),
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a network reached on the test set."""
+
+    error_14_mm: float
+    error_mm: float
+    angle_deg: float  # mean over the 23 rotations
+    out_of_limits: float | None  # fraction of frames; None for networks without angles
+    within_40_mm: float
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--iterations", type=positive, default=10000, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=natural, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "docs" / "results", metavar="FOLDER", help="default: docs/results"
+    )
+    parser.add_argument(
+        "--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER", help="default: %(default)s"
+    )
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train what is not trained yet, evaluate, write."""
+    skeleton = kinematics.load()
+    for folder in (args.work, args.out):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise NetlibError(f"{folder}: cannot make the folder: {os_reason(error)}") from None
+    with train.with_advice():
+        files = {split: read_list(str(DATA / f"{split}.txt"), None) for split in ("train", "test")}
+    truth = fit_angles(files, skeleton)
+    found: dict[str, tuple[Network, Predictions, Array]] = {}
+    for network in NETWORKS:
+        weights, status = trained(network, files["train"], args)
+        if status != DONE:
+            return status
+        predictions = predict(Net(network.model, weights, netlib.TEST))
+        found[network.name] = (network, predictions, angles_of(network, predictions, skeleton))
+    results = {name: result_of(p, inputs, truth, skeleton) for name, (_, p, inputs) in found.items()}
+    write(args, found, results, truth, skeleton)
+    return DONE
+
+
+# ------------------------------------------------------------------------------------------ the parts
+
+
+def fit_angles(files: dict[str, list[Path]], skeleton: kinematics.Skeleton) -> Array:
+    """Fit the hand to all annotated joints, if that is not done yet; returns the inputs of the test frames."""
+    inputs = []
+    for split, paths in files.items():
+        targets = fit_data.companions(paths, ANGLES)
+        begun, residuals = time.perf_counter(), []
+        for path, target in zip(paths, targets):
+            residuals.append(fit_data.fit_file(path, target, skeleton, ridge=RIDGE))
+        dataset.replace_text(ANGLES / f"{split}.txt", dataset.list_text(targets))
+        mean, took = float(np.nanmean(np.concatenate(residuals))), duration(time.perf_counter() - begun)
+        _say(f"{split}: the hand fitted to {sum(map(len, residuals))} frames, {mean:.2f} mm left, {took}")
+        if split == "test":
+            for target in targets:
+                with h5py.File(target, "r") as file:
+                    inputs.append(file["dof"][...].astype(np.float64))
+    return np.concatenate(inputs)
+
+
+def trained(network: Network, files: Sequence[Path], args: argparse.Namespace) -> tuple[Path, int]:
+    """The weights of a network after the iterations asked for, and the exit status of its training."""
+    prefix = args.work / f"{network.name}_seed{args.seed}_of{args.iterations}"
+    final = Path(f"{prefix}_iter_{args.iterations}.caffemodel.h5")
+    if final.is_file():
+        return final, DONE
+    solver = Path(f"{prefix}.prototxt")
+    dataset.replace_text(solver, solver_text(network, prefix, args.iterations, args.seed))
+    argv = [str(solver), "--log", f"{prefix}.log"]
+    states = list(args.work.glob(f"{prefix.name}_iter_*.solverstate.h5"))  # the last file of a snapshot to be written
+    if states:
+        latest = max(states, key=lambda s: int(re.findall(r"_iter_(\d+)", s.name)[0]))
+        argv = [str(solver), "--snapshot", str(latest), "--log", f"{prefix}.{latest.stem.split('_iter_')[1]}.log"]
+    elif network.name == "bottleneck":
+        weights = args.work / "principal_components.caffemodel.h5"
+        write_components(weights, files)
+        argv += ["--weights", str(weights)]
+    _say(f"training {network.title}: {' '.join(argv)}")
+    return final, train.main(argv)
+
+
+def solver_text(network: Network, prefix: Path, iterations: int, seed: int) -> str:
+    """The paper's solver for a network: its own text, with these iterations, no tests, and five snapshots."""
+    kept = [
+        line for line in SOLVER.read_text(encoding="utf-8").splitlines() if line and not line.startswith(OWN_FIELDS)
+    ]
+    own = [
+        f'net: "{network.model.as_posix()}"',
+        f"stepvalue: {max(1, iterations * 9 // 10)}",
+        f"max_iter: {iterations}",
+        "display: 100",
+        f"snapshot: {max(1, iterations // 5)}",
+        "snapshot_format: HDF5",
+        f'snapshot_prefix: "{prefix.as_posix()}"',
+        f"random_seed: {seed}",
+    ]
+    return "\n".join([*kept, *own]) + "\n"
+
+
+def write_components(path: Path, files: Sequence[Path]) -> None:
+    """Weights of the layer "joints": the mean of the training joints and their largest principal components.
+
+    DeepPrior's last layer (Oberweger et al. 2015, Sec. 3.2). Components are scaled by their standard deviation, so
+    that the numbers of the bottleneck have about unit size.
+    """
+    count, total, products = 0, 0.0, 0.0
+    for source in files:
+        with h5py.File(source, "r") as file:
+            joints = file["joint"][...].astype(np.float64)
+        count, total, products = count + len(joints), total + joints.sum(axis=0), products + joints.T @ joints
+    mean = np.asarray(total / count)
+    values, vectors = np.linalg.eigh(products / count - np.outer(mean, mean))
+    scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
+
+    def fill(temporary: Path) -> None:
+        with h5py.File(temporary, "w") as file:
+            file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)
+
+    dataset.replace(path, fill)
+
+
+def angles_of(network: Network, predictions: Predictions, skeleton: kinematics.Skeleton) -> Array:
+    """Inputs (N, 47) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
+    if predictions.dof is not None:
+        return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
+    _say(f"{network.title}: fitting the hand to {len(predictions.joints)} frames of predicted joints")
+    return fit.fit(skeleton, predictions.joints.astype(np.float64), limits=True, starts=4).inputs
+
+
+def result_of(p: Predictions, inputs: Array, truth: Array, skeleton: kinematics.Skeleton) -> Result:
+    """The figures of a network."""
+    figures = score(p, skeleton)
+    return Result(
+        error_14_mm=figures["error_14_mm"],
+        error_mm=figures["error_mm"],
+        angle_deg=float(angles.angle_errors(skeleton, inputs, truth).mean()),
+        out_of_limits=figures.get("out_of_limits"),
+        within_40_mm=figures["within_40_mm"],
+    )
+
+
+# ------------------------------------------------------------------------------------------ the report
+
+
+def write(
+    args: argparse.Namespace,
+    found: dict[str, tuple[Network, Predictions, Array]],
+    results: dict[str, Result],
+    truth: Array,
+    skeleton: kinematics.Skeleton,
+) -> None:
+    """docs/results/table1.md with its pictures and the figures as JSON."""
+    first = next(iter(found.values()))[1]
+    made_from, frames = first.made_from, len(first.joints)
+    names = tuple(skeleton.joint_names[j] for j in nyu.EVALUATION_JOINTS)
+    parts = {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)}
+    benchmark = Benchmark(f"test set ({made_from})", NYU, names, nyu.TEST_FRAMES, parts)
+    chosen = list(nyu.EVALUATION_JOINTS)
+    scores = {}
+    for network, p, _ in found.values():
+        scale = p.half_cube[:, None, None]
+        errors = metrics.joint_errors(p.joints[:, chosen] * scale, p.truth[:, chosen] * scale)
+        scores[network.title] = curves_of(errors, benchmark)
+    evaluate.plot(scores, benchmark, frames, args.out / "table1_joints.png")
+    errors_deg = {n.title: angles.angle_errors(skeleton, inputs, truth) for n, _, inputs in found.values()}
+    plot_angles(errors_deg, skeleton, args.out / "table1_angles.png")
+    write_overlays(args.out / "table1_hands.jpg", found, skeleton)
+    text = report(args, {name: n for name, (n, _, _) in found.items()}, results, made_from, frames)
+    dataset.replace_text(args.out / "table1.md", text)
+    figures = {"iterations": args.iterations, "seed": args.seed, "data": made_from, "frames": frames,
+               "networks": {name: asdict(r) for name, r in results.items()}}  # fmt: skip
+    dataset.replace_text(args.out / "table1.json", json.dumps(figures, indent=2) + "\n")
+    print(text)
+
+
+def report(
+    args: argparse.Namespace, networks: dict[str, Network], results: dict[str, Result], made_from: str, frames: int
+) -> str:
+    """The page."""
+    rows = [
+        "| network | joint error, mm | angle error | out of limits | max ≤ 40 mm | the paper, NYU |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, r in results.items():
+        broken = "–" if r.out_of_limits is None else f"{r.out_of_limits:.1%}"
+        rows.append(f"| {networks[name].title} | {r.error_14_mm:.2f} | {r.angle_deg:.2f}° | {broken} | "
+                    f"{r.within_40_mm:.1%} | {networks[name].paper} |")  # fmt: skip
+    comparable = (
+        "The data are the paper's, so joint errors, angle errors and the order of the networks are comparable with its "
+        "column, up to the number of iterations."
+        if made_from == "NYU"
+        else "The data are not the paper's, so its column tells the order to expect and not the size of the errors."
+    )
+    return "\n".join([
+        "# Table 1: does a hand model in the network help?",
+        "",
+        f"Made by `python tools/table1.py --iterations {args.iterations} --seed {args.seed}` (`make table1`) on "
+        f"data/nyu ({made_from}); every network with the paper's solver, batches of 512, one seed. Scored on "
+        f"{frames} held-out frames.",
+        "",
+        *rows,
+        "",
+        "- Joint error: mean over the 14 joints compared on NYU, about the crop's centre (joint 34), cube 300 mm "
+        "(261 mm for NYU's second subject).",
+        "- Angle error: mean over the 23 free rotations, in canonical form, against the hand fitted to the annotated "
+        f"joints (31 joints, within the limits, ridge {RIDGE:g}). Networks that predict joints get their angles by the "
+        "same fit, without the ridge.",
+        "- Out of limits: frames with any predicted angle beyond its limits. The paper: 18.6% without the physical "
+        "constraint, 0.9% with it.",
+        f"- {comparable}",
+        "",
+        "![Success curves and errors by joint](table1_joints.png)",
+        "",
+        "![Angle errors](table1_angles.png)",
+        "",
+        "Held-out frames, the annotated hand in white:",
+        "",
+        "![Hands](table1_hands.jpg)",
+        "",
+    ])  # fmt: skip
+
+
+def plot_angles(errors: dict[str, Array], skeleton: kinematics.Skeleton, out: Path) -> None:
+    """Frames by mean angle error, and the mean error of every rotation. Raises NetlibError."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
+    figure = Figure(figsize=(12, 7.5), layout="constrained")
+    above, below = figure.subplots(2, 1)
+    thresholds = np.arange(0, 61)
+    rotations = [skeleton.dof_names[d] for d in angles.rotations(skeleton)]
+    width = 0.8 / len(errors)
+    for i, (title, e) in enumerate(errors.items()):
+        colour = evaluate.COLOURS[i % len(evaluate.COLOURS)]
+        above.plot(thresholds, 100 * metrics.success_rate(e, thresholds, worst=False), color=colour,
+                   label=f"{title}: {e.mean():.2f}°")  # fmt: skip
+        below.bar(np.arange(len(rotations)) - 0.4 + i * width, e.mean(axis=0), width, align="edge", color=colour)
+    above.set(xlabel="threshold, degrees", ylabel="frames with mean angle error within, %", xlim=(0, 60), ylim=(0, 101))
+    above.legend(frameon=False)
+    below.set(ylabel="mean error, degrees")
+    below.set_xticks(range(len(rotations)), [name.replace("_rot_", " ").replace("_", " ") for name in rotations],
+                     rotation=60, ha="right")  # fmt: skip
+    for axis in (above, below):
+        axis.grid(True, axis="both" if axis is above else "y", alpha=0.3)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    try:
+        dataset.replace(out, lambda file: figure.savefig(file, dpi=110, format="png"))
+    except OSError as error:
+        raise NetlibError(f"{out}: cannot write the picture: {os_reason(error)}") from error
+
+
+def write_overlays(
+    out: Path, found: dict[str, tuple[Network, Predictions, Array]], skeleton: kinematics.Skeleton, count: int = 4
+) -> None:
+    """Frames of middling error, a network a column. Raises NetlibError."""
+    data = data_layer(Net(NETWORKS[0].model, netlib.TEST))
+    depth = data.spec.top.index("depth")
+    ours = found["ours"][1]
+    order = np.argsort(np.linalg.norm(ours.joints - ours.truth, axis=2).mean(axis=1))
+    chosen = order[(np.linspace(0.1, 0.9, count) * (len(order) - 1)).astype(int)]
+    images, titles = [], []
+    for n in chosen:
+        crop = data.row(int(n))[depth][0]
+        for network, p, _ in found.values():
+            error = np.linalg.norm(p.joints[n] - p.truth[n], axis=1).mean() * p.half_cube[n]
+            images.append(draw.overlay(crop, p.joints[n], skeleton, p.truth[n], zoom=2))
+            titles.append(f"{network.title}, {error:.0f} mm")
+    picture = draw.sheet(images, len(found), titles)
+    encoded = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 88))[1].tobytes()
+    try:
+        dataset.replace(out, lambda file: file.write_bytes(encoded))
+    except OSError as error:
+        raise NetlibError(f"{out}: cannot write the picture: {os_reason(error)}") from error
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
