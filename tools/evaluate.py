@@ -9,10 +9,10 @@ right, y up, z away). NYU has 14 joints: annotated 0, 3, 6, 9, 12, 15, 18, 21, 2
 Several NAME=FILE make one table and one picture. Errors are distances between absolute positions: no crop centre and
 no cube is involved.
 
---angles (NYU) also fits the hand model to all joints, a minute or two a method, and compares its angles: the mean over
-the 23 rotations, in canonical form. The annotation is fitted within the limits with a ridge of 0.003, which keeps angles
-that 14 joints do not determine at the initial pose; predictions within the limits without a ridge. Where predictions lie
-on the model to 0.05 mm, the frames with an angle out of its limits are counted, from a fit without them.
+--angles (NYU) also fits the hand model to all joints, a minute or two a method, and compares its angles: the mean
+over the 23 rotations, in canonical form. The annotation is fitted within the limits with a ridge of 0.003, which keeps
+angles that 14 joints do not determine at the initial pose; predictions within the limits without a ridge. Where they
+lie on the model to 0.05 mm, the frames with an angle out of its limits are counted, from a fit without them.
 """
 
 from __future__ import annotations
