@@ -43,7 +43,8 @@ def find_hand(depth: ArrayLike, camera: Camera) -> Array:
     slab = seen & (image <= front + SLAB_MM)
     _, label, _, _ = cv2.connectedComponentsWithStats(slab.astype(np.uint8), connectivity=8)
     nearest = seen & (image <= front)
-    one = label == 1 + np.argmax(np.bincount(label[nearest])[1:])
+    shown = np.bincount(label[nearest], weights=image[nearest] ** 2)  # surface: a speck that is near has many pixels
+    one = label == 1 + np.argmax(shown[1:])
     v, u = np.nonzero(one)
     points = camera.unproject(np.stack([u, v, image[one]], axis=1))
     center = points[nearest[one]].mean(axis=0)

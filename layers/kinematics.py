@@ -27,6 +27,7 @@ batch. Joints of the same depth and the same sequence of operations (four finger
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +43,7 @@ from netlib.schema import Double
 
 Array = NDArray[np.float64]
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
-FEW = 8  # poses
+FEW = 16  # poses
 NYU_HAND = Path(__file__).parent.parent / "prototxt" / "hand" / "nyu.prototxt"
 
 
@@ -94,9 +95,6 @@ class SkeletonParameter:
     name: str = ""
     dof: tuple[DofParameter, ...] = ()
     joint: tuple[JointParameter, ...] = ()  # in output order
-
-
-_IDENTITY, _ORIGIN = np.eye(3)[None, None], np.zeros((1, 1, 3))
 
 
 class Step(NamedTuple):
@@ -185,8 +183,7 @@ class Skeleton:
         self.free = np.array([step.dof for _, step in motions], dtype=int)
         self.turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
         self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
-        self._rodrigues = _rodrigues([step for _, step in motions])
-        self._order = np.argsort([j for group in self._groups for j in group.joints])
+        self._few = _FewPoses(self.parents, [len(way) for way in lineage], steps, self.bone_axes, self.bones)
         self._repeats = len(set(self.free.tolist())) < len(self.free)
 
     def _index(self, name: str | None, known: list[str], owner: object, field: str) -> int:
@@ -238,34 +235,8 @@ class Skeleton:
     def joints(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
         if bones is None and len(inputs) <= FEW:
-            return self._joints_of_few(inputs)
+            return self._few.joints(self.theta(inputs)[:, self.free])
         return self.forward(inputs, bones).joints.transpose(2, 0, 1)
-
-    def _joints_of_few(self, inputs: NDArray[np.floating]) -> Array:
-        """The same for a few poses, where the number of NumPy calls counts and not the arithmetic.
-
-        A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of
-        a pose come from three operations, and a group's frames from one stacked 3 x 3 product a turn.
-        """
-        value = self.theta(inputs)[:, self.free]
-        P, C, S = self._rodrigues
-        R = P + np.cos(value)[..., None, None] * C + np.sin(value)[..., None, None] * S  # (N, Q, 3, 3)
-        frames: list[Array] = []
-        positions: list[Array] = []
-        for group in self._groups:
-            F = _IDENTITY if group.parent < 0 else frames[group.parent][:, group.slots]
-            p = _ORIGIN if group.parent < 0 else positions[group.parent][:, group.slots]
-            for do in group.operations:
-                if do.kind == "constant":
-                    F = F @ do.matrices
-                elif do.kind == "rotate":
-                    F = F @ R[:, do.rows]
-                else:
-                    p = p + F[..., do.axis] * do.sign[:, 0] * value[:, do.rows, None]
-            frames.append(F)
-            positions.append(p + F[..., group.bone_axis] * self.bones[group.joints][:, None])
-        everything = np.concatenate([np.broadcast_to(p, (len(value), *p.shape[1:])) for p in positions], axis=1)
-        return everything[:, self._order]
 
     def forward(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Pose:
         """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own bone lengths."""
@@ -346,6 +317,66 @@ class Skeleton:
         group, slot = self._places[joint]
         columns = [np.broadcast_to(c[slot], pose.joints.shape[1:]) for c in pose.frames[group]]
         return np.stack(columns, axis=1).transpose(2, 0, 1)
+
+
+class _FewPoses:
+    """Forward kinematics for a few poses, where the number of NumPy calls counts and not the arithmetic.
+
+    A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of a pose
+    come from three operations. All joints multiply their own turns and their bone to a 4 x 4 transform at once; then
+    one product for each depth hangs the joints of that depth to their parents. Joints are in order of depth in here.
+    """
+
+    def __init__(
+        self,
+        parents: NDArray[np.int_],
+        depths: Sequence[int],
+        steps: Sequence[Sequence[Step]],
+        bone_axes: NDArray[np.int_],
+        bones: Array,
+    ) -> None:
+        order = np.argsort(depths, kind="stable")
+        self.place = np.argsort(order)  # of each joint
+        motions = [step for own in steps for step in own if step.kind != "constant"]
+        self.P, self.C, self.S = _rodrigues(motions)
+        constants = [step.matrix for own in steps for step in own if step.matrix is not None]
+        self.constants = np.array([*constants, np.eye(3)])
+        number = {id(matrix): len(motions) + i for i, matrix in enumerate(constants)}
+        identity = len(motions) + len(constants)
+        turns = [[number.get(id(s.matrix), s.row) for s in steps[j] if s.kind != "translate"] for j in order]
+        most = max(1, *(len(own) for own in turns))
+        self.factors = np.array([own + [identity] * (most - len(own)) for own in turns]).T
+        self.offsets = np.zeros((len(order), 3, 1))
+        has_bone = np.flatnonzero(bone_axes[order] >= 0)
+        self.offsets[has_bone, bone_axes[order][has_bone], 0] = bones[order][has_bone]
+        self.slides = [
+            (i, s.axis, s.sign, s.row) for i, j in enumerate(order) for s in steps[j] if s.kind == "translate"
+        ]
+        ends = np.cumsum(np.bincount(depths)[1:])
+        self.roots = int(ends[0])
+        self.depths = [
+            (slice(first, last), self.place[parents[order[first:last]]]) for first, last in itertools.pairwise(ends)
+        ]
+
+    def joints(self, value: Array) -> Array:
+        """Positions (N, K, 3) for the values (N, Q) of the free motions."""
+        N, K = len(value), len(self.place)
+        R = self.P + np.cos(value)[..., None, None] * self.C + np.sin(value)[..., None, None] * self.S
+        R = np.concatenate([R, np.broadcast_to(self.constants, (N, *self.constants.shape))], axis=1)
+        turn = R[:, self.factors[0]]
+        for factor in self.factors[1:]:
+            turn = turn @ R[:, factor]
+        local = np.zeros((N, K, 4, 4))
+        local[..., :3, :3] = turn
+        np.matmul(turn, self.offsets, out=local[..., :3, 3:])
+        local[..., 3, 3] = 1
+        for i, axis, sign, row in self.slides:
+            local[:, i, axis, 3] += sign * value[:, row]
+        world = np.empty((N, K, 4, 4))
+        world[:, : self.roots] = local[:, : self.roots]
+        for rows, parents in self.depths:
+            np.matmul(world[:, parents], local[:, rows], out=world[:, rows])
+        return world[..., :3, 3][:, self.place]
 
 
 def _groups(
