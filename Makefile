@@ -1,5 +1,6 @@
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
 # make test    set up and run the tests
+# make table1  the paper's Table 1: trains five networks (hours; ITERATIONS=1000 for a look), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make lint    the style and type checks of the continuous integration
 PYTHON ?= python3
@@ -12,7 +13,7 @@ SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 bench: .venv/bench
 	$(RUN) benchmarks/bench.py
 
-.PHONY: train test lint bench clean
+.PHONY: train test lint table1 bench clean
 
 train: .venv/tools
 	$(RUN) tools/make_synthetic.py
@@ -22,6 +23,10 @@ train: .venv/tools
 	@echo
 	@echo "Pictures: snapshots/hands.png (predicted hands), snapshots/curves.png (the training)."
 	@echo "Train on from here: $(RUN) tools/train.py $(SOLVER) --snapshot $(SNAPSHOT:caffemodel.h5=solverstate.h5)"
+
+table1: .venv/tools
+	@test -e data/nyu/train.txt || $(RUN) tools/make_synthetic.py
+	$(RUN) tools/table1.py $(if $(filter-out file,$(origin ITERATIONS)),--iterations $(ITERATIONS))
 
 test: .venv/test
 	$(RUN) -m pytest

@@ -8,14 +8,63 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
-from layers.kinematics import Skeleton, rotation
+from layers.kinematics import Skeleton, Step, rotation
 from netlib.net import Net
 
 WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
 
 
+class TorchHandByJoint(nn.Module):
+    """Forward kinematics for autograd, as the paper has it: products of 4 x 4 transforms, root to tip, by joint."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        super().__init__()
+        self.skeleton = skeleton
+        self.initial = torch.tensor(skeleton.initial, dtype=torch.float32)
+        self.bones = []
+        for axis, length in zip(skeleton.bone_axes, skeleton.bones):
+            T = torch.eye(4)
+            if axis >= 0:
+                T[axis, 3] = length
+            self.bones.append(T)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """(N, D) inputs → (N, 3 K) joints."""
+        theta = x + self.initial
+        done: dict[int, torch.Tensor] = {}
+
+        def of(joint: int) -> torch.Tensor:
+            if joint in done:
+                return done[joint]
+            parent = int(self.skeleton.parents[joint])
+            M = torch.eye(4).expand(len(x), 4, 4) if parent < 0 else of(parent)
+            for step in self.skeleton.steps[joint]:
+                M = M @ self._motion(step, theta)
+            done[joint] = M @ self.bones[joint]
+            return done[joint]
+
+        return torch.stack([of(j)[:, :3, 3] for j in range(len(self.bones))], 1).reshape(len(x), -1)
+
+    @staticmethod
+    def _motion(step: Step, theta: torch.Tensor) -> torch.Tensor:
+        """The 4 x 4 transform of one motion, (N, 4, 4) or, if it is fixed, (4, 4)."""
+        if step.matrix is not None:
+            T = torch.eye(4)
+            T[:3, :3] = torch.tensor(step.matrix, dtype=torch.float32)
+            return T
+        T = torch.eye(4).repeat(len(theta), 1, 1)
+        t = step.sign * theta[:, step.dof]
+        if step.kind == "translate":
+            T[:, step.axis, 3] = t
+            return T
+        i, j = (step.axis + 1) % 3, (step.axis + 2) % 3
+        c, s = torch.cos(t), torch.sin(t)
+        T[:, i, i], T[:, i, j], T[:, j, i], T[:, j, j] = c, -s, s, c
+        return T
+
+
 class TorchHand(nn.Module):
-    """Forward kinematics as one would write it for autograd: joints of one depth and kind together, 3 x 3 matrices."""
+    """The same for speed: joints of one depth and kind together, 3 x 3 matrices."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         super().__init__()
