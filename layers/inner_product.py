@@ -24,10 +24,10 @@ from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.schema import UInt
 
-# A product is computed in blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So even one
-# item keeps all threads busy. The size is fixed, so that the rounding of a sum never depends on their number; large,
-# because every product packs its factors anew.
-BLOCK = 512
+# A product is computed in equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So even one
+# item keeps all threads busy. Their size does not depend on the number of threads, so the rounding of a sum does not;
+# it is large, because every product packs its factors anew.
+LARGEST_BLOCK = 640
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,5 @@ class InnerProduct(Layer):
 
 
 def _each(job: Callable[[slice], None], count: int) -> None:
-    if count <= BLOCK:
-        job(slice(0, count))
-    else:
-        parallel.run([partial(job, rows) for rows in parallel.blocks(count, BLOCK)])
+    size = -(-count // -(-count // LARGEST_BLOCK))
+    parallel.run([partial(job, features) for features in parallel.blocks(count, size)])

@@ -1,0 +1,154 @@
+#!/usr/bin/env python3
+"""What the recipe for synthetic hands owes to each of its parts: short trainings, each without one of them.
+
+    python benchmarks/ablation.py --iterations 1500 --seeds 1 2
+
+Every training is that of prototxt/synthetic_solver.prototxt with one change, and its rate falls to 0 at its last
+iteration. All are scored on the same held-out frames of the default prior. Data and weights go to snapshots/ablation; a
+training that is there already is not repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import numpy as np
+
+from handpose import dataset, synthetic
+from handpose.evaluation import predict, score
+from handpose.synthetic import Generator, HandShape, PosePrior
+from layers import kinematics
+from netlib.net import Net
+from tools import train
+from tools.console import DONE, guarded, positive
+
+NET = (ROOT / "prototxt" / "synthetic_train_test.prototxt").read_text(encoding="utf-8")
+SOLVER = (ROOT / "prototxt" / "synthetic_solver.prototxt").read_text(encoding="utf-8")
+DROPOUT = (
+    'layer {{ name: "Dropout{0}" type: "Dropout" bottom: "{0}" top: "{0}" dropout_param {{ dropout_ratio: 0.3 }} }}\n'
+)
+NARROW = PosePrior(roll_std=20, roll_uniform=0, pitch_std=16, yaw_std=25, yaw_uniform=0)
+UNCURLED = PosePrior(independent=1.0, curl_own=(1.0, 1.0), finger_noise=0.3)
+SAME = PosePrior(scale_std=0, bone_std=0)
+
+
+def _with_dropout(net: str) -> str:
+    for name in ("FC1", "FC2"):
+        relu = f'layer {{ name: "ReLU{name}" type: "ReLU" bottom: "{name}" top: "{name}" }}\n'
+        net = net.replace(relu, relu + DROPOUT.format(name))
+    return net
+
+
+def _without_augmentation(net: str) -> str:
+    start = net.index("# Other views of the same hands")
+    return net[:start] + net[net.index("# Features") :]
+
+
+@dataclass(frozen=True)
+class Study:
+    """One change."""
+
+    name: str
+    title: str
+    frames: int = 50000
+    options: dict[str, Any] = field(default_factory=dict)  # of the training data's Generator
+    net: Callable[[str], str] = str
+    solver: Callable[[str], str] = str
+
+
+STUDIES = (
+    Study("recipe", "the recipe"),
+    Study("few", "5,000 frames instead of 50,000", frames=5000),
+    Study("few_plain", "5,000 frames, no augmentation", frames=5000, net=_without_augmentation),
+    Study("plain", "no augmentation", net=_without_augmentation),
+    Study("clean", "no sensor noise", options={"sensor": None}),
+    Study("armless", "no forearm", options={"shape": HandShape(forearm_radius=(1.0, 1.0), forearm_length=1.0)}),
+    Study("narrow", "narrow rotations of the palm", options={"prior": NARROW}),
+    Study("uncurled", "fingers curl independently", options={"prior": UNCURLED}),
+    Study(
+        "one_hand", "one hand: no other sizes and bones", options={"prior": SAME, "shape": HandShape(thickness_std=0)}
+    ),
+    Study("dropout", "dropout 0.3", net=_with_dropout),
+    Study("sgd", "SGD 0.003, the paper's", solver=lambda s: s.replace('"Adam"', '"SGD"').replace("0.001", "0.003")),
+)
+
+
+def main() -> int:
+    """Run the studies; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--iterations", type=positive, default=1500, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
+    names = [study.name for study in STUDIES]
+    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
+    parser.add_argument("--work", type=Path, default=Path("snapshots/ablation"), metavar="FOLDER")
+    args = parser.parse_args()
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train and score."""
+    args.work.mkdir(parents=True, exist_ok=True)
+    test = write_frames(args.work / "test", Generator(split="test"), 2000)
+    rows = ["| | 14 joints, mm | by seed |", "|---|---|---|"]
+    for study in (s for s in STUDIES if s.name in args.only):
+        data = write_frames(args.work / f"data_{_data_name(study)}", Generator(**study.options), study.frames)
+        errors = []
+        for seed in args.seeds:
+            status, weights, net = trained(study, data, test, seed, args)
+            if status != DONE:
+                return status
+            figures = score(predict(Net(net, weights, netlib.TEST)), kinematics.load())
+            errors.append(figures["error_14_mm"])
+        rows.append(f"| {study.title} | {np.mean(errors):.1f} | {', '.join(f'{e:.1f}' for e in errors)} |")
+        print(rows[-1], file=sys.stderr, flush=True)
+    print("\n".join(rows))
+    return DONE
+
+
+def _data_name(study: Study) -> str:
+    return study.name if study.options else str(study.frames)
+
+
+def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
+    """Frames in one file with its list, unless they are there already; returns the list."""
+    part = dataset.Part(prefix.with_suffix(".h5"), count, repr(generator.recipe()))
+    if not dataset.is_whole(part):
+        with synthetic.processes(len(os.sched_getaffinity(0))) as pool:
+            pieces = (frames.arrays() for frames in synthetic.generate(count, generator, pool))
+            dataset.write_part(part, synthetic.empty_frames().arrays(), pieces, lambda: {"made_from": "synthetic"})
+    dataset.replace_text(prefix.with_suffix(".txt"), dataset.list_text([part.path]))
+    return prefix.with_suffix(".txt")
+
+
+def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Namespace) -> tuple[int, Path, Path]:
+    """Exit status, weights and net of a training."""
+    prefix = args.work / f"{study.name}_{args.iterations}_seed{seed}"
+    weights, net = Path(f"{prefix}_iter_{args.iterations}.caffemodel.h5"), Path(f"{prefix}_net.prototxt")
+    text = study.net(NET).replace("data/nyu/train.txt", str(data)).replace("data/nyu/test.txt", str(test))
+    dataset.replace_text(net, text)
+    if weights.is_file():
+        return DONE, weights, net
+    own = ("net:", "max_iter:", "test_", "snapshot", "random_seed:", "display:")
+    lines = [line for line in study.solver(SOLVER).splitlines() if not line.startswith(own)]
+    lines += [f'net: "{net}"', f"max_iter: {args.iterations}", "snapshot_format: HDF5", f'snapshot_prefix: "{prefix}"']
+    lines += [f"random_seed: {seed}", "display: 500"]
+    solver = Path(f"{prefix}.prototxt")
+    dataset.replace_text(solver, "\n".join(lines) + "\n")
+    return train.main([str(solver)]), weights, net
+
+
+if __name__ == "__main__":
+    sys.exit(main())

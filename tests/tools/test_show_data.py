@@ -1,0 +1,67 @@
+"""tools/show_data.py: pictures of data sets."""
+
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+from tools import show_data
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """A list of one HDF5 file with five frames."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["depth"] = np.random.default_rng(0).uniform(-1, 1, (5, 1, 128, 128)).astype(np.float32)
+        file["joint"] = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 93)).astype(np.float32)
+    (tmp_path / "list.txt").write_text(f"{tmp_path / 'a.h5'}\n")
+    return tmp_path / "list.txt"
+
+
+def test_lists_files_and_folders_side_by_side(frames: Path, tmp_path: Path) -> None:
+    """Three sets, each from a row of its own; a list and a file show the same frames."""
+    crops = tmp_path / "crops"
+    crops.mkdir()
+    cv2.imwrite(str(crops / "one.png"), np.full((128, 128), 127, np.uint8))
+    out = tmp_path / "out.png"
+    argv = [str(frames), str(tmp_path / "a.h5"), str(crops), "--out", str(out), "--frames", "4", "--columns", "4"]
+    assert show_data.main(argv) == 0
+    picture = cv2.imread(str(out))
+    head, gap, size = 22, 4, 128
+    rows = [picture[r * (size + head + gap) + gap + head :][:size] for r in range(3)]
+    assert np.array_equal(rows[0], rows[1])
+    assert np.ptp(rows[2][:, gap + 2 * (size + gap) :]) == 0  # nothing beside the one crop but white
+
+
+def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
+    """Colour only where there is a skeleton."""
+    for plain in (True, False):
+        out = tmp_path / "out.png"
+        assert show_data.main([str(frames), "--out", str(out), *(["--plain"] if plain else [])]) == 0
+        picture = cv2.imread(str(out)).astype(int)
+        assert (np.ptp(picture, axis=2).max() == 0) == plain
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda folder: folder / "missing.txt", "missing.txt"),
+        (lambda folder: folder / "missing.h5", "cannot read the data"),
+        (lambda folder: folder, "no PNG pictures in this folder"),
+    ],
+)
+def test_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str], make: object, message: str) -> None:
+    """One line each."""
+    assert show_data.main([str(make(tmp_path)), "--out", str(tmp_path / "out.png")]) == 1  # type: ignore[operator]
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1 and not (tmp_path / "out.png").exists()
+
+
+def test_a_file_without_crops(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It says what the file has."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["depth"] = np.zeros((3, 4))
+    assert show_data.main([str(tmp_path / "a.h5"), "--out", str(tmp_path / "out.png")]) == 1
+    assert "no data set depth of square crops; it has depth" in capsys.readouterr().err
