@@ -22,6 +22,7 @@ Everything is in the unit of the skeleton's bones: half-cubes for the NYU hand.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -183,9 +184,7 @@ class _Guess:
     def __init__(self, problem: _Problem, fingers: Array) -> None:
         self.problem, sk = problem, problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
-        angles = np.stack(np.meshgrid(*[grid] * len(problem.root_turns), indexing="ij"), axis=-1).reshape(
-            -1, len(problem.root_turns)
-        )
+        angles = np.array(list(itertools.product(grid, repeat=len(problem.root_turns))))  # (1, 0) without any
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
             angles = angles[np.abs(angles[:, 1]) <= np.pi / 2 + 1e-9]
         self.inputs = np.tile(fingers, (len(angles), 1))
@@ -198,9 +197,7 @@ class _Guess:
     def near(self, goal: Array) -> Array:
         """Inputs (N, D) for joints (N, K, 3)."""
         problem, centre = self.problem, np.nanmean(goal, axis=1)
-        shapes = np.nan_to_num(goal - centre[:, None]).reshape(
-            len(goal), -1
-        )  # not known: in the middle
+        shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)  # not known: in the middle
         best = np.argmin(self.sizes - 2 * shapes @ self.shapes.T, axis=1)
         inputs = self.inputs[best]
         for step in problem.root_moves:

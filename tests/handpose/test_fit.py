@@ -8,6 +8,7 @@ from handpose import angles, fit
 from handpose.nyu import EVALUATION_JOINTS
 from handpose.synthetic import Generator
 from layers import kinematics
+from netlib import prototxt, schema
 from netlib.errors import DataError
 
 SKELETON = kinematics.load()
@@ -33,6 +34,16 @@ def test_fourteen_joints_fit_exactly(inputs):
     targets = SKELETON.joints(inputs)[:, EVALUATION_JOINTS]
     found = fit.fit(SKELETON, targets, EVALUATION_JOINTS, starts=32)
     assert found.residuals.shape == (40, 14) and found.residuals.mean(axis=1).max() < 1e-4
+
+
+def test_a_body_whose_root_does_not_turn():
+    """There are no rotations to start from but the one it has."""
+    text = """dof { name: "bend" }
+        joint { name: "root" bone { axis: X length: 1 } }
+        joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
+    arm = kinematics.Skeleton(schema.read(prototxt.parse(text), kinematics.SkeletonParameter, "arm"))
+    bent = np.array([[0.5], [-2.0]])
+    assert np.allclose(fit.fit(arm, arm.joints(bent)).inputs, bent, atol=1e-6)
 
 
 def test_joints_that_are_not_known(inputs):

@@ -134,6 +134,24 @@ def test_bones_of_every_row(skeleton, rng):
     assert np.allclose(doubled - base, 2 * (arm(inputs) - base))
 
 
+@pytest.mark.parametrize("name", ["arm", "hand"])
+def test_bone_directions_against_differences(skeleton, rng, name):
+    """A longer bone moves its joint and all below it that way; a joint without a bone has none."""
+    body = skeleton(ARM) if name == "arm" else kinematics.load()
+    inputs = rng.normal(size=(3, len(body.initial)))
+    directions = body.bone_directions(body.forward(inputs)).transpose(2, 0, 1)
+    assert not directions[:, body.bone_axes < 0].any()
+    for joint in np.flatnonzero(body.bone_axes >= 0):
+        step = 1e-6 * np.eye(len(body.bones))[joint]
+        longer, shorter = (body.joints(inputs, np.tile(body.bones + s, (3, 1))) for s in (step, -step))
+        slope = (longer - shorter) / 2e-6
+        for other in range(len(body.parents)):
+            way = [other]
+            while body.parents[way[-1]] >= 0:
+                way.append(body.parents[way[-1]])
+            assert np.allclose(slope[:, other], directions[:, joint] if joint in way else 0, atol=1e-8)
+
+
 # ---------------------------------------------------------------------------------------------- the hand
 
 

@@ -1,0 +1,150 @@
+"""tools/calibrate_hand.py: a skeleton file from annotated frames, which nets and fits can use."""
+
+import h5py
+import numpy as np
+import pytest
+
+from handpose.fit import fit
+from handpose.nyu import EVALUATION_JOINTS
+from handpose.synthetic import Generator
+from layers import kinematics
+from tools import calibrate_hand
+
+HAND = kinematics.load()
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """60 frames of a hand that is a tenth smaller than the packaged one, with a longer thumb."""
+    bones = 0.9 * HAND.bones * np.where(np.char.startswith(HAND.joint_names, "thumb"), 1.1, 1)
+    inputs = Generator(seed=3).hands(np.random.default_rng(3), 60).inputs
+    inputs[:, :3] += 0.1 * HAND.initial[:3]
+    return np.clip(HAND.joints(inputs, np.tile(bones, (60, 1))), -1, 1)
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch, frames):
+    """The working directory, with me.h5."""
+    monkeypatch.chdir(tmp_path)
+    write("me.h5", frames, half_cube=np.full(60, 125.0))
+    return tmp_path
+
+
+def write(path, joints, **more):
+    with h5py.File(path, "w") as file:
+        file["joint"] = np.asarray(joints, np.float32).reshape(len(joints), -1)
+        for name, values in more.items():
+            file[name] = values
+
+
+def test_a_hand(work, frames, capsys):
+    """The file has the hand in the frames' unit, says where it is from, and fits the frames within its limits."""
+    assert calibrate_hand.main(["me.h5", "--out", "me.prototxt", "--percentile", "0"]) == 0
+    out, err = capsys.readouterr()
+    assert not err and "wrote me.prototxt in " in out
+    hand = kinematics.load(work / "me.prototxt")
+    thumb = HAND.joint_names.index("thumb_dip")
+    assert hand.name == "me" and hand.bones[thumb] == pytest.approx(0.99 * HAND.bones[thumb], rel=1e-3)
+    line = next(line.split() for line in out.splitlines() if line.startswith("thumb_dip "))
+    assert line[1:3] == ["38.4", "38.0"]  # mm, before and after
+    assert "60 of 60 frames, " in out and "is 125 mm" in out and "thumb_tip_rot_z" in out
+    text = (work / "me.prototxt").read_text()
+    for fact in ("60 of the 60", "'me.h5'", "31 of 31", "half-cubes of 125 mm", "wrist_left_rot_y"):
+        assert fact in text[: text.index("name:")].replace("\n# ", " ")
+    seen = np.where((np.abs(frames) >= 1).any(axis=2, keepdims=True), np.nan, frames)
+    assert np.nanmean(fit(hand, seen).residuals) * 125 < 0.05
+    assert [path.name for path in work.iterdir() if "tmp" in path.name] == []
+
+
+def test_the_same_frames_give_the_same_file(work, capsys):
+    """To the last byte; another draw of frames another one. An existing file is replaced with --force only."""
+    command = ["me.h5", "--out", "me.prototxt", "--frames", "30", "--joints", "14", "--half-cube", "150"]
+    assert calibrate_hand.main(command) == 0
+    first = (work / "me.prototxt").read_bytes()
+    assert b"half-cubes of 150 mm" in first and b"little_tip, little_pip_a, ring_tip" in first
+    assert "not determined" in capsys.readouterr().out
+    assert calibrate_hand.main([*command, "--seed", "1"]) == 1
+    assert capsys.readouterr().err == (
+        "me.prototxt: is there already; choose another --out, or use --force to replace it\n"
+    )
+    assert (work / "me.prototxt").read_bytes() == first
+    assert calibrate_hand.main([*command, "--force"]) == 0
+    assert (work / "me.prototxt").read_bytes() == first
+    assert calibrate_hand.main([*command, "--force", "--seed", "1"]) == 0
+    assert (work / "me.prototxt").read_bytes() != first
+
+
+def test_a_list_without_half_cube_and_an_own_template(work, frames, capsys):
+    """The files of a list make one set; the unit is NYU's. A result can be the next template."""
+    write("a.h5", frames[:20])
+    write("b.h5", frames[20:])
+    (work / "train.txt").write_text("a.h5\nb.h5\n")
+    assert calibrate_hand.main(["train.txt", "--out", "one.prototxt"]) == 0
+    assert "is 150 mm" in capsys.readouterr().out
+    assert calibrate_hand.main(["train.txt", "--out", "two.prototxt", "--template", "one.prototxt"]) == 0
+    one, two = (kinematics.load(work / f"{name}.prototxt") for name in ("one", "two"))
+    assert np.allclose(one.bones, two.bones, atol=1e-4)
+    assert "size: 1.000 of the template" in capsys.readouterr().out
+
+
+def test_people_who_differ_are_warned_of(work, capsys):
+    """No hand has the joints of noise."""
+    rng = np.random.default_rng(0)
+    write("noise.h5", np.clip(HAND.joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9))
+    assert calibrate_hand.main(["noise.h5", "--out", "noise.prototxt"]) == 0
+    assert "mm from the hand on the mean; are all frames of one person" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["gone.h5"], "gone.h5: cannot read the HDF5 file: No such file or directory"),
+        (["gone.txt"], "gone.txt: cannot read the list of HDF5 files: No such file or directory"),
+        (["few.h5"], "few.h5: 19 of 19 frames have half of their joints within the cube"),
+        (["depth.h5"], "depth.h5: no data set 'joint'; it has depth"),
+        (["sixteen.h5"], "sixteen.h5: rows of 'joint' have 48 numbers, expected 93 (31 joints) or 42 (14 joints)"),
+        (["nan.h5"], "nan.h5: frame 2 has joints that are not finite (1 such frames)"),
+        (["me.h5", "--out", "no/me.prototxt"], "no/me.prototxt: no folder no"),
+        (["me.h5", "--out", "."], ".: is a folder; expected the name of a file"),
+        (["me.h5", "--template", "no.prototxt"], "no.prototxt: cannot read the prototxt: No such file or directory"),
+    ],
+)
+def test_mistakes(work, frames, capsys, more, message):
+    """One line, exit status 1, no file."""
+    write("few.h5", frames[:19])
+    write("sixteen.h5", frames[:, :16])
+    nan = frames.copy()
+    nan[2, 4, 0] = np.nan
+    write("nan.h5", nan)
+    with h5py.File("depth.h5", "w") as file:
+        file["depth"] = np.zeros(3)
+    assert calibrate_hand.main(["--out", "x.prototxt", *more]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(message) and err.count("\n") == 1
+    assert not (work / "x.prototxt").exists()
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["--frames", "19"],
+        ["--joints", "13"],
+        ["--half-cube", "0"],
+        ["--half-cube", "nan"],
+        ["--percentile", "50"],
+        ["--percentile", "nan"],
+        ["--seed", "-1"],
+    ],
+)
+def test_wrong_usage(work, capsys, more):
+    """Exit status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        calibrate_hand.main(["me.h5", "--out", "me.prototxt", *more])
+    assert stopped.value.code == 2
+
+
+def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
+    """A file of 42 numbers a row."""
+    write("fourteen.h5", frames[:, EVALUATION_JOINTS])
+    assert calibrate_hand.main(["fourteen.h5", "--out", "me.prototxt"]) == 0
+    assert "14 of 31 joints" in (work / "me.prototxt").read_text().replace("\n# ", " ")
