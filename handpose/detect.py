@@ -23,7 +23,7 @@ FRONT_MM2 = 1500.0  # of surface that the nearest thing must show, else it is no
 SLAB_MM = 160.0  # behind its front, where the rest of a hand is
 REACH_MM = 110.0  # from its centre of mass: the hand, and not much of the forearm
 PALM_MM = 15.0  # from the surface of a palm to its middle
-BEHIND_MM = 12.0  # the centre lies so far behind the mean of what is seen, which is its front
+BEHIND_MM = 39.0  # the centre lies so far behind the mean of what is seen, which is its front
 
 
 def find_hand(depth: ArrayLike, camera: Camera) -> Array:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 from pathlib import Path
 
 import h5py
@@ -54,9 +55,10 @@ def fit_file(
 
     A companion that is there already, made from the same file in the same way, is kept. Raises DataError.
     """
+    hand, stat = sha256(repr(skeleton.param).encode()).hexdigest(), path.stat()
     recipe = json.dumps(
-        {"version": VERSION, "skeleton": skeleton.name, "limits": limits, "ridge": ridge, "starts": starts,
-         "source": path.name, "size": path.stat().st_size, "changed": path.stat().st_mtime_ns},
+        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": starts,
+         "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
         sort_keys=True,
     )  # fmt: skip
     kept = dataset.attributes(target)
@@ -67,7 +69,10 @@ def fit_file(
         return np.asarray(residuals)
     joints, half_cube, names, made_from = _read(path, len(skeleton.parents))
     joints[(np.abs(joints) >= 1).any(axis=2)] = np.nan  # cut off at the cube: not where the joint is
-    found = fit.fit(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+    try:
+        found = fit.fit(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
     residuals = found.residuals * half_cube[:, None]
 
     def fill(temporary: Path) -> None:

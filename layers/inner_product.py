@@ -24,9 +24,9 @@ from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.schema import UInt
 
-# A product is computed in equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So even one
-# item keeps all threads busy. Their size does not depend on the number of threads, so the rounding of a sum does not;
-# it is large, because every product packs its factors anew.
+# A product is computed in equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So even
+# one item keeps all threads busy. Their size does not depend on the number of threads, so the rounding of a sum does
+# not; it is large, because every product packs its factors anew.
 LARGEST_BLOCK = 640
 
 

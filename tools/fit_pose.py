@@ -89,14 +89,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _is_list(path: str) -> bool:
-    """Does the first line name a file? Else it is a line of numbers."""
+    """Does the first line name a file? Else it starts with a number."""
     try:
         with open(path, encoding="utf-8-sig", errors="replace") as file:
             first = file.readline().split()
     except OSError:
         return False  # the reader of text files says what is wrong
     try:
-        [float(word) for word in first]
+        [float(word) for word in first[:1]]
     except ValueError:
         return True
     return False
@@ -136,6 +136,7 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
                 )
 
         try:
+            Path(args.out).parent.mkdir(parents=True, exist_ok=True)
             dataset.replace(Path(args.out), fill)
         except OSError as error:
             raise NetlibError(f"{args.out}: {dataset.reason(error)}") from None

@@ -139,7 +139,10 @@ def run(args: argparse.Namespace) -> int:
         else:
             camera = dataclasses.replace(args.camera, width=depth.shape[1], height=depth.shape[0])
             uvd = _started(depth, camera, center, image)
-            crop, uvd, joints = predictor.in_frame(depth, camera, uvd, args.refine)
+            try:
+                crop, uvd, joints = predictor.in_frame(depth, camera, uvd, args.refine)
+            except DataError as error:
+                raise DataError(f"{image}: {error}") from None
             facts = {"center_uvd": uvd.round(2).tolist(), "center_mm": camera.unproject(uvd).round(2).tolist()}
             drawn = draw.overlay(crop, joints, hand.skeleton, center_uvd=uvd, cube_mm=args.cube, camera=camera)
         _write(picture, draw.sheet([drawn, draw.view_3d(joints, hand.skeleton)], 2))
@@ -174,15 +177,18 @@ class Predictor:
         self, depth: NDArray[np.float32], camera: Camera, center_uvd: NDArray[np.float64], refine: int
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
         """Crop, its centre (3,) and the joints in it, after the crop was moved ``refine`` times."""
-        for turn in range(refine + 1):
-            crop = crop_frame(depth, center_uvd, self.cube_mm, camera)
-            joints = self.joints(crop)
-            if turn < refine:
-                inputs = self.net.blobs[self.hand.spec.bottom[0]].data[0]
-                moved = detect.recenter(inputs, self.hand.skeleton, center_uvd, self.cube_mm, camera, self.mirror)
-                if not camera.unproject(moved)[2] > self.cube_mm / 2:
-                    break  # a prediction gone astray
-                center_uvd = moved
+        crop = crop_frame(depth, center_uvd, self.cube_mm, camera)
+        joints = self.joints(crop)
+        for _ in range(refine):
+            inputs = self.net.blobs[self.hand.spec.bottom[0]].data[0]
+            moved = detect.recenter(inputs, self.hand.skeleton, center_uvd, self.cube_mm, camera, self.mirror)
+            if not camera.unproject(moved)[2] > self.cube_mm / 2:
+                break  # a prediction gone astray
+            try:
+                crop = crop_frame(depth, moved, self.cube_mm, camera)
+            except DataError:  # out of sight
+                break
+            center_uvd, joints = moved, self.joints(crop)
         return crop, center_uvd, joints
 
 

@@ -15,6 +15,7 @@ import json
 import re
 import sys
 import time
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -104,13 +105,15 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Train what is not trained yet, evaluate, write."""
     skeleton = kinematics.load()
+    with train.with_advice():
+        files = {split: read_list(str(DATA / f"{split}.txt"), None) for split in ("train", "test")}
     for folder in (args.work, args.out):
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise NetlibError(f"{folder}: cannot make the folder: {os_reason(error)}") from None
-    with train.with_advice():
-        files = {split: read_list(str(DATA / f"{split}.txt"), None) for split in ("train", "test")}
+    args.work = args.work / data_name(files["train"])  # networks trained on other data are other networks
+    args.work.mkdir(exist_ok=True)
     truth = fit_angles(files, skeleton)
     found: dict[str, tuple[Network, Predictions, Array]] = {}
     for network in NETWORKS:
@@ -125,6 +128,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 # ------------------------------------------------------------------------------------------ the parts
+
+
+def data_name(files: Sequence[Path]) -> str:
+    """A folder name for training data: where they are from, and a checksum of all that they depend on."""
+    facts = [(path.name, path.stat().st_size, dataset.attributes(path) or {}) for path in files]
+    origin = str(facts[0][2].get("made_from", "unknown")).lower()
+    recipes = "\n".join(f"{name} {found.get('recipe', size)}" for name, size, found in facts)
+    return f"{re.sub(r'[^a-z0-9]+', '_', origin)}_{zlib.crc32(recipes.encode()):08x}"
 
 
 def fit_angles(files: dict[str, list[Path]], skeleton: kinematics.Skeleton) -> Array:
@@ -156,14 +167,19 @@ def trained(network: Network, files: Sequence[Path], args: argparse.Namespace) -
     argv = [str(solver), "--log", f"{prefix}.log"]
     states = list(args.work.glob(f"{prefix.name}_iter_*.solverstate.h5"))  # the last file of a snapshot to be written
     if states:
-        latest = max(states, key=lambda s: int(re.findall(r"_iter_(\d+)", s.name)[0]))
-        argv = [str(solver), "--snapshot", str(latest), "--log", f"{prefix}.{latest.stem.split('_iter_')[1]}.log"]
+        latest = max(states, key=done)
+        argv = [str(solver), "--snapshot", str(latest), "--log", f"{prefix}_from_{done(latest)}.log"]
     elif network.name == "bottleneck":
         weights = args.work / "principal_components.caffemodel.h5"
         write_components(weights, files)
         argv += ["--weights", str(weights)]
     _say(f"training {network.title}: {' '.join(argv)}")
     return final, train.main(argv)
+
+
+def done(state: Path) -> int:
+    """The iteration of a snapshot."""
+    return int(re.findall(r"_iter_(\d+)\.", state.name)[-1])
 
 
 def solver_text(network: Network, prefix: Path, iterations: int, seed: int) -> str:

@@ -132,6 +132,19 @@ def test_compressed_data(tmp_path, net_of):
     assert net_of(layer(tmp_path / "list.txt", 4)).forward()["x"].tolist() == [0, 1, 2, 3]
 
 
+@pytest.mark.parametrize("chunks", [None, (2, 2)], ids=["in one piece", "in chunks"])
+def test_data_sets_of_another_file(data, tmp_path, net_of, monkeypatch, chunks):
+    """External links are followed from the file that holds them, which itself may be named in any way."""
+    want = numbers(data([5], 5, chunks=chunks), 1)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "links").mkdir()
+    with h5py.File(tmp_path / "links" / "a.h5", "w") as file:
+        file["x"] = h5py.ExternalLink("../0.h5", "x")
+        file["t"] = np.arange(5.0)
+    (tmp_path / "links" / "list.txt").write_text("links/a.h5\n")
+    assert numbers(net_of(layer("links/list.txt", 5)), 1) == want
+
+
 def test_a_row_by_its_number(data):
     """Counted over all files; for tools that show examples."""
     made = data([3, 4], 2).layer_dict["d"]
@@ -185,6 +198,21 @@ def test_files_with_something_wrong_in_them(tmp_path, net_of, datasets, message)
     with pytest.raises(netlib.DataError, match=message) as error:
         net_of(layer(tmp_path / "list.txt", 2))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("other", ["missing", "lacks it", "is not HDF5"])
+def test_links_that_lead_nowhere(tmp_path, net_of, other):
+    """Say where the data were kept."""
+    if other == "lacks it":
+        write(tmp_path / "other.h5", y=np.zeros(3))
+    if other == "is not HDF5":
+        (tmp_path / "other.h5").write_text("text")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"], file["t"] = h5py.ExternalLink("other.h5", "x"), np.zeros(3)
+    (tmp_path / "list.txt").write_text("a.h5")
+    with pytest.raises(netlib.DataError) as error:
+        net_of(layer(tmp_path / "list.txt", 2))
+    assert str(error.value) == f"{tmp_path}/a.h5: data set 'x' is kept in other.h5, which is missing or lacks it"
 
 
 def test_files_whose_rows_differ(tmp_path, net_of):

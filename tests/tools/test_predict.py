@@ -1,6 +1,8 @@
-"""tools/predict.py: joints and a picture for each crop."""
+"""tools/predict.py: joints and a picture for each crop, or whole frame."""
 
 import json
+import re
+import shutil
 
 import cv2
 import h5py
@@ -8,6 +10,12 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose import detect
+from handpose.camera import KINECT2, NYU, SR305
+from handpose.crop import crop
+from handpose.nyu import CUBE_MM, pack_depth
+from handpose.render import render_image
+from handpose.synthetic import Generator, HandShape
 from tests.tools.conftest import ROOT
 from tools import predict
 
@@ -76,3 +84,199 @@ def test_weights_that_lack_a_layer(snapshot, capsys):
         del file["data/FC2"]
     assert predict.main([snapshot, "crop.png"]) == 1
     assert "no weights for layer 'FC2' of net 'DeepModel'" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------- whole frames
+
+
+@pytest.fixture
+def frame(snapshot):
+    """frame.png: a hand 700 mm before a Kinect v2 and a wall behind it, 16-bit grey, in mm; and its depth."""
+    depth = hand_before(KINECT2)
+    depth[depth == 0] = 1500
+    depth[:50] = 0
+    cv2.imwrite("frame.png", depth)
+    return depth
+
+
+def hand_before(camera):
+    """Depth (height, width) in whole mm of a hand 700 mm before a camera; 0 where there is none."""
+    generator, rng = Generator(shape=HandShape(forearm_towards_camera=-0.2)), np.random.default_rng(1)
+    hand = generator.hands(rng, 1)
+    flesh = generator.flesh(rng, hand.joints * CUBE_MM / 2 + (30, -20, 700), hand.scale)
+    depth = render_image(flesh, camera)[0]
+    return np.where(np.isfinite(depth), depth, 0).astype(np.uint16)
+
+
+def predicted(capsys, *arguments):
+    """What the tool says as JSON of each image."""
+    assert predict.main(["net.caffemodel.h5", "--out", "p", "--json", *arguments]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def mistake(capsys, *arguments):
+    """The one line that a mistake prints."""
+    assert predict.main(["net.caffemodel.h5", *arguments]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+def test_a_whole_frame(frame, capsys):
+    """The nearest thing is cut out as a cube; its joints are as of any crop, and the centre is told in both ways."""
+    (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "0")
+    center = detect.find_hand(frame, KINECT2)
+    assert found["center_uvd"] == pytest.approx(center, abs=0.01)
+    assert found["center_mm"] == pytest.approx(KINECT2.unproject(center), abs=0.01)
+    assert found["center_mm"] == pytest.approx((30, -20, 700), abs=60)
+    net = netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", "net.caffemodel.h5", netlib.TEST)
+    joints = net.forward(depth=crop(frame, center, CUBE_MM, KINECT2)[None, None])["pred"].reshape(31, 3) * CUBE_MM / 2
+    assert np.array(list(found["joints_mm"].values())) == pytest.approx(joints, abs=0.01)
+    assert cv2.imread("p/frame_hand.png") is not None
+
+
+def test_the_table_says_where_the_hand_is(frame, capsys):
+    """In mm before the camera."""
+    assert predict.main(["net.caffemodel.h5", "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700"]) == 0
+    first, *joints = capsys.readouterr().out.splitlines()
+    place = r"at -?\d+, -?\d+, \d{3} mm"
+    assert re.fullmatch(f"frame.png: joints in mm from the crop's centre {place}, cube 300 mm; picture .*", first)
+    assert len(joints) == 31
+
+
+def test_a_camera_by_its_numbers(frame, capsys):
+    """Instead of its name; the size is that of the image."""
+    assert predicted(capsys, "frame.png", "--camera", "363.9,363.9,255.4,206.3") == predicted(
+        capsys, "frame.png", "--camera", "kinect2"
+    )
+
+
+def test_the_unit_of_a_pixel(frame, capsys):
+    """--unit tells how many mm a value stands for; the camera SR305 writes eighths of them."""
+    cv2.imwrite("frame.png", frame * 4)
+    (quarters,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--unit", "0.25")
+    cv2.imwrite("frame.png", frame)
+    assert [quarters] == predicted(capsys, "frame.png", "--camera", "kinect2")
+    cv2.imwrite("eighths.png", np.full((480, 640), 8000, np.uint16))
+    assert (predict.read_frame("eighths.png", SR305, None) == 1000).all()
+    assert (predict.read_frame("eighths.png", SR305, 0.1) == 800).all()
+
+
+def test_centers(frame, capsys):
+    """U,V,D is taken as it is; with U,V the depth is what is seen there; each image may have its own."""
+    v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
+    whole = ["--camera", "kinect2", "--refine", "0"]
+    (found,) = predicted(capsys, "frame.png", *whole, "--center", "250,200,690")
+    assert found["center_uvd"] == [250, 200, 690]
+    (found,) = predicted(capsys, "frame.png", *whole, "--center", f"{u},{v}")
+    assert found["center_uvd"] == pytest.approx(detect.depth_around(frame, u, v), abs=0.01)
+    shutil.copy("frame.png", "again.png")
+    centers = [[250, 200, 690], [260, 210, 700]]
+    for given in (centers[:1], centers):
+        options = [f"--center={u},{v},{d}" for u, v, d in given]
+        both = predicted(capsys, "frame.png", "again.png", *whole, *options)
+        assert [found["center_uvd"] for found in both] == [given[0], given[-1]]
+
+
+@pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
+def test_the_crop_is_moved_to_the_palm(frame, capsys, monkeypatch, times, moved):
+    """As often as --refine says, each time to where the last prediction has it."""
+    monkeypatch.setattr(detect, "recenter", lambda inputs, skeleton, center, *rest: center + (5, 0, 0))
+    (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--center", "250,200,700", "--refine", times)
+    assert found["center_uvd"] == [250 + moved, 200, 700]
+
+
+@pytest.mark.parametrize("astray", [(0, 0, -600), (5000, 0, 0)])
+def test_a_crop_is_not_moved_out_of_sight(frame, capsys, monkeypatch, astray):
+    """By a prediction that puts the palm at the camera, or beside the image."""
+    monkeypatch.setattr(detect, "recenter", lambda inputs, skeleton, center, *rest: center + astray)
+    (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--center", "250,200,700")
+    assert found["center_uvd"] == [250, 200, 700]
+
+
+def test_nyus_colour_packing(snapshot, capsys):
+    """Frames of the NYU data set as published say the same as grey ones."""
+    depth = hand_before(NYU)
+    cv2.imwrite("grey.png", depth)
+    cv2.imwrite("packed.png", pack_depth(depth))
+    grey, packed = predicted(capsys, "grey.png", "packed.png", "--camera", "nyu")
+    assert grey["joints_mm"] == packed["joints_mm"] and grey["center_uvd"] == packed["center_uvd"]
+
+
+def test_the_other_hand(snapshot, capsys):
+    """--mirror gives the mirror image of what is predicted of the mirrored crop, exactly."""
+    cv2.imwrite("mirrored.png", cv2.imread("crop.png", cv2.IMREAD_UNCHANGED)[:, ::-1])
+    (left,) = predicted(capsys, "crop.png", "--mirror")
+    (right,) = predicted(capsys, "mirrored.png")
+    for name, (x, y, z) in right["joints_mm"].items():
+        assert left["joints_mm"][name] == [-x, y, z]
+
+
+def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypatch):
+    """The inputs are of the mirrored crop, and recenter is told so."""
+    told = []
+    monkeypatch.setattr(detect, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
+    predicted(capsys, "frame.png", "--camera", "kinect2", "--mirror", "--refine", "1")
+    predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "1")
+    assert told == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("image", "options", "message"),
+    [
+        (np.zeros((424, 512), np.uint16), [], "no depth anywhere in the image; say with --center U,V,D where the hand"),
+        (np.eye(424, 512, dtype=np.uint16) * 400, [], r"only \d+ mm² of surface in the image, expected a hand; say"),
+        (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "nothing was read around pixel 9, 9; say with"),
+        (
+            np.ones((424, 512), np.uint16),
+            ["--center", "512,9"],
+            "pixel 512, 9 lies outside the image of 512 x 424; say",
+        ),
+        (np.ones((424, 512), np.uint16), ["--center", "9,9,-1"], "crop 0: centre u 9 px, v 9 px, depth -1 mm"),
+        (np.ones((424, 512), np.uint16), ["--center", "9,9999,700"], "the cube of 300 mm at u 9, v 9999, 700 mm lies"),
+        (np.ones((480, 640), np.uint16), [], "640 x 480 pixels; camera kinect2 has 512 x 424"),
+        (np.ones((424, 512), np.uint8), [], r"found uint8 \(424, 512\); expected a 16-bit grey PNG of depth"),
+        (np.ones((424, 512, 3), np.uint8), [], r"found uint8 \(424, 512, 3\); expected a 16-bit grey PNG of depth"),
+        (None, [], "not a picture that can be read; expected a grey PNG"),
+    ],
+    ids=["empty", "little", "hole", "beside", "behind", "far off", "size", "8-bit", "colour", "no picture"],
+)
+def test_frames_with_something_wrong(snapshot, capsys, image, options, message):
+    """One line names the image."""
+    if image is None:
+        np.zeros(3).tofile("bad.png")
+    else:
+        cv2.imwrite("bad.png", image)
+    assert re.match(f"bad.png: {message}", mistake(capsys, "bad.png", "--camera", "kinect2", *options))
+
+
+def test_a_frame_without_its_camera(frame, capsys):
+    """Is no crop; the line says what to do."""
+    assert mistake(capsys, "frame.png").endswith("(for a whole depth frame name its --camera)")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--camera", "kinect3"], "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, found 'kinect3'"),
+        (["--camera", "1,2,3"], "or FX,FY,U0,V0 in px, found '1,2,3'"),
+        (["--camera", "0,1,2,3"], "or FX,FY,U0,V0 in px, found '0,1,2,3'"),
+        (["--center", "1,2"], "--center and --unit are for whole frames; name their --camera"),
+        (["--unit", "1"], "--center and --unit are for whole frames; name their --camera"),
+        (["--camera", "nyu", "--center", "1"], "expected U,V or U,V,D (px, px, mm), found '1'"),
+        (["--camera", "nyu", "--center", "1,nan"], "expected U,V or U,V,D (px, px, mm), found '1,nan'"),
+        (
+            ["--camera", "nyu", *["--center", "1,2"] * 3],
+            "--center is given 3 times for 2 images; expected once, or for",
+        ),
+        (["--camera", "nyu", "--unit", "0"], "--unit must be more than 0, found 0"),
+        (["--camera", "nyu", "--refine", "-1"], "expected a whole number, found '-1'"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_usage(capsys, options, message):
+    """Wrong usage is argparse's own message and status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        predict.main(["net.caffemodel.h5", "a.png", "b.png", *options])
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,177 @@
+"""handpose/detect.py"""
+
+import numpy as np
+import pytest
+
+from handpose.camera import KINECT2, NYU
+from handpose.detect import PALM_MM, depth_around, find_hand, recenter
+from handpose.nyu import CENTER_JOINT, CUBE_MM, read_nyu_depth
+from handpose.render import render_image
+from handpose.synthetic import Generator, HandShape, PosePrior
+from netlib.errors import DataError
+from tools import make_synthetic
+
+ARM_BEHIND = HandShape(forearm_towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
+EXACT = PosePrior(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)  # all centres at one place of a palm
+COUNT = 16
+
+
+def whole_frames(camera, count=COUNT):
+    """Depth images (N, height, width) in mm of hands in free space, and their crop centres (N, 3) in mm."""
+    generator, rng = Generator(shape=ARM_BEHIND, camera=camera), np.random.default_rng(7)
+    hands = generator.hands(rng, count)
+    center = camera.unproject(generator._centers(rng, count))
+    flesh = generator.flesh(rng, hands.joints * CUBE_MM / 2 + center[:, None], hands.scale)
+    return render_image(flesh, camera), center
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Those of NYU's camera; where there is no hand, the depth is infinite."""
+    return whole_frames(NYU)
+
+
+def distances(images, center, camera=NYU):
+    """How far in mm from the true centres the hands are found."""
+    return np.linalg.norm([camera.unproject(find_hand(image, camera)) for image in images] - center, axis=1)
+
+
+# ---------------------------------------------------------------------------------------------- find_hand
+
+
+@pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
+def test_the_hand_is_found(camera):
+    """In whole images, arm and all, half of the centres are within 40 mm of the true one, and nine of ten within 60."""
+    median, most = np.percentile(distances(*whole_frames(camera), camera), [50, 90])
+    assert median < 40 and most < 60
+
+
+def test_in_frames_of_nyus_format():
+    """With the sensor's noise, and cut off at the cube: nearly as the comment of the constants says."""
+    generator = Generator(seed=3)
+    block = generator.block(0)
+    images = [make_synthetic._image(block, n, generator) for n in range(48)]
+    median, most = np.percentile(distances(images, block.center[:48]), [50, 90])
+    assert median < 33 and most < 55
+
+
+def test_a_real_frame(nyu_data):
+    """The first of NYU's test set: within 50 mm of the annotated joint."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][0, CENTER_JOINT]
+    assert distances([read_nyu_depth(nyu_data / "depth_1_0000001.png")], NYU.unproject(uvd)) < 50
+
+
+def test_what_is_behind_does_not_matter(frames):
+    """A wall, or somebody's body: the same centre to the bit."""
+    for image in frames[0][:4]:
+        found = find_hand(image, NYU)
+        hand = np.isfinite(image)
+        body = np.zeros_like(hand)
+        body[100:, 50:300] = True
+        behind = np.where(body, image[hand].max() + 100, 2500)
+        assert np.array_equal(find_hand(np.where(hand, image, behind), NYU), found)
+
+
+def test_noise_in_front_does_not_matter(frames, rng):
+    """Specks that fly before the hand have too little surface to be one, however many pixels they have."""
+    moved = []
+    for image in frames[0]:
+        noisy = image.copy()
+        for row, column in zip(rng.integers(0, 460, 30), rng.integers(0, 620, 30)):
+            noisy[row : row + 3, column : column + 3] = rng.uniform(200, 400)
+        noisy[:40, :40] = 200  # 185 mm²
+        found, without = (NYU.unproject(find_hand(each, NYU)) for each in (noisy, image))
+        moved.append(np.linalg.norm(found - without))
+    assert np.median(moved) < 1 and max(moved) < 25
+
+
+@pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf, -np.inf])
+def test_pixels_without_a_reading(frames, unread):
+    """Zero, negative, not a number or infinite: all the same."""
+    image = frames[0][0]
+    assert np.array_equal(find_hand(np.where(np.isfinite(image), image, unread), NYU), find_hand(image, NYU))
+
+
+@pytest.mark.parametrize("unread", [0, np.nan, np.inf])
+def test_an_empty_image(unread):
+    """There is nothing to find."""
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        find_hand(np.full((480, 640), unread), NYU)
+
+
+def test_too_little_to_be_a_hand():
+    """20 x 20 pixels at 500 mm are 290 mm²; a hand shows more from any side."""
+    image = np.zeros((480, 640))
+    image[100:120, 100:120] = 500
+    with pytest.raises(DataError, match="only 290 mm² of surface in the image, expected a hand"):
+        find_hand(image, NYU)
+
+
+# ----------------------------------------------------------------------------------------------- recenter
+
+
+@pytest.fixture(scope="module")
+def hands():
+    """Inputs (N, 47) of hands as training crops have them, their crop centres (N, 3) in mm, and the generator."""
+    generator, rng = Generator(prior=EXACT), np.random.default_rng(7)
+    return generator.hands(rng, COUNT).inputs, NYU.unproject(generator._centers(rng, COUNT)), generator
+
+
+def moved(inputs, generator, by):
+    """The inputs of the same hands seen from a crop centre from which they are ``by`` mm away."""
+    result = inputs.copy()
+    for axis, distance in zip("xyz", by):
+        result[:, generator.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
+    return result
+
+
+def test_a_crop_as_in_training_stays(hands):
+    """The true inputs of a crop at the right place ask for no move."""
+    for inputs, center in zip(hands[0], hands[1]):
+        uvd = NYU.project(center)
+        assert recenter(inputs, hands[2].skeleton, uvd, CUBE_MM, NYU) == pytest.approx(uvd, abs=1e-9)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_crop_beside_moves_to_the_place_of_training(hands, mirrored):
+    """By as much as it is off; with the inputs of the mirrored crop to the other side in x."""
+    inputs, centers, generator = hands
+    off = np.array([25.0, -40.0, 30.0])
+    seen = off * (-1, 1, 1) if mirrored else off
+    for own, center in zip(moved(inputs, generator, seen), centers):
+        found = recenter(own, generator.skeleton, NYU.project(center - off), CUBE_MM, NYU, mirrored)
+        assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
+
+
+# -------------------------------------------------------------------------------------------- depth_around
+
+
+def test_the_median_depth_around_a_pixel():
+    """And half a palm behind it, of what was read within 8 pixels."""
+    image = np.zeros((100, 100))
+    image[40:61, 40:61] = 700
+    image[50, 50:53] = (np.nan, np.inf, 200)
+    assert depth_around(image, 50.4, 49.6) == pytest.approx([50.4, 49.6, 700 + PALM_MM])
+    assert depth_around(image, 33, 50)[2] == 700 + PALM_MM, "8 pixels away"
+
+
+def test_a_pixel_in_the_corner():
+    """The square around it is cut at the edge of the image."""
+    image = np.full((100, 100), 900.0)
+    image[:5, :5] = 0
+    assert depth_around(image, 0, 0)[2] == depth_around(image, 99, 99)[2] == 900 + PALM_MM
+
+
+@pytest.mark.parametrize(
+    ("pixel", "message"),
+    [
+        ((30, 50), "nothing was read around pixel 30, 50"),
+        ((-1, 50), "pixel -1, 50 lies outside the image of 100 x 80"),
+        ((99.6, 50), "pixel 99.6, 50 lies outside the image of 100 x 80"),
+        ((50, 80), "pixel 50, 80 lies outside the image of 100 x 80"),
+    ],
+)
+def test_a_pixel_without_depth(pixel, message):
+    """One line each."""
+    with pytest.raises(DataError, match=message):
+        depth_around(np.zeros((80, 100)), *pixel)

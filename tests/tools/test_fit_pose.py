@@ -1,0 +1,224 @@
+"""tools/fit_pose.py: angles for a text file of joints, or for a list of HDF5 files."""
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+from handpose.camera import NYU
+from handpose.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.synthetic import Generator, PosePrior
+from layers import kinematics
+from tools import fit_pose
+
+SKELETON = kinematics.load()
+FRAMES = 5
+FILES = ["part_0.h5", "part_1.h5"]
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    """Poses of hands with the packaged bones."""
+    prior = PosePrior(scale_std=0, bone_std=0)
+    return Generator(prior=prior).hands(np.random.default_rng(2), FRAMES).inputs
+
+
+@pytest.fixture
+def joints(inputs, tmp_path, monkeypatch):
+    """xyz.txt and uvd.txt: the 14 joints of hands 800 mm before the camera, which are returned in mm."""
+    monkeypatch.chdir(tmp_path)
+    xyz = SKELETON.joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (20, -30, 800)
+    np.savetxt("xyz.txt", xyz.reshape(FRAMES, -1), fmt="%.6f")
+    np.savetxt("uvd.txt", NYU.project(xyz).reshape(FRAMES, -1), fmt="%.6f")
+    return xyz
+
+
+@pytest.fixture
+def data(inputs, tmp_path, monkeypatch):
+    """data/train.txt and its two files of frames: depth and joints."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    rows = SKELETON.joints(inputs).reshape(FRAMES, 93).clip(-1, 1)
+    for name, some in zip(FILES, (rows[:2], rows[2:])):
+        with h5py.File(f"data/{name}", "w") as file:
+            file["joint"], file["depth"] = some, np.zeros((len(some), 1, 4, 4))
+    (tmp_path / "data" / "train.txt").write_text("".join(f"data/{name}\n" for name in FILES))
+    return rows
+
+
+def mistake(capsys, *arguments):
+    """The one line that a mistake prints."""
+    assert fit_pose.main([*arguments]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+def placed(path):
+    """The 14 joints in mm where the angles of a file put them."""
+    with h5py.File(path) as file:
+        half, center = file["half_cube"][...][:, None, None], file["center"][...][:, None]
+        return SKELETON.joints(file["dof"][...])[:, EVALUATION_JOINTS] * half + center
+
+
+# ------------------------------------------------------------------------------------------- text files
+
+
+@pytest.mark.parametrize("fmt", ["xyz", "uvd"])
+def test_the_joints_of_a_text_file(joints, capsys, fmt):
+    """The model, at the angles that are written, has its joints where they were given; a line says how nearly."""
+    assert fit_pose.main([f"{fmt}.txt", "--format", fmt, "--out", "new/angles.h5"]) == 0
+    figures = (
+        r"5 frames in \d+ s: residual 0.000\d mm \(mean over joints\), 0.000\d median frame, 0.000\d worst frame; "
+        r"0.00% of the frames have an angle out of its limits\n"
+    )
+    assert re.fullmatch(figures, capsys.readouterr().out)
+    assert placed("new/angles.h5") == pytest.approx(joints, abs=0.01)
+    with h5py.File("new/angles.h5") as file:
+        assert (file["dof"].shape, file["residual_mm"].shape) == ((FRAMES, 47), (FRAMES, 14))
+        assert file["index"][...].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_without_out_only_the_figures_are_told(joints, tmp_path, capsys):
+    """Nothing is written."""
+    before = sorted(tmp_path.iterdir())
+    assert fit_pose.main(["uvd.txt"]) == 0
+    assert capsys.readouterr().out.startswith("5 frames in ")
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_some_of_the_frames(joints):
+    """Spread evenly, the first and the last among them; the file says which they are."""
+    assert fit_pose.main(["uvd.txt", "--frames", "3", "--out", "angles.h5"]) == 0
+    with h5py.File("angles.h5") as file:
+        assert file["index"][...].tolist() == [0, 2, 4]
+    assert placed("angles.h5") == pytest.approx(joints[::2], abs=0.01)
+
+
+def test_the_swarm(joints, capsys):
+    """The paper's way, with few particles: somewhere near, and within the limits."""
+    assert fit_pose.main(["uvd.txt", "--swarm", "--particles", "16", "--generations", "30", "--out", "angles.h5"]) == 0
+    out = capsys.readouterr().out
+    assert 5 < float(re.search(r"residual (\S+) mm", out)[1]) < 80
+    assert "0.00% of the frames" in out
+    assert np.abs(placed("angles.h5") - joints).mean() < 60
+
+
+def test_limits_and_ridge(joints, capsys):
+    """A hand a third larger than the model's needs angles out of their limits; a ridge costs residual."""
+    large = joints.mean(axis=1, keepdims=True) + 1.3 * (joints - joints.mean(axis=1, keepdims=True))
+    np.savetxt("large.txt", large.reshape(FRAMES, -1))
+    residuals, broken = [], []
+    for options in ([], ["--no-limits"], ["--ridge", "1"]):
+        assert fit_pose.main(["large.txt", "--format", "xyz", *options]) == 0
+        out = capsys.readouterr().out
+        residuals.append(float(re.search(r"residual (\S+) mm", out)[1]))
+        broken.append(float(re.search(r"(\S+)% of the frames", out)[1]))
+    assert broken[0] == broken[2] == 0 < broken[1]
+    assert residuals[1] < residuals[0] < residuals[2]
+
+
+def test_another_hand(joints, tmp_path, capsys):
+    """--skeleton names a file like prototxt/hand/nyu.prototxt."""
+    text = kinematics.NYU_HAND.read_text().replace("length: 0.307286", "length: 0.5")
+    (tmp_path / "longer.prototxt").write_text(text)
+    assert fit_pose.main(["uvd.txt", "--skeleton", "longer.prototxt"]) == 0
+    assert float(re.search(r"residual (\S+) mm", capsys.readouterr().out)[1]) > 1
+
+
+# ------------------------------------------------------------------------------------------------ lists
+
+
+def test_the_files_of_a_list(data, tmp_path, capsys):
+    """Each gets its angles beside links to its data, and the list names them: a training set to be read."""
+    assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("5 frames in ")
+    assert captured.err.splitlines()[1].startswith("2 of 2: angles/part_1.h5, 0.0")
+    assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
+    found = []
+    for name in FILES:
+        with h5py.File(f"angles/{name}") as file:
+            assert file["depth"].shape == (len(file["dof"]), 1, 4, 4)
+            found.append(SKELETON.joints(file["dof"][...]))
+    found = np.concatenate(found).reshape(FRAMES, 93)
+    assert found[np.abs(data) < 1] == pytest.approx(data[np.abs(data) < 1], abs=1e-4)
+
+
+def test_a_second_run_keeps_what_is_there(data, tmp_path, capsys):
+    """And prints the same figures."""
+    figures, made = [], []
+    for _ in range(2):
+        assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
+        figures.append(capsys.readouterr().out.split(": ")[1])
+        made.append([(tmp_path / "angles" / name).stat().st_mtime_ns for name in FILES])
+    assert figures[0] == figures[1] and made[0] == made[1]
+
+
+def test_the_data_are_not_written_over(data, tmp_path, capsys):
+    """By angles in the same folder."""
+    before = (tmp_path / "data" / FILES[0]).read_bytes()
+    line = mistake(capsys, "data/train.txt", "--out", "data")
+    assert line == "data/part_0.h5: would replace the data themselves; choose another --out"
+    assert (tmp_path / "data" / FILES[0]).read_bytes() == before
+
+
+# --------------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["gone.txt"], "gone.txt: cannot read the joints: No such file or directory"),
+        (["."], ".: cannot read the joints: Is a directory"),
+        (["empty.txt"], "empty.txt: empty, expected the numbers of a frame on each line"),
+        (["short.txt"], "short.txt:1: found 3 numbers, expected 42 = 14 joints x 3"),
+        (["xyz.txt"], "xyz.txt:1: found a joint at depth"),
+        (["typo.txt"], "typo.txt:1:5: found '3,', expected a number of px or mm"),
+        (["words.txt", "--out", "o"], "words.txt: names 'some words', which does not exist"),
+        (["data/train.txt"], "data/train.txt: a list of HDF5 files; expected --out FOLDER for their angles"),
+        (["data/train.txt", "--out", "o", "--swarm"], "data/train.txt: a list of HDF5 files; --swarm and"),
+        (["data/train.txt", "--out", "o", "--frames", "1"], "data/train.txt: a list of HDF5 files; --swarm and"),
+        (["data/train.txt", "--out", "empty.txt"], "empty.txt/part_0.h5: "),
+        (["nothdf5.txt", "--out", "o"], "short.txt: cannot read the HDF5 file: "),
+        (["uvd.txt", "--skeleton", "gone.prototxt"], "gone.prototxt: cannot read"),
+        (["uvd.txt", "--skeleton", "two.prototxt"], "skeleton 'two' has 2 joints, expected the 31 of NYU's hand"),
+        (["uvd.txt", "--out", "empty.txt/angles.h5"], "empty.txt/angles.h5: "),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_mistakes(joints, data, tmp_path, capsys, arguments, message):
+    """One line each."""
+    for name, text in {
+        "empty.txt": "",
+        "short.txt": "1 2 3\n",
+        "typo.txt": "1 2 3, 4\n",
+        "words.txt": "some words\n",
+        "nothdf5.txt": "short.txt\n",
+        "two.prototxt": 'name: "two" joint { name: "a" } joint { name: "b" parent: "a" }',
+    }.items():
+        (tmp_path / name).write_text(text)
+    np.savetxt("xyz.txt", -joints.reshape(FRAMES, -1))
+    assert mistake(capsys, *arguments).startswith(message)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--ridge", "-1"],
+        ["--ridge", "nan"],
+        ["--starts", "0"],
+        ["--frames", "0"],
+        ["--format", "uvz"],
+        ["--swarm", "--no-limits"],
+        ["--swarm", "--ridge", "1"],
+        ["--swarm", "--particles", "0"],
+    ],
+    ids=" ".join,
+)
+def test_usage(options):
+    """Wrong usage is argparse's own message and status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        fit_pose.main(["uvd.txt", *options])
+    assert stopped.value.code == 2
