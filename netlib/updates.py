@@ -65,10 +65,19 @@ def _adadelta(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[A
 
 
 def _adam(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
-    _average(h[0], g, p.momentum)
-    _average(h[1], g * g, p.momentum2)
     correction = math.sqrt(1 - p.momentum2**t) / (1 - p.momentum**t)
-    w -= (rate * correction) * h[0] / (np.sqrt(h[1]) + p.delta)
+    step = g * (1 - p.momentum)  # one array for all that is passing: large ones are slow to get
+    h[0][...] *= p.momentum
+    h[0][...] += step
+    np.multiply(g, g, out=step)
+    step *= 1 - p.momentum2
+    h[1][...] *= p.momentum2
+    h[1][...] += step
+    np.sqrt(h[1], out=step)
+    step += p.delta
+    np.divide(h[0], step, out=step)
+    step *= rate * correction
+    w -= step
 
 
 def _average(h: Array, value: Array, keep: float) -> None:
