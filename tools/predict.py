@@ -210,7 +210,7 @@ def read_frame(path: str, camera: Camera, unit: float | None) -> NDArray[np.floa
     """A whole depth frame (height, width) in mm. Raises DataError."""
     image = _decode(path)
     if image.ndim == 3 and image.dtype == np.uint8 and camera.name == "nyu":
-        depth = read_nyu_depth(path)
+        depth = read_nyu_depth(path) * np.float32(unit or 1.0)
     elif image.ndim == 2 and image.dtype == np.uint16:
         depth = image.astype(np.float32) * np.float32(unit or (0.125 if camera.name == "sr305" else 1.0))
     else:
