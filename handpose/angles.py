@@ -90,27 +90,38 @@ def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
     return negated
 
 
-def canonical(skeleton: Skeleton, inputs: ArrayLike) -> Array:
-    """The canonical inputs (N, D) of the same poses as ``inputs`` (N, D), radians. Not for comparing with limits
-    beyond 180 degrees: rotations come out in (-pi, pi] of the input."""
+def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) -> Array:
+    """The canonical inputs (N, D), in radians, of the same poses as ``inputs`` (N, D); rotations in (-pi, pi].
+
+    limits  do nothing to an angle that would take it out of the skeleton's limits
+    """
     theta = skeleton.theta(np.asarray(inputs, dtype=np.float64))
     turning = rotations(skeleton)
+
+    def within(values: Array, dofs: list[int]) -> NDArray[np.bool_]:
+        """(N, len(dofs)): is the value, wrapped, within the limits, but for rounding?"""
+        x = wrap(values[:, dofs] - skeleton.initial[dofs])
+        return np.asarray((x >= skeleton.lower[dofs] - 1e-9) & (x <= skeleton.upper[dofs] + 1e-9))
+
     for flip in flips(skeleton):
         other = theta.copy()
         other[:, list(flip.turned)] += np.pi
         other[:, flip.mirrored] = np.pi - theta[:, flip.mirrored]
         other[:, list(flip.negated)] *= -1
+        changed = [*flip.turned, flip.mirrored, *flip.negated]
         if flip.whole:
             better = np.abs(wrap(theta[:, flip.mirrored])) > np.pi / 2
         else:
-            changed = [*flip.turned, flip.mirrored, *flip.negated]
             away, other_away = (
                 (wrap(t[:, changed] - skeleton.initial[changed]) ** 2).sum(axis=1) for t in (theta, other)
             )
             better = other_away < away
+        if limits:
+            better &= within(other, changed).all(axis=1)
         theta[better] = other[better]
     result = theta - skeleton.initial
-    result[:, turning] = wrap(result[:, turning])
+    wrapped = wrap(result[:, turning])
+    result[:, turning] = np.where(within(theta, turning.tolist()), wrapped, result[:, turning]) if limits else wrapped
     result[:, skeleton.fixed] = 0
     return np.asarray(result)
 

@@ -45,6 +45,8 @@ from netlib.errors import DataError, NetlibError, os_reason
 from netlib.net import Net
 from tools.console import DONE, guarded, natural
 
+LARGEST_MOVE_MM = 60.0  # of the crop, from where it was first
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -64,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--unit", type=float, metavar="MM", help="of a pixel's value (default: 1, sr305 0.125)")
     parser.add_argument("--center", type=_center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: middle of the hand, once for all frames or once for each")  # fmt: skip
-    parser.add_argument("--refine", type=natural, default=2, metavar="N",
+    parser.add_argument("--refine", type=natural, default=3, metavar="N",
                         help="move the crop to the predicted palm so often (default: %(default)s)")  # fmt: skip
     parser.add_argument("--mirror", action="store_true", help="the other hand: mirror the image, and the joints back")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -177,12 +179,13 @@ class Predictor:
         self, depth: NDArray[np.float32], camera: Camera, center_uvd: NDArray[np.float64], refine: int
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
         """Crop, its centre (3,) and the joints in it, after the crop was moved ``refine`` times."""
+        start = camera.unproject(center_uvd)
         crop = crop_frame(depth, center_uvd, self.cube_mm, camera)
         joints = self.joints(crop)
         for _ in range(refine):
             inputs = self.net.blobs[self.hand.spec.bottom[0]].data[0]
             moved = detect.recenter(inputs, self.hand.skeleton, center_uvd, self.cube_mm, camera, self.mirror)
-            if not camera.unproject(moved)[2] > self.cube_mm / 2:
+            if not np.linalg.norm(camera.unproject(moved) - start) < LARGEST_MOVE_MM:
                 break  # a prediction gone astray
             try:
                 crop = crop_frame(depth, moved, self.cube_mm, camera)
