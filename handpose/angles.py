@@ -46,7 +46,7 @@ def rotations(skeleton: Skeleton) -> NDArray[np.int_]:
 
 
 def flips(skeleton: Skeleton) -> list[Flip]:
-    """All pairs of angles of the skeleton that mean one pose, from the roots to the tips."""
+    """The pairs of angles that mean one pose, from the roots to the tips; none with a DoF of several joints."""
     found = []
     driven = skeleton.free.tolist()
     for joint in range(len(skeleton.parents)):

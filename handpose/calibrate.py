@@ -174,10 +174,12 @@ def calibrate(
 def size(template: Skeleton, targets: Array, joints: Sequence[int]) -> float:
     """How many times as large as the template the hand with the joints (N, K, 3) is; 1 if that cannot be told.
 
-    Only distances that no pose changes are compared, as those of the palm. Raises DataError if there are none left.
+    Only distances that no pose changes are compared, as those of the palm. Raises DataError if they are mostly 0.
     """
     if targets.ndim != 3 or targets.shape[1:] != (len(joints), 3):
         raise DataError(f"joints of shape {targets.shape}, expected (N, {len(joints)}, 3)")
+    if not all(0 <= j < len(template.parents) for j in joints):
+        raise DataError(f"joints {list(joints)}, expected numbers from 0 to {len(template.parents) - 1}")
     poses = np.random.default_rng(0).uniform(-1, 1, (8, len(template.initial)))
     one, other = np.triu_indices(len(joints), 1)
     placed = template.joints(poses)[:, list(joints)]

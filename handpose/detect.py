@@ -74,8 +74,11 @@ def recenter(
 ) -> Array:
     """The crop centre (3,) at which training has the hand that was predicted as ``inputs`` (D,) about ``center_uvd``.
 
-    ``mirrored``: the inputs are of the mirror image of the crop.
+    Training with NYU's centres, that is: those of other data sets lie elsewhere in the palm (ICVL's at its joint).
+    ``mirrored``: the inputs are of the mirror image of the crop. Raises DataError if the skeleton has no palm.
     """
+    if "palm" not in skeleton.joint_names:
+        raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")
     pose = skeleton.forward(np.asarray(inputs, dtype=np.float64).reshape(1, -1))
     palm = skeleton.joint_names.index("palm")
     offset = skeleton.rotation_of(pose, palm)[0] @ PosePrior().center_in_palm

@@ -57,9 +57,7 @@ def overlay(
     if depth.ndim != 2 or depth.shape[0] != depth.shape[1]:
         raise DataError(f"crop of shape {np.shape(crop)}, expected a square of depths")
     size = len(depth)
-    grey = np.rint((1 - np.clip(depth, -1, 1)) * 0.5 * 215).astype(np.uint8)
-    large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
-    canvas: Image = np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    canvas = picture(depth, zoom)
 
     def place(points: Array) -> Array:
         if center_uvd is None:
@@ -76,6 +74,13 @@ def overlay(
         points = _checked(truth, skeleton)
         _draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
     return canvas
+
+
+def picture(crop: NDArray[np.floating], zoom: int = 1) -> Image:
+    """A crop (S, S) in [-1, 1] alone, ``zoom`` times enlarged: the nearer, the lighter, the background black."""
+    grey = np.rint((1 - np.clip(crop, -1, 1)) * 0.5 * 215).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
 def view_3d(

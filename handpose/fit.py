@@ -5,7 +5,7 @@ Two ways:
 ``fit``    Levenberg-Marquardt for many frames at once. With r the differences of all chosen joints and J their
            derivative (``Skeleton.jacobian``), each iteration solves for every frame
 
-               (Jᵀ J + ridge + mu diag(Jᵀ J)) step  =  -(Jᵀ r + ridge theta)
+               (A + mu diag(A)) step  =  -(Jᵀ r + ridge theta)        A = Jᵀ J + ridge
 
            takes the step if it lowers |r|² + ridge |theta|², and then trusts more (mu / 3), else less (4 mu).
            With limits, steps are cut at them, and an angle that stands at a limit and wants beyond it is held.
@@ -49,7 +49,8 @@ LARGEST_MU = 1e8
 class Fit:
     """The best pose of every frame.
 
-    inputs     (N, D) canonical inputs of the model, radians and units of the bones; fixed DoFs 0
+    inputs     (N, D) canonical inputs of the model, within its limits if they were kept; radians and units of the
+               bones; fixed DoFs 0
     residuals  (N, K) distance of each chosen joint from where it should be, in the same unit; NaN where not known
     """
 
@@ -95,11 +96,13 @@ def fit(
         progress(rows.stop - rows.start)
 
     parallel.run([partial(job, rows) for rows in parallel.blocks(len(goal), CHUNK)])
-    final = canonical(skeleton, inputs)
-    if limits:  # of the two forms of a finger the one within its limits
-        own = np.setdiff1d(rotations(skeleton), problem.root_turns)
-        final[:, own] = inputs[:, own]
-    found = skeleton.forward(final).joints[chosen].transpose(2, 0, 1)
+    return _result(problem, inputs, goal, limits)
+
+
+def _result(problem: _Problem, inputs: Array, goal: Array, limits: bool) -> Fit:
+    """Inputs (N, D) in canonical form, and what they leave of the goal (N, K, 3)."""
+    final = canonical(problem.skeleton, inputs, limits=limits)
+    found = problem.skeleton.forward(final).joints[problem.joints].transpose(2, 0, 1)
     return Fit(final, np.linalg.norm(found - goal, axis=2))
 
 
@@ -287,9 +290,11 @@ def swarm(
 
     A particle is drawn to the best place that it has seen and to the best of all, with the constriction of Clerc and
     Kennedy (2002): v <- 0.7298 (v + 2.05 u1 (own best - x) + 2.05 u2 (best - x)). The cost is the sum of squared
-    distances. Arguments as for ``fit``.
+    distances. Arguments as for ``fit``. Raises DataError.
     """
     goal, chosen = _checked(skeleton, targets, joints)
+    if particles < 1 or generations < 1:
+        raise DataError(f"{particles} particles for {generations} generations, expected 1 or more")
     problem = _Problem(skeleton, chosen, limits=True, ridge=0.0)
     inputs = np.zeros((len(goal), len(skeleton.initial)))
 
@@ -298,20 +303,25 @@ def swarm(
         progress(1)
 
     parallel.run([partial(job, n) for n in range(len(goal))])
-    found = skeleton.forward(inputs).joints[chosen].transpose(2, 0, 1)
-    return Fit(inputs, np.linalg.norm(found - goal, axis=2))
+    return _result(problem, inputs, goal, limits=True)
 
 
 def _swarm_of(problem: _Problem, goal: Array, particles: int, generations: int, rng: np.random.Generator) -> Array:
+    """The best inputs (D,) for one frame's joints (K, 3)."""
     sk, free = problem.skeleton, problem.free
     centre = np.nanmean(goal, axis=0)
-    low, high = problem.lower.copy(), problem.upper.copy()
+    turning = np.isin(free, rotations(sk))
+    low = np.where(turning, np.maximum(problem.lower, -np.pi), problem.lower)
+    high = np.where(turning, np.minimum(problem.upper, np.pi), problem.upper)
     for i, dof in enumerate(free):
         if dof in problem.root_turns:
             low[i], high[i] = -np.pi - sk.initial[dof], np.pi - sk.initial[dof]
         for step in problem.root_moves:
             if dof == step.dof:
                 low[i], high[i] = step.sign * centre[step.axis] - sk.initial[dof] + np.array([-0.5, 0.5])
+    low, high = np.clip((low, high), problem.lower, problem.upper)
+    if not np.isfinite([low, high]).all():
+        raise DataError(f"skeleton {sk.name!r} has translations without limits, where a swarm cannot begin")
     x = rng.uniform(low, high, (particles, len(free)))
     v = np.zeros_like(x)
     inputs = np.zeros((particles, len(sk.initial)))

@@ -24,9 +24,9 @@ from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.schema import UInt
 
-# A product is computed in equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So even
-# one item keeps all threads busy. Their size does not depend on the number of threads, so the rounding of a sum does
-# not; it is large, because every product packs its factors anew.
+# A product is computed in nearly equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So
+# even one item keeps all threads busy. Blocks do not depend on the number of threads, so neither does the rounding of a
+# sum; they are large, because every product packs its factors anew.
 LARGEST_BLOCK = 640
 
 
@@ -111,5 +111,6 @@ class InnerProduct(Layer):
 
 
 def _each(job: Callable[[slice], None], count: int) -> None:
-    size = -(-count // -(-count // LARGEST_BLOCK))
-    parallel.run([partial(job, features) for features in parallel.blocks(count, size)])
+    """Run ``job`` on as few blocks of the features as there can be, nearly equal ones."""
+    number = -(-count // LARGEST_BLOCK)
+    parallel.run([partial(job, features) for features in parallel.blocks(count, -(-count // number))])

@@ -56,7 +56,7 @@ class RowTiles:
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
         out = y.data if y.tile else layer.buffer("Y", storage)
         rows = out[:Ho].reshape(Ho, T * O, -1)
-        np.matmul(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), out=rows)
+        multiply(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), rows)
         if bias is not None:
             rows += np.tile(bias, T)[:, None]
         if y.tile is None:
@@ -85,9 +85,10 @@ class RowTiles:
         out = y.diff if y.tile else layer.buffer("dY", storage)
         dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
         right = self.lower(layer, x, w.shape, T, pitch)
-        product = layer.buffer("G", (Ho, right.shape[1], T * O))
-        np.matmul(right, dy.transpose(0, 2, 1), out=product)
-        dw += fold(product.sum(axis=0).T, w.shape, T)
+        parts = unpacked_parts(right.shape[1], dy.shape[1], dy.shape[2])
+        product = layer.buffer("G", (Ho, parts, right.shape[1], T * O))
+        np.matmul(in_parts(right, parts), in_parts(dy, parts).swapaxes(2, 3), out=product)
+        dw += fold(product.sum(axis=(0, 1)).T, w.shape, T)
         if db is not None:
             db += dy.reshape(Ho, T, O, -1).sum(axis=(0, 1, 3))
         if down:
@@ -105,7 +106,7 @@ class RowTiles:
         factors = stacked_rows(D.reshape(H + kh - 1, J * O, L), kh)
         direct = x.tile == T and x.pitch == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
-        np.matmul(self.matrices(w, T)[1], factors, out=dx.reshape(H, T * C, L))
+        multiply(self.matrices(w, T)[1], factors, dx.reshape(H, T * C, L))
         if direct:
             return
         if x.tile is None:
@@ -131,6 +132,28 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
     for p in range(T):
         total += M[p, :, :, p : p + kw]
     return total.transpose(0, 3, 1, 2)
+
+
+UNPACKED = 1_000_000  # operations of a product up to which OpenBLAS does not copy its factors first
+MOST_PARTS = 4  # beyond, the copies are worth their time
+
+
+def unpacked_parts(rows: int, inner: int, columns: int) -> int:
+    """Into how many parts a product's longest side is cut, so that OpenBLAS takes each without copying."""
+    parts = -(-rows * inner * columns // UNPACKED)
+    return parts if parts <= MOST_PARTS and columns % parts == 0 else 1
+
+
+def in_parts(X: Array, parts: int) -> Array:
+    """(H, R, L) → (H, parts, R, L / parts): the columns in parts, a view."""
+    H, R, L = X.shape
+    return as_strided(X, (H, parts, R, L // parts), (X.strides[0], L // parts * X.strides[2], *X.strides[1:]))
+
+
+def multiply(M: Array, X: Array, out: Array) -> None:
+    """out (H, M rows, L) = M @ X (H, R, L)."""
+    parts = unpacked_parts(*M.shape, X.shape[2])
+    np.matmul(M, in_parts(X, parts), out=in_parts(out, parts))
 
 
 def stacked_rows(X: Array, kh: int) -> Array:

@@ -38,7 +38,9 @@ from netlib import parallel
 from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 
-SLICE_BYTES = 8 << 20  # aim for the largest blob of a slice: about the cache that one core can call its own
+SLICE_BYTES = (
+    16 << 20
+)  # aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls
 LARGEST_SLICE = 64
 LANES = 16
 
@@ -203,10 +205,7 @@ class SlicedRun:
 
 
 def _slice_size(item_bytes: int) -> int:
-    """Items of a slice: a power of two. 16 images of the hand network, with 17 a product is a third slower.
-
-    (OpenBLAS multiplies without packing up to a million operations; the second convolution stays just below.)
-    """
+    """Items of a slice: a power of two, so that products divide into equal parts; 32 images of the hand network."""
     wanted = max(1, min(LARGEST_SLICE, SLICE_BYTES // max(item_bytes, 1)))
     return 1 << (wanted.bit_length() - 1)
 

@@ -1,4 +1,4 @@
-"""What the tools share: one-line errors, and Caffe's log format."""
+"""What the tools share: one-line errors, checked numbers, progress, tables, and Caffe's log format."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from netlib.errors import NetlibError, os_reason
@@ -103,6 +103,14 @@ def progress_bar(total: int, initial: int, unit: str) -> Any:
     except ImportError:
         return None
     return tqdm(total=total, initial=initial, unit=unit, dynamic_ncols=True)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as a table: the first column to the left, the others to the right."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows)]
+    return "\n".join(
+        "  ".join(cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))) for row in rows
+    )
 
 
 def duration(seconds: float) -> str:

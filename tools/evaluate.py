@@ -35,12 +35,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import angles, fit, metrics, nyu
-from handpose.dataset import replace
 from handpose.metrics import joint_errors
 from handpose.published import BENCHMARKS, FORMATS, THRESHOLDS_MM, Benchmark, Score, read_joints, score
 from layers import kinematics
-from netlib.errors import DataError, NetlibError, os_reason
-from tools.console import DONE, guarded, progress_bar
+from netlib.errors import DataError
+from tools import pictures
+from tools.console import DONE, aligned, guarded, progress_bar
 
 Array = NDArray[np.float64]
 
@@ -109,10 +109,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(_tables(scores, benchmark, len(truth)))
         if fitted:
-            print(
-                "\nangles of the fitted hand\n\n"
-                + _aligned([_ANGLE_HEADS, *([n, *f.cells()] for n, f in fitted.items())])
-            )
+            rows = [_ANGLE_HEADS, *([name, *found.cells()] for name, found in fitted.items())]
+            print(f"\nangles of the fitted hand\n\n{aligned(rows)}")
     return DONE
 
 
@@ -203,25 +201,13 @@ def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
     return (
         f"{benchmark.name}, {frames} frames{some}, {len(benchmark.joints)} joints: errors in mm between absolute "
         "positions in camera axes;\nmax is the worst joint of a frame\n\n"
-        f"{_aligned(methods)}\n\nmean error by joint, mm\n\n{_aligned(joints)}"
-    )
-
-
-def _aligned(rows: list[list[str]]) -> str:
-    """Rows of cells as a table: the first column to the left, the others to the right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return "\n".join(
-        "  ".join(cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))) for row in rows
+        f"{aligned(methods)}\n\nmean error by joint, mm\n\n{aligned(joints)}"
     )
 
 
 def plot(scores: dict[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:
     """Success curves by worst and by mean error, and errors by joint. Raises NetlibError if they cannot be written."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
-    figure = Figure(figsize=(12, 8.5), layout="constrained")
+    figure = pictures.new_figure(12, 8.5)
     axes = figure.subplot_mosaic([["max", "mean"], ["joints", "joints"]])
     _draw_curves(axes["max"], [s.success_max for s in scores.values()], "all joints")
     _draw_curves(axes["mean"], [s.success_mean for s in scores.values()], "mean error")
@@ -233,11 +219,7 @@ def plot(scores: dict[str, Score], benchmark: Benchmark, frames: int, out: str |
     figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
                   title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
                   title_fontsize="large")  # fmt: skip
-    how: dict[str, Any] = {"format": str(out)[-3:].lower(), "bbox_inches": "tight", "pad_inches": 0.15}
-    try:
-        replace(Path(out), lambda file: figure.savefig(file, dpi=130, **how))
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write the picture: {os_reason(error)}") from error
+    pictures.write_figure(out, figure, dpi=130)
     print(f"wrote {out}", file=sys.stderr)
 
 

@@ -9,7 +9,7 @@ The first reads a crop: a square 8-bit picture of normalised depth, in which val
 
 With --camera, whole depth frames are read: 16-bit grey PNG, 0 where nothing was read, or NYU's colour packing. The hand
 is taken to be the nearest thing, unless --center says where it is, and the crop is moved to where the network sees the
-palm (--refine times). Networks know the hand of their training data, for NYU and the synthetic hands a right hand seen
+palm (--refine times; for networks trained on crops about NYU's centres). Networks know the hand of their training data, for NYU and the synthetic hands a right hand seen
 as by a mirror-free camera: --mirror for the other one.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
@@ -43,6 +43,7 @@ from handpose.nyu import CUBE_MM, read_nyu_depth
 from layers.hand_model import HandModel
 from netlib.errors import DataError, NetlibError, os_reason
 from netlib.net import Net
+from tools import pictures
 from tools.console import DONE, guarded, natural
 
 LARGEST_MOVE_MM = 60.0  # of the crop, from where it was first
@@ -128,7 +129,8 @@ def run(args: argparse.Namespace) -> int:
     if args.camera is None:
         work = [(image, read_crop(image), None) for image in args.images]
     else:
-        centers = (args.center or [None]) * (1 if len(args.center or []) > 1 else len(args.images))
+        given = args.center or [None]
+        centers = given if len(given) > 1 else given * len(args.images)
         work = [
             (image, read_frame(image, args.camera, args.unit), center) for image, center in zip(args.images, centers)
         ]
@@ -147,7 +149,7 @@ def run(args: argparse.Namespace) -> int:
                 raise DataError(f"{image}: {error}") from None
             facts = {"center_uvd": uvd.round(2).tolist(), "center_mm": camera.unproject(uvd).round(2).tolist()}
             drawn = draw.overlay(crop, joints, hand.skeleton, center_uvd=uvd, cube_mm=args.cube, camera=camera)
-        _write(picture, draw.sheet([drawn, draw.view_3d(joints, hand.skeleton)], 2))
+        pictures.write_image(picture, draw.sheet([drawn, draw.view_3d(joints, hand.skeleton)], 2))
         mm = joints * args.cube / 2
         results.append({"image": image, "picture": str(picture), "cube_mm": args.cube, **facts,
                         "joints_mm": dict(zip(hand.skeleton.joint_names, mm.round(2).tolist()))})  # fmt: skip
@@ -265,13 +267,6 @@ def _decode(path: str) -> NDArray[Any]:
     if image is None:
         raise DataError(f"{path}: not a picture that can be read; expected a grey PNG")
     return image
-
-
-def _write(path: Path, image: NDArray[np.uint8]) -> None:
-    try:
-        path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot write the picture: {os_reason(error)}") from error
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@
     python tools/show_data.py data/nyu/test.txt real_crops/ --out both.png --plain
 
 Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and perhaps joint, or a folder of
-crops (square 8-bit pictures of normalised depth). Frames are spread evenly over the set. --plain draws no hands.
+crops (square 8-bit pictures of normalised depth). Frames are spread evenly over the set. Hands are drawn where there
+are the model's 31 joints; --plain draws none.
 """
 
 from __future__ import annotations
@@ -16,16 +17,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import cv2
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose import draw
-from handpose.dataset import replace
 from layers import kinematics
 from layers.hdf5_data import read_list
-from netlib.errors import DataError, NetlibError, os_reason
+from netlib.errors import DataError, os_reason
+from tools import pictures
 from tools.console import DONE, guarded, positive
 from tools.predict import read_crop
 
@@ -55,20 +55,14 @@ def run(args: argparse.Namespace) -> int:
         frames = frames_of(Path(name), args.frames)
         for number, (crop, joints) in enumerate(frames):
             if args.plain or joints is None or joints.size != 3 * len(skeleton.parents):
-                grey = np.rint((1 - np.clip(crop, -1, 1)) * 0.5 * 215).astype(np.uint8)  # the greys of draw.overlay
-                large = cv2.resize(grey, None, fx=args.zoom, fy=args.zoom, interpolation=cv2.INTER_NEAREST)
-                images.append(np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8))
+                images.append(draw.picture(crop, args.zoom))
             else:
                 images.append(draw.overlay(crop, joints, skeleton, zoom=args.zoom))
             titles.append(Path(name).name if number == 0 else "")
         while len(images) % args.columns:  # each set begins a row
             images.append(np.full_like(images[-1], 255))
             titles.append("")
-    encoded = cv2.imencode(Path(args.out).suffix.lower(), draw.sheet(images, args.columns, titles, gap=4))[1].tobytes()
-    try:
-        replace(Path(args.out), lambda file: file.write_bytes(encoded))
-    except OSError as error:
-        raise NetlibError(f"{args.out}: cannot write the picture: {os_reason(error)}") from error
+    pictures.write_image(args.out, draw.sheet(images, args.columns, titles, gap=4))
     print(f"wrote {args.out}", file=sys.stderr)
     return DONE
 

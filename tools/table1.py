@@ -17,7 +17,7 @@ import sys
 import time
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -26,21 +26,19 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 # isort: split
 
-import cv2
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose import angles, dataset, draw, fit, fit_data, metrics, nyu
-from handpose.camera import NYU
 from handpose.evaluation import Predictions, data_layer, predict, score
-from handpose.published import Benchmark
+from handpose.published import nyu_benchmark
 from handpose.published import score as curves_of
 from layers import kinematics
 from layers.hdf5_data import read_list
 from netlib.errors import NetlibError, os_reason
 from netlib.net import Net
-from tools import evaluate, train
+from tools import evaluate, pictures, train
 from tools.console import DONE, duration, guarded, natural, positive
 
 Array = NDArray[np.float64]
@@ -255,9 +253,7 @@ def write(
     """docs/results/table1.md with its pictures and the figures as JSON."""
     first = next(iter(found.values()))[1]
     made_from, frames = first.made_from, len(first.joints)
-    names = tuple(skeleton.joint_names[j] for j in nyu.EVALUATION_JOINTS)
-    parts = {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)}
-    benchmark = Benchmark(f"test set ({made_from})", NYU, names, nyu.TEST_FRAMES, parts)
+    benchmark = replace(nyu_benchmark(), name=f"test set ({made_from})")
     chosen = list(nyu.EVALUATION_JOINTS)
     scores = {}
     for network, p, _ in found.values():
@@ -325,11 +321,7 @@ def report(
 
 def plot_angles(errors: dict[str, Array], skeleton: kinematics.Skeleton, out: Path) -> None:
     """Frames by mean angle error, and the mean error of every rotation. Raises NetlibError."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
-    figure = Figure(figsize=(12, 7.5), layout="constrained")
+    figure = pictures.new_figure(12, 7.5)
     above, below = figure.subplots(2, 1)
     thresholds = np.arange(0, 61)
     rotations = [skeleton.dof_names[d] for d in angles.rotations(skeleton)]
@@ -348,10 +340,7 @@ def plot_angles(errors: dict[str, Array], skeleton: kinematics.Skeleton, out: Pa
         axis.grid(True, axis="both" if axis is above else "y", alpha=0.3)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-    try:
-        dataset.replace(out, lambda file: figure.savefig(file, dpi=110, format="png"))
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write the picture: {os_reason(error)}") from error
+    pictures.write_figure(out, figure, dpi=110)
 
 
 def write_overlays(
@@ -370,12 +359,7 @@ def write_overlays(
             error = np.linalg.norm(p.joints[n] - p.truth[n], axis=1).mean() * p.half_cube[n]
             images.append(draw.overlay(crop, p.joints[n], skeleton, p.truth[n], zoom=2))
             titles.append(f"{network.title}, {error:.0f} mm")
-    picture = draw.sheet(images, len(found), titles)
-    encoded = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 88))[1].tobytes()
-    try:
-        dataset.replace(out, lambda file: file.write_bytes(encoded))
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write the picture: {os_reason(error)}") from error
+    pictures.write_image(out, draw.sheet(images, len(found), titles))
 
 
 def _say(text: str) -> None:

@@ -20,16 +20,15 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 # isort: split
 
-import cv2
 import numpy as np
 
 from handpose import draw
 from handpose.evaluation import Predictions, data_layer, hand_layer, predict, score
 from handpose.metrics import joint_errors
 from layers import kinematics
-from netlib.errors import NetlibError, os_reason
 from netlib.net import Net
-from tools.console import DONE, guarded, progress_bar
+from tools import pictures
+from tools.console import DONE, aligned, guarded, progress_bar
 from tools.train import with_advice
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -108,26 +107,18 @@ def write_picture(path: str, net: Net, predictions: Predictions, count: int = 12
         images.append(draw.view_3d(joints, skeleton, truth, size=384))
     errors = joint_errors(predictions.joints[chosen], predictions.truth[chosen]).mean(axis=1)
     titles = [t for i, e in zip(chosen, errors * predictions.half_cube[chosen]) for t in (f"frame {i}", f"{e:.0f} mm")]
-    try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(cv2.imencode(".png", draw.sheet(images, 6, titles))[1].tobytes())
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot write the picture: {os_reason(error)}") from error
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    pictures.write_image(path, draw.sheet(images, 6, titles))
     print(f"wrote {path}", file=sys.stderr)
 
 
 def _table(rows: list[dict[str, object]]) -> str:
     """A table, one snapshot a line."""
     names = [name for name in rows[0] if name != "snapshot"]
-    heads = ["snapshot", *(COLUMNS[n][0] if n in COLUMNS else n for n in names)]
-    lines = [heads]
+    lines = [["snapshot", *(COLUMNS[n][0] if n in COLUMNS else n for n in names)]]
     for row in rows:
         lines.append([str(row["snapshot"]), *(COLUMNS.get(n, ("", "{:.5g}"))[1].format(row[n]) for n in names)])
-    widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
-    return "\n".join(
-        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths)))
-        for line in lines
-    )
+    return aligned(lines)
 
 
 if __name__ == "__main__":

@@ -334,6 +334,7 @@ def test_files_that_cannot_be_used(frames, tmp_path):
         (np.zeros((19, 31, 3)), {}, "19 frames, expected 20 or more"),
         (np.zeros((20, 30, 3)), {}, r"joints of shape \(20, 30, 3\), expected \(N, 31, 3\)"),
         (np.zeros((20, 31, 3)), {}, "joints are all in one place"),
+        (np.zeros((20, 1, 3)), {"joints": [31]}, r"joints \[31\], expected numbers from 0 to 30"),
         (np.ones((20, 31, 3)), {"percentile": 50}, "percentile 50, expected at least 0 and less than 50"),
     ],
 )

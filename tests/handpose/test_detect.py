@@ -8,6 +8,8 @@ from handpose.detect import PALM_MM, depth_around, find_hand, recenter
 from handpose.nyu import CENTER_JOINT, CUBE_MM, read_nyu_depth
 from handpose.render import render_image
 from handpose.synthetic import Generator, HandShape, PosePrior
+from layers import kinematics
+from netlib import prototxt, schema
 from netlib.errors import DataError
 from tools import make_synthetic
 
@@ -141,6 +143,15 @@ def test_a_crop_beside_moves_to_the_place_of_training(hands, mirrored):
     for own, center in zip(moved(inputs, generator, seen), centers):
         found = recenter(own, generator.skeleton, NYU.project(center - off), CUBE_MM, NYU, mirrored)
         assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
+
+
+def test_a_skeleton_without_a_palm():
+    """Has nothing to move the crop to."""
+    body = kinematics.Skeleton(
+        schema.read(prototxt.parse('name: "stick" joint { name: "a" }'), kinematics.SkeletonParameter, "test")
+    )
+    with pytest.raises(DataError, match="skeleton 'stick' has no joint 'palm' to move the crop to"):
+        recenter(np.zeros(0), body, (320, 240, 700), CUBE_MM, NYU)
 
 
 # -------------------------------------------------------------------------------------------- depth_around
