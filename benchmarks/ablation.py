@@ -11,7 +11,6 @@ training that is there already is not repeated.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -31,6 +30,7 @@ from handpose import dataset, synthetic
 from handpose.evaluation import predict, score
 from handpose.synthetic import Generator, HandShape, PosePrior
 from layers import kinematics
+from netlib import parallel
 from netlib.net import Net
 from tools import train
 from tools.console import DONE, guarded, positive
@@ -45,11 +45,22 @@ UNCURLED = PosePrior(independent=1.0, curl_own=(1.0, 1.0), finger_noise=0.3)
 SAME = PosePrior(scale_std=0, bone_std=0)
 
 
+def _replaced(text: str, old: str, new: str) -> str:
+    """``str.replace``, but not of what is not there: a study without its change would pass for one."""
+    if old not in text:
+        raise ValueError(f"no {old!r} in the prototxt; expected the one that this study changes")
+    return text.replace(old, new)
+
+
 def _with_dropout(net: str) -> str:
     for name in ("FC1", "FC2"):
         relu = f'layer {{ name: "ReLU{name}" type: "ReLU" bottom: "{name}" top: "{name}" }}\n'
-        net = net.replace(relu, relu + DROPOUT.format(name))
+        net = _replaced(net, relu, relu + DROPOUT.format(name))
     return net
+
+
+def _with_sgd(solver: str) -> str:
+    return _replaced(_replaced(solver, '"Adam"', '"SGD"'), "base_lr: 0.001", "base_lr: 0.003")
 
 
 def _without_augmentation(net: str) -> str:
@@ -82,7 +93,7 @@ STUDIES = (
         "one_hand", "one hand: no other sizes and bones", options={"prior": SAME, "shape": HandShape(thickness_std=0)}
     ),
     Study("dropout", "dropout 0.3", net=_with_dropout),
-    Study("sgd", "SGD 0.003, the paper's", solver=lambda s: s.replace('"Adam"', '"SGD"').replace("0.001", "0.003")),
+    Study("sgd", "SGD 0.003, the paper's", solver=_with_sgd),
 )
 
 
@@ -126,7 +137,7 @@ def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
     """Frames in one file with its list, unless they are there already; returns the list."""
     part = dataset.Part(prefix.with_suffix(".h5"), count, repr(generator.recipe()))
     if not dataset.is_whole(part):
-        with synthetic.processes(len(os.sched_getaffinity(0))) as pool:
+        with synthetic.processes(parallel.available_cpus()) as pool:
             pieces = (frames.arrays() for frames in synthetic.generate(count, generator, pool))
             dataset.write_part(part, synthetic.empty_frames().arrays(), pieces, lambda: {"made_from": "synthetic"})
     dataset.replace_text(prefix.with_suffix(".txt"), dataset.list_text([part.path]))
@@ -137,7 +148,8 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     """Exit status, weights and net of a training."""
     prefix = args.work / f"{study.name}_{args.iterations}_seed{seed}"
     weights, net = Path(f"{prefix}_iter_{args.iterations}.caffemodel.h5"), Path(f"{prefix}_net.prototxt")
-    text = study.net(NET).replace("data/nyu/train.txt", str(data)).replace("data/nyu/test.txt", str(test))
+    text = _replaced(study.net(NET), "data/nyu/train.txt", str(data))
+    text = _replaced(text, "data/nyu/test.txt", str(test))
     dataset.replace_text(net, text)
     if weights.is_file():
         return DONE, weights, net

@@ -98,7 +98,7 @@ class TorchHand(nn.Module):
                 F = frames[group.parent][:, group.slots]
                 p = torch.stack([X[j] for j in parent.joints], 1)[:, group.slots]
             for s, do in enumerate(group.operations):
-                dofs = self.skeleton.free[do.rows]
+                dofs = self.skeleton.driven[do.rows]
                 if do.kind == "constant":
                     F = F @ getattr(self, f"c{i}_{s}")
                 elif do.kind == "translate":

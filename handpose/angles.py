@@ -42,13 +42,13 @@ def wrap(angles: ArrayLike) -> Array:
 
 def rotations(skeleton: Skeleton) -> NDArray[np.int_]:
     """The free DoFs that are rotations, ascending: 23 of the NYU hand."""
-    return np.unique(skeleton.free[skeleton.turns & ~skeleton.fixed[skeleton.free]])
+    return np.unique(skeleton.driven[skeleton.turns & ~skeleton.fixed[skeleton.driven]])
 
 
 def flips(skeleton: Skeleton) -> list[Flip]:
     """The pairs of angles that mean one pose, from the roots to the tips; none with a DoF of several joints."""
     found = []
-    driven = skeleton.free.tolist()
+    driven = skeleton.driven.tolist()
     for joint in range(len(skeleton.parents)):
         turns = [step for step in skeleton.steps[joint] if step.kind == "rotate"]
         if any(driven.count(step.dof) > 1 for step in turns):  # a DoF of several joints cannot flip in one

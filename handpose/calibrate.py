@@ -247,7 +247,7 @@ class Problem:
         # Without fixed DoFs the Jacobian has columns for all; with initial values 0 the input is theta.
         everything = [replace(d, fixed=False, initial=0.0) for d in template.param.dof]
         self.open = rebuilt(template.param, everything, template.bones)
-        driven, fixed = self.open.free, template.fixed[self.open.free]
+        driven, fixed = self.open.driven, template.fixed[self.open.driven]
         self.free = np.unique(driven[~fixed])
         self.angles = np.unique(driven[fixed & self.open.turns])
         self.bones = np.flatnonzero(template.bone_axes >= 0)

@@ -75,7 +75,7 @@ def fit(
     targets     (N, K, 3) where the joints should be; NaN for a joint that is not known in a frame
     joints      the K joints of the skeleton that they are; by default all
     limits      keep the inputs within the skeleton's limits
-    ridge       weight of the squared inputs (rotations only) beside the squared distances: pulls angles that the
+    ridge       weight of the squared inputs (rotations of limbs) beside the squared distances: pulls angles that the
                 joints hardly determine towards the initial pose
     starts      how often to start; a frame that fits exactly is not started again
     iterations  at most so many a start
@@ -102,6 +102,7 @@ def fit(
 def _result(problem: _Problem, inputs: Array, goal: Array, limits: bool) -> Fit:
     """Inputs (N, D) in canonical form, and what they leave of the goal (N, K, 3)."""
     final = canonical(problem.skeleton, inputs, limits=limits)
+    final[:, problem.free] = np.clip(final[:, problem.free], problem.lower, problem.upper)  # takes rounding back
     found = problem.skeleton.forward(final).joints[problem.joints].transpose(2, 0, 1)
     return Fit(final, np.linalg.norm(found - goal, axis=2))
 
@@ -127,17 +128,17 @@ class _Problem:
 
     def __init__(self, skeleton: Skeleton, joints: list[int], limits: bool, ridge: float) -> None:
         self.skeleton, self.joints = skeleton, joints
-        self.free = np.unique(skeleton.free[~skeleton.fixed[skeleton.free]])
-        self.sums = (skeleton.free[:, None] == self.free).astype(float)  # (Q, F): motions of one DoF are added
-        self.one_each = np.array_equal(skeleton.free, self.free)
-        turning = np.isin(self.free, rotations(skeleton))
-        self.ridge = np.where(turning, ridge, 0.0)
+        self.free = np.unique(skeleton.driven[~skeleton.fixed[skeleton.driven]])
+        self.sums = (skeleton.driven[:, None] == self.free).astype(float)  # (Q, F): motions of one DoF are added
+        self.one_each = np.array_equal(skeleton.driven, self.free)
         self.lower = np.where(limits, skeleton.lower, -np.inf)[self.free]
         self.upper = np.where(limits, skeleton.upper, np.inf)[self.free]
         roots = [j for j, parent in enumerate(skeleton.parents) if parent < 0]
         steps = [step for j in roots for step in skeleton.steps[j]]
         self.limbs = _limbs(skeleton)
         self.root_turns = [s.dof for s in steps if s.kind == "rotate" and not skeleton.fixed[s.dof]]
+        pulled = np.setdiff1d(rotations(skeleton), self.root_turns)
+        self.ridge = np.where(np.isin(self.free, pulled), ridge, 0.0)
         self.root_moves = [s for s in steps if s.kind == "translate" and not skeleton.fixed[s.dof]]
 
     def finger_poses(self, count: int, seed: int) -> Array:
@@ -187,7 +188,9 @@ class _Guess:
     def __init__(self, problem: _Problem, fingers: Array) -> None:
         self.problem, sk = problem, problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
-        angles = np.array(list(itertools.product(grid, repeat=len(problem.root_turns))))  # (1, 0) without any
+        tried = problem.root_turns[:3]  # of more there would be too many; the descent finds them
+        angles = np.zeros((len(grid) ** len(tried), len(problem.root_turns)))
+        angles[:, : len(tried)] = list(itertools.product(grid, repeat=len(tried)))
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
             angles = angles[np.abs(angles[:, 1]) <= np.pi / 2 + 1e-9]
         self.inputs = np.tile(fingers, (len(angles), 1))

@@ -27,7 +27,7 @@ from layers.kinematics import Skeleton
 from netlib.errors import DataError, os_reason
 
 Array = NDArray[np.float64]
-VERSION = 1  # to be raised when a change of the code changes the angles
+VERSION = 2  # to be raised when a change of the code changes the angles
 
 
 def companions(files: Sequence[Path], out: Path) -> list[Path]:

@@ -62,6 +62,11 @@ def cube_of_test_frame(index: ArrayLike) -> NDArray[np.float64]:
     return np.where(np.asarray(index) < SECOND_SUBJECT, CUBE_MM, SECOND_CUBE_MM)
 
 
+def half_cubes(frames: int) -> NDArray[np.float64]:
+    """Half the cube's edge in mm of ``frames`` test frames: both subjects' if they are all, else the first's."""
+    return cube_of_test_frame(np.arange(frames) if frames == TEST_FRAMES else np.zeros(frames)) / 2
+
+
 def frame_name(index: int) -> str:
     """File name of the depth frame with this 0-based index."""
     return f"depth_1_{index + 1:07d}.png"

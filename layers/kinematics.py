@@ -149,7 +149,7 @@ class Skeleton:
     bones                    (K,) signed bone lengths along each joint's bone axis
     bone_axes                (K,) that axis: 0, 1, 2 for x, y, z; -1 without a bone
     steps                    per joint its motions in order, fixed rotations multiplied out to constants
-    free                     (Q,) the DoF of each motion, in the order of ``steps``; a DoF may drive several
+    driven                   (Q,) the DoF of each motion, in the order of ``steps``; a DoF may drive several
     turns                    (Q,) bool: the motion is a rotation, not a translation
     """
 
@@ -180,11 +180,11 @@ class Skeleton:
         self.steps = steps = self._steps(param.joint)
         self._groups, self._places = _groups(param.joint, self.parents, [len(way) for way in lineage], steps)
         motions = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
-        self.free = np.array([step.dof for _, step in motions], dtype=int)
+        self.driven = np.array([step.dof for _, step in motions], dtype=int)
         self.turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
         self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
         self._few = _FewPoses(self.parents, [len(way) for way in lineage], steps, self.bone_axes, self.bones)
-        self._repeats = len(set(self.free.tolist())) < len(self.free)
+        self._repeats = len(set(self.driven.tolist())) < len(self.driven)
 
     def _index(self, name: str | None, known: list[str], owner: object, field: str) -> int:
         """Index of a name; -1 for none."""
@@ -235,7 +235,7 @@ class Skeleton:
     def joints(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
         if bones is None and len(inputs) <= FEW:
-            return self._few.joints(self.theta(inputs)[:, self.free])
+            return self._few.joints(self.theta(inputs)[:, self.driven])
         return self.forward(inputs, bones).joints.transpose(2, 0, 1)
 
     def forward(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Pose:
@@ -244,10 +244,10 @@ class Skeleton:
         theta = np.array(inputs.T, dtype=np.float64, order="C")
         theta[self.fixed] = 0.0
         theta += self.initial[:, None]
-        value = theta[self.free]  # (Q, N)
+        value = theta[self.driven]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
         X = np.empty((len(self.parents), 3, N))
-        axis, pivot = np.empty((2, len(self.free), 3, N))
+        axis, pivot = np.empty((2, len(self.driven), 3, N))
         frames: list[tuple[Array, Array, Array]] = []
         lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
         origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
@@ -282,9 +282,9 @@ class Skeleton:
         torque *= pose.axis
         gradient = np.zeros((len(self.initial), N))
         if self._repeats:  # one DoF drives several joints
-            np.add.at(gradient, self.free, torque.sum(axis=1))
+            np.add.at(gradient, self.driven, torque.sum(axis=1))
         else:
-            gradient[self.free] = torque.sum(axis=1)
+            gradient[self.driven] = torque.sum(axis=1)
         gradient[self.fixed] = 0
         return gradient.T
 

@@ -152,7 +152,7 @@ def in_parts(X: Array, parts: int) -> Array:
 
 def multiply(M: Array, X: Array, out: Array) -> None:
     """out (H, M rows, L) = M @ X (H, R, L)."""
-    parts = unpacked_parts(*M.shape, X.shape[2])
+    parts = unpacked_parts(M.shape[0], M.shape[1], X.shape[2])
     np.matmul(M, in_parts(X, parts), out=in_parts(out, parts))
 
 

@@ -107,11 +107,10 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
     if max(chosen) >= len(skeleton.parents):
         raise DataError(f"skeleton {skeleton.name!r} has {len(skeleton.parents)} joints, expected the 31 of NYU's hand")
     xyz = read_joints(args.joints, len(chosen), args.format, NYU)
-    rows = np.arange(len(xyz))
-    cube = nyu.cube_of_test_frame(rows) if len(xyz) == nyu.TEST_FRAMES else np.full(len(xyz), nyu.CUBE_MM)
+    rows, halves = np.arange(len(xyz)), nyu.half_cubes(len(xyz))
     if args.frames:
         rows = rows[np.linspace(0, len(xyz) - 1, min(args.frames, len(xyz))).astype(int)]
-    half = cube[rows, None] / 2
+    half = halves[rows, None]
     center = xyz[rows].mean(axis=1, keepdims=True)
     targets = (xyz[rows] - center) / half[:, :, None]
     bar = progress_bar(len(rows), 0, " frames")

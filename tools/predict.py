@@ -9,8 +9,9 @@ The first reads a crop: a square 8-bit picture of normalised depth, in which val
 
 With --camera, whole depth frames are read: 16-bit grey PNG, 0 where nothing was read, or NYU's colour packing. The hand
 is taken to be the nearest thing, unless --center says where it is, and the crop is moved to where the network sees the
-palm (--refine times; for networks trained on crops about NYU's centres). Networks know the hand of their training data, for NYU and the synthetic hands a right hand seen
-as by a mirror-free camera: --mirror for the other one.
+palm (--refine times; 0 for networks whose training crops are not centred as NYU's are, such as ICVL's). Networks know
+the hand of their training data, for NYU and the synthetic hands a right hand seen as by a mirror-free camera: --mirror
+for the other one.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
 """
@@ -134,9 +135,9 @@ def run(args: argparse.Namespace) -> int:
         work = [
             (image, read_frame(image, args.camera, args.unit), center) for image, center in zip(args.images, centers)
         ]
-    pictures = _targets(args.images, out)
+    targets = _targets(args.images, out)
     for image, depth, center in work:
-        picture, facts = pictures[image], {}
+        picture, facts = targets[image], {}
         if args.camera is None:
             crop, joints = depth, predictor.joints(depth)
             drawn = draw.overlay(crop, joints, hand.skeleton)
@@ -187,7 +188,8 @@ class Predictor:
         for _ in range(refine):
             inputs = self.net.blobs[self.hand.spec.bottom[0]].data[0]
             moved = detect.recenter(inputs, self.hand.skeleton, center_uvd, self.cube_mm, camera, self.mirror)
-            if not np.linalg.norm(camera.unproject(moved) - start) < LARGEST_MOVE_MM:
+            far = np.linalg.norm(camera.unproject(moved) - start)
+            if not (far < LARGEST_MOVE_MM and moved[2] > self.cube_mm / 2):
                 break  # a prediction gone astray
             try:
                 crop = crop_frame(depth, moved, self.cube_mm, camera)

@@ -49,7 +49,8 @@ def test_a_body_whose_root_does_not_turn():
 @pytest.mark.parametrize("limits", [True, False])
 def test_a_root_that_turns_about_two_axes(rng, limits):
     """Its half turn is felt by the joints below: both forms of the pose stay whole, within limits or without."""
-    text = """dof { name: "a" lower: -3 upper: 3 } dof { name: "b" lower: -3 upper: 3 } dof { name: "c" lower: -2 upper: 1 }
+    text = """dof { name: "a" lower: -3 upper: 3 } dof { name: "b" lower: -3 upper: 3 }
+        dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: X dof: "c" } bone { axis: Y length: 1 } }"""
     arm = kinematics.Skeleton(schema.read(prototxt.parse(text), kinematics.SkeletonParameter, "arm"))
@@ -100,7 +101,7 @@ def test_the_result_is_a_minimum(inputs, rng):
     def cost(x):
         return ((SKELETON.joints(x)[:, EVALUATION_JOINTS] - targets) ** 2).sum(axis=(1, 2))
 
-    for dof in np.unique(SKELETON.free):
+    for dof in np.unique(SKELETON.driven):
         for step in (1e-2, -1e-2):
             moved = found.inputs.copy()
             moved[:, dof] += step

@@ -77,3 +77,8 @@ def check() -> Callable[..., None]:
         gradcheck.check(gradcheck.make_layer(text, bottoms, tops, phase), bottoms, tops, **options)
 
     return make
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Short names for cases that are texts of a prototxt."""
+    return val.replace("\n", " ")[:60] if isinstance(val, str) else None

@@ -118,8 +118,8 @@ def test_jacobian_against_differences(skeleton, rng, joints):
     body, inputs = skeleton(ARM), rng.normal(size=(3, 4))
     chosen = joints or [0, 1, 2]
     J = body.jacobian(body.forward(inputs), joints)
-    assert J.shape == (3, len(body.free), 3 * len(chosen))
-    for q, dof in enumerate(body.free):
+    assert J.shape == (3, len(body.driven), 3 * len(chosen))
+    for q, dof in enumerate(body.driven):
         step = np.zeros(4)
         step[dof] = 1e-6
         slope = (body.joints(inputs + step) - body.joints(inputs - step)) / 2e-6

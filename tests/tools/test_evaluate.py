@@ -7,7 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.camera import ICVL
+from handpose.camera import ICVL, NYU
+from handpose.nyu import EVALUATION_JOINTS
+from handpose.synthetic import Generator, PosePrior
+from layers import kinematics
 from tests.tools.conftest import ROOT
 from tools import evaluate
 
@@ -95,6 +98,7 @@ def test_pictures(files, capsys):
         (["A=near.txt", "A=far.txt"], "--predictions: the name 'A' is given 2 times"),
         (["A=near.txt", "--plot", "a.jpg"], "--plot must end in .png, .svg, .pdf, found a.jpg"),
         (["A=near.txt", "--format", "xyd"], "invalid choice: 'xyd'"),
+        (["A=near.txt", "--angles"], "--angles is for nyu: the hand model's limits are those of its hand"),
     ],
 )
 def test_wrong_usage(files, capsys, arguments, message):
@@ -138,6 +142,29 @@ def test_without_matplotlib(files, monkeypatch, capsys):
     assert run("A=near.txt", "--plot", "a.png") == 1
     assert capsys.readouterr().err == "matplotlib is missing: pip install '.[tools]'\n"
     assert run("A=near.txt") == 0
+
+
+def test_angles(tmp_path, monkeypatch, capsys):
+    """Predictions on the hand model have its angles, and one of three frames one beyond its limit; noise has none."""
+    monkeypatch.chdir(tmp_path)
+    skeleton, rng = kinematics.load(), np.random.default_rng(0)
+    inputs = Generator(prior=PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), 3).inputs
+    bent = inputs.copy()
+    dof = skeleton.dof_names.index("index_base_rot_z")
+    bent[1, dof] = skeleton.upper[dof] + 0.3
+    truth, predicted = (skeleton.joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700) for x in (inputs, bent))
+    noise = truth + rng.normal(0, 5, truth.shape)
+    for name, joints in (("truth", truth), ("bent", predicted), ("noise", noise)):
+        np.savetxt(f"{name}.txt", NYU.project(joints).reshape(3, 42), fmt="%.6f")
+    assert run("Bent=bent.txt", "Noise=noise.txt", "--angles", "--json", dataset="nyu") == 0
+    bent, noise = (method["angles"] for method in json.loads(capsys.readouterr().out)["methods"])
+    assert bent["out_of_limits"] == pytest.approx(1 / 3) and noise["out_of_limits"] is None
+    assert bent["free_residual_mm"] < 0.01 < 0.1 < bent["residual_mm"]
+    assert noise["free_residual_mm"] < noise["residual_mm"] < 8  # mm, the length of 5 mm of noise
+    assert 0 < bent["error_deg"] < noise["error_deg"] < 60
+    assert run("Bent=bent.txt", "--angles", dataset="nyu") == 0
+    heads, cells = capsys.readouterr().out.splitlines()[-2:]
+    assert heads.split()[:3] == ["method", "angle", "error"] and cells.endswith("33.33%")
 
 
 def test_published_predictions(capsys):

@@ -1,0 +1,46 @@
+"""What the tools that draw share: matplotlib if it is there, and pictures that are written whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose import dataset
+from netlib.errors import NetlibError, os_reason
+
+JPEG_QUALITY = 90
+
+
+def new_figure(width: float, height: float) -> Any:
+    """A matplotlib figure, width x height in inches, that needs no window. Raises NetlibError without matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def write_figure(path: str | Path, figure: Any, dpi: int) -> None:
+    """Write a figure in the format that the name ends in, tightly cut. Raises NetlibError."""
+    how = {"format": Path(path).name.rpartition(".")[2].lower(), "bbox_inches": "tight", "pad_inches": 0.15}
+    _write(path, lambda file: figure.savefig(file, dpi=dpi, **how))
+
+
+def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
+    """Write an image, blue first, as PNG or JPEG by the end of its name. Raises NetlibError."""
+    suffix = Path(path).suffix.lower()
+    options = (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY) if suffix == ".jpg" else ()
+    encoded = cv2.imencode(suffix, image, options)[1].tobytes()
+    _write(path, lambda file: file.write_bytes(encoded))
+
+
+def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
+    try:
+        dataset.replace(Path(path), fill)
+    except OSError as error:
+        raise NetlibError(f"{path}: cannot write the picture: {os_reason(error)}") from error
