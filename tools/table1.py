@@ -309,6 +309,10 @@ def report(
         "constraint, 0.9% with it.",
         f"- {comparable}",
         "",
+        "What the paper found, and what these trainings say:",
+        "",
+        *findings(results),
+        "",
         "![Success curves and errors by joint](table1_joints.png)",
         "",
         "![Angle errors](table1_angles.png)",
@@ -318,6 +322,29 @@ def report(
         "![Hands](table1_hands.jpg)",
         "",
     ])  # fmt: skip
+
+
+def findings(results: dict[str, Result]) -> list[str]:
+    """The paper's conclusions (Sec. 4.1), each with what the figures here say."""
+    if not set(results) >= {"ours", "no_limit", "direct_joint", "direct_parameter"}:
+        return []
+    ours, free = results["ours"], results["no_limit"]
+    joint, parameter = results["direct_joint"], results["direct_parameter"]
+    on_angles = max(ours.angle_deg, free.angle_deg, parameter.angle_deg)
+    broken = (ours.out_of_limits or 0.0, free.out_of_limits or 0.0)
+    claims = [
+        ("ours is no worse than direct joint on joints", ours.error_14_mm <= joint.error_14_mm,
+         f"{ours.error_14_mm:.2f} and {joint.error_14_mm:.2f} mm"),
+        ("direct joint is better than direct parameter on joints", joint.error_14_mm < parameter.error_14_mm,
+         f"{joint.error_14_mm:.2f} and {parameter.error_14_mm:.2f} mm"),
+        ("direct joint is the worst of the four on angles", joint.angle_deg > on_angles,
+         f"{joint.angle_deg:.2f}° and at most {on_angles:.2f}°"),
+        ("PhysLimit keeps angles within their limits", broken[0] < broken[1] / 2,
+         f"{broken[0]:.1%} and {broken[1]:.1%} of the frames out of limits"),
+        ("at equal accuracy", abs(ours.error_14_mm - free.error_14_mm) < 1,
+         f"{ours.error_14_mm:.2f} and {free.error_14_mm:.2f} mm"),
+    ]  # fmt: skip
+    return [f"- {claim}: {'confirmed' if true else 'not confirmed'}, {figures}" for claim, true, figures in claims]
 
 
 def plot_angles(errors: dict[str, Array], skeleton: kinematics.Skeleton, out: Path) -> None:

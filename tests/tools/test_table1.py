@@ -114,6 +114,22 @@ def test_data_of_the_paper_are_comparable():
     assert "on data/nyu (NYU)" in page and "The data are the paper's, so joint errors" in page
 
 
+def test_the_papers_findings_are_confirmed_or_not():
+    """By the figures, whatever they are."""
+
+    def of(error, angle, broken=None):
+        return table1.Result(error, error, angle, broken, 0.5)
+
+    paper = {"direct_joint": of(17.2, 21.4), "direct_parameter": of(26.7, 12.2, 0.0),
+             "no_limit": of(16.9, 12.0, 0.186), "ours": of(16.9, 12.2, 0.009)}  # fmt: skip
+    lines = table1.findings(paper)
+    assert len(lines) == 5 and all(": confirmed, " in line for line in lines)
+    assert "16.90 and 17.20 mm" in lines[0] and "0.9% and 18.6% of the frames" in lines[3]
+    other = table1.findings({**paper, "ours": of(18.9, 25.0, 0.15)})
+    assert [": confirmed" in line for line in other] == [False, True, False, False, False]
+    assert table1.findings({"ours": paper["ours"]}) == []
+
+
 # -------------------------------------------------------------------------------------- training, once
 
 
