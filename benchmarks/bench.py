@@ -46,7 +46,7 @@ from netlib.solver import Solver
 
 FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
 FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution passes no gradient down
-BURST = 0.05  # seconds; one call if that is longer
+BURST = 0.2  # seconds; one call if that is longer
 Job = Callable[[], Any]
 
 

@@ -36,6 +36,7 @@ class HandModel(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.skeleton = kinematics.load_for(self.param.skeleton, self.source)
+        self.pose: kinematics.Pose | None = None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         N, D, K = bottom[0].shape[0], len(self.skeleton.dof_names), len(self.skeleton.joint_names)
@@ -48,13 +49,14 @@ class HandModel(Layer):
         N = len(bottom[0].data)
         x = bottom[0].data.reshape(N, -1)
         if self.needs_backward:
-            self.pose = self.skeleton.forward(x)
+            self.pose = self.skeleton.forward(x, reuse=self.pose)
             top[0].data[...] = self.pose.joints.reshape(-1, N).T
         else:
             top[0].data[...] = self.skeleton.joints(x).reshape(N, -1)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
+            assert self.pose is not None
             K, _, N = self.pose.joints.shape
             dy = top[0].diff.T.astype("float64").reshape(K, 3, N)
             bottom[0].diff[...] = self.skeleton.backward(self.pose, dy).reshape(bottom[0].shape)

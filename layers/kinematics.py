@@ -238,16 +238,21 @@ class Skeleton:
             return self._few.joints(self.theta(inputs)[:, self.driven])
         return self.forward(inputs, bones).joints.transpose(2, 0, 1)
 
-    def forward(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Pose:
-        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own bone lengths."""
+    def forward(self, inputs: NDArray[np.floating], bones: Array | None = None, reuse: Pose | None = None) -> Pose:
+        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own bone lengths.
+
+        ``reuse`` is a pose that is needed no more; its arrays are written over if they fit.
+        """
         N = len(inputs)
         theta = np.array(inputs.T, dtype=np.float64, order="C")
         theta[self.fixed] = 0.0
         theta += self.initial[:, None]
         value = theta[self.driven]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
-        X = np.empty((len(self.parents), 3, N))
-        axis, pivot = np.empty((2, len(self.driven), 3, N))
+        if reuse is not None and reuse.joints.shape[-1] == N:
+            X, axis, pivot = reuse.joints, reuse.axis, reuse.pivot
+        else:
+            X, axis, pivot = (np.empty((count, 3, N)) for count in (len(self.parents), *[len(self.driven)] * 2))
         frames: list[tuple[Array, Array, Array]] = []
         lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
         origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
