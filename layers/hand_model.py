@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from layers import kinematics
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -58,5 +60,5 @@ class HandModel(Layer):
         if propagate_down[0]:
             assert self.pose is not None
             K, _, N = self.pose.joints.shape
-            dy = top[0].diff.T.astype("float64").reshape(K, 3, N)
+            dy = np.ascontiguousarray(top[0].diff.T, dtype=np.float64).reshape(K, 3, N)
             bottom[0].diff[...] = self.skeleton.backward(self.pose, dy).reshape(bottom[0].shape)

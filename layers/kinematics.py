@@ -137,6 +137,7 @@ class Pose:
     axis: Array  # (Q, 3, N) world direction of each free motion
     pivot: Array  # (Q, 3, N) a point on each axis
     frames: list[tuple[Array, Array, Array]]  # per group the columns of world_from_joint, each (joints, 3, N)
+    work: tuple[Array, ...] | None = None  # what backward needs for a while
 
 
 class Skeleton:
@@ -182,6 +183,7 @@ class Skeleton:
         motions = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
         self.driven = np.array([step.dof for _, step in motions], dtype=int)
         self.turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
+        self._slides = np.flatnonzero(~self.turns)
         self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
         self._few = _FewPoses(self.parents, [len(way) for way in lineage], steps, self.bone_axes, self.bones)
         self._repeats = len(set(self.driven.tolist())) < len(self.driven)
@@ -275,15 +277,18 @@ class Skeleton:
                     frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
             X[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
             frames.append((frame[0], frame[1], frame[2]))
-        return Pose(X, axis, pivot, frames)
+        return Pose(X, axis, pivot, frames, reuse.work if reuse is not None and X is reuse.joints else None)
 
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, D) at the inputs, given the gradient ``dX`` (K, 3, N) at the joints. Fixed DoFs: 0."""
         K, _, N = pose.joints.shape
-        force = (self._moves @ dX.reshape(K, -1)).reshape(-1, 3, N)
-        torque = (self._moves @ _cross(pose.joints, dX).reshape(K, -1)).reshape(-1, 3, N)
-        torque -= _cross(pose.pivot, force)
-        torque[~self.turns] = force[~self.turns]
+        if pose.work is None:  # large arrays are slow to get anew
+            pose.work = (*(np.empty_like(pose.pivot) for _ in range(3)), np.empty_like(pose.joints))
+        force, torque, offset, turning = pose.work
+        np.matmul(self._moves, dX.reshape(K, -1), out=force.reshape(-1, 3 * N))
+        np.matmul(self._moves, _cross(pose.joints, dX, turning).reshape(K, -1), out=torque.reshape(-1, 3 * N))
+        torque -= _cross(pose.pivot, force, offset)
+        torque[self._slides] = force[self._slides]
         torque *= pose.axis
         gradient = np.zeros((len(self.initial), N))
         if self._repeats:  # one DoF drives several joints
@@ -489,9 +494,8 @@ def _combine(weights: Array, columns: list[Array]) -> Array:
     return a + b + c
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross(a: Array, b: Array, out: Array) -> Array:
     """Cross product along axis 1 of (n, 3, N) arrays."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         np.multiply(a[:, j], b[:, k], out=out[:, i])
         out[:, i] -= a[:, k] * b[:, j]
