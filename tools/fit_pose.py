@@ -139,6 +139,9 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
             dataset.replace(Path(args.out), fill)
         except OSError as error:
             raise NetlibError(f"{args.out}: {dataset.reason(error)}") from None
+    if len(xyz) != nyu.TEST_FRAMES:
+        print(f"warning: {len(xyz)} of {nyu.TEST_FRAMES} test frames; the first subject's size of hand is used for all",
+              file=sys.stderr)  # fmt: skip
     return residuals, _broken(found.inputs, skeleton)
 
 
