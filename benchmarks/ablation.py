@@ -153,12 +153,10 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     dataset.replace_text(net, text)
     if weights.is_file():
         return DONE, weights, net
-    own = ("net:", "max_iter:", "test_", "snapshot", "random_seed:", "display:")
-    lines = [line for line in study.solver(SOLVER).splitlines() if not line.startswith(own)]
-    lines += [f'net: "{net}"', f"max_iter: {args.iterations}", "snapshot_format: HDF5", f'snapshot_prefix: "{prefix}"']
-    lines += [f"random_seed: {seed}", "display: 500"]
+    own = {"net": net, "max_iter": args.iterations, "display": 500, "random_seed": seed}
+    own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
     solver = Path(f"{prefix}.prototxt")
-    dataset.replace_text(solver, "\n".join(lines) + "\n")
+    dataset.replace_text(solver, train.with_fields(study.solver(SOLVER), own))
     return train.main([str(solver)]), weights, net
 
 

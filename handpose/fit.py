@@ -137,26 +137,28 @@ class _Problem:
         steps = [step for j in roots for step in skeleton.steps[j]]
         self.limbs = _limbs(skeleton)
         self.root_turns = [s.dof for s in steps if s.kind == "rotate" and not skeleton.fixed[s.dof]]
-        pulled = np.setdiff1d(rotations(skeleton), self.root_turns)
-        self.ridge = np.where(np.isin(self.free, pulled), ridge, 0.0)
+        self.limb_turns = np.setdiff1d(rotations(skeleton), self.root_turns)
+        self.ridge = np.where(np.isin(self.free, self.limb_turns), ridge, 0.0)
         self.root_moves = [s for s in steps if s.kind == "translate" and not skeleton.fixed[s.dof]]
 
     def finger_poses(self, count: int, seed: int) -> Array:
         """Inputs (count, D): the initial pose, then random ones within the limits."""
-        sk, rng = self.skeleton, np.random.default_rng(seed)
-        poses = np.zeros((count, len(sk.initial)))
-        own = np.setdiff1d(rotations(sk), self.root_turns)
-        low, high = np.maximum(sk.lower[own], -np.pi), np.minimum(sk.upper[own], np.pi)
-        poses[1:, own] = rng.uniform(low, high, (count - 1, len(own)))
+        rng = np.random.default_rng(seed)
+        poses = np.zeros((count, len(self.skeleton.initial)))
+        poses[1:, self.limb_turns] = self._drawn(self.limb_turns, count - 1, rng)
         return poses
+
+    def _drawn(self, dofs: NDArray[np.int_], count: int, rng: np.random.Generator) -> Array:
+        """Angles (count, len(dofs)) within the limits, and within half a turn of the initial pose."""
+        low, high = np.maximum(self.skeleton.lower[dofs], -np.pi), np.minimum(self.skeleton.upper[dofs], np.pi)
+        return rng.uniform(low, high, (count, len(dofs)))
 
     def redraw_limbs(self, inputs: Array, rng: np.random.Generator) -> Array:
         """The inputs (N, D) with new angles, within the limits, for about half of the limbs."""
-        sk, result = self.skeleton, inputs.copy()
+        result = inputs.copy()
         for limb in self.limbs:
-            low, high = np.maximum(sk.lower[limb], -np.pi), np.minimum(sk.upper[limb], np.pi)
             drawn = rng.random(len(inputs)) < 0.5
-            result[np.ix_(drawn, limb)] = rng.uniform(low, high, (np.count_nonzero(drawn), len(limb)))
+            result[np.ix_(drawn, limb)] = self._drawn(limb, int(np.count_nonzero(drawn)), rng)
         return result
 
     def evaluate(self, inputs: Array, goal: Array) -> tuple[Array, Array, Array]:

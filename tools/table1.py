@@ -47,7 +47,6 @@ DATA, ANGLES = Path("data/nyu"), Path("data/nyu_angles")
 SOLVER = ROOT / "prototxt" / "nyu_solver.prototxt"
 RIDGE = 3e-4  # of the true angles, fitted to the annotated joints; enough where 31 of them determine nearly all
 BOTTLENECK = 30  # components
-OWN_FIELDS = ("net:", "max_iter:", "stepvalue:", "test_", "snapshot", "random_seed:", "display:")
 
 
 @dataclass(frozen=True)
@@ -179,20 +178,17 @@ def done(state: Path) -> int:
 
 def solver_text(network: Network, prefix: Path, iterations: int, seed: int) -> str:
     """The paper's solver for a network: its own text, with these iterations, no tests, and five snapshots."""
-    kept = [
-        line for line in SOLVER.read_text(encoding="utf-8").splitlines() if line and not line.startswith(OWN_FIELDS)
-    ]
-    own = [
-        f'net: "{network.model.as_posix()}"',
-        f"stepvalue: {max(1, iterations * 9 // 10)}",
-        f"max_iter: {iterations}",
-        "display: 100",
-        f"snapshot: {max(1, iterations // 5)}",
-        "snapshot_format: HDF5",
-        f'snapshot_prefix: "{prefix.as_posix()}"',
-        f"random_seed: {seed}",
-    ]
-    return "\n".join([*kept, *own]) + "\n"
+    own = {
+        "net": network.model,
+        "stepvalue": max(1, iterations * 9 // 10),
+        "max_iter": iterations,
+        "display": 100,
+        "snapshot": max(1, iterations // 5),
+        "snapshot_format": "HDF5",
+        "snapshot_prefix": prefix,
+        "random_seed": seed,
+    }
+    return train.with_fields(SOLVER.read_text(encoding="utf-8"), own)
 
 
 def write_components(path: Path, files: Sequence[Path]) -> None:

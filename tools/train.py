@@ -15,7 +15,7 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -116,6 +116,20 @@ def with_advice() -> Iterator[None]:
             text += "; make synthetic hands with 'python tools/make_synthetic.py', or read the NYU data set with " \
                     "'python tools/prepare_nyu.py NYU_ROOT'"  # fmt: skip
         raise DataError(text) from error
+
+
+def with_fields(solver: str, own: Mapping[str, object]) -> str:
+    """The text of a solver, a field a line, with fields of one's own; its tests and snapshots go.
+
+    For experiments that train many nets with one recipe.
+    """
+    dropped = ("test_", "snapshot", *(f"{name}:" for name in own))
+    kept = [line for line in solver.splitlines() if line and not line.startswith(dropped)]
+    lines = [
+        f'{name}: "{value.as_posix()}"' if isinstance(value, Path) else f"{name}: {value}"
+        for name, value in own.items()
+    ]
+    return "\n".join([*kept, *lines]) + "\n"
 
 
 def _describe(solver: Solver) -> None:
