@@ -6,7 +6,7 @@ top[0]     y  (N, 3 K)    joints, x y z each, in half-cubes from the crop centre
 y  = forward kinematics of x                 layers/kinematics.py has the mathematics of both directions
 dx = its transposed Jacobian times dy        0 for fixed DoFs
 
-Kept for backward: ``pose``, the joints and the axes of rotation. Computed in float64, whatever the net's type.
+Kept for backward: ``pose``, the joints and the axes of rotation.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class HandModel(Layer):
     reads_bottom = reads_top = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        self.skeleton = kinematics.load_for(self.param.skeleton, self.source)
+        self.skeleton = kinematics.load_for(self.param.skeleton, self.source).as_type(self.dtype)
         self.pose: kinematics.Pose | None = None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -60,5 +60,5 @@ class HandModel(Layer):
         if propagate_down[0]:
             assert self.pose is not None
             K, _, N = self.pose.joints.shape
-            dy = np.ascontiguousarray(top[0].diff.T, dtype=np.float64).reshape(K, 3, N)
+            dy = np.ascontiguousarray(top[0].diff.reshape(N, -1).T).reshape(K, 3, N)
             bottom[0].diff[...] = self.skeleton.backward(self.pose, dy).reshape(bottom[0].shape)

@@ -87,10 +87,14 @@ class InnerProduct(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x, dy, w = self._rows(bottom[0].data), self._flat(top[0].diff), self.weight()
-        dw = self.blobs[0].diff.T if self.param.transpose else self.blobs[0].diff
+        diff, is_zero = self.blobs[0].diff_to_add_to()
+        dw = diff.T if self.param.transpose else diff
 
         def weight_job(o: slice) -> None:
-            dw[o] += dy[:, o].T @ x
+            if is_zero:
+                np.matmul(dy[:, o].T, x, out=dw[o])
+            else:
+                dw[o] += dy[:, o].T @ x
 
         _each(weight_job, len(dw))
         if self.param.bias_term:

@@ -20,28 +20,31 @@ moves with velocity a x (X - P), so with the joint's diff f = dL/dX as a force
 the torque about the axis, summed over the joints j that the DoF moves. For a translation along a it is
 a . sum_j f_j. Both sums are one product with the 0/1 matrix "DoF q moves joint j".
 
-Everything inside is float64 and batch last, (..., N): the innermost loop of every operation is then the
-batch. Joints of the same depth and the same sequence of operations (four fingers) go together.
+Positions are kept relative to where the root has moved to, and moved there last: a hand far away costs no digits.
+Everything inside is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the same
+depth and the same sequence of operations (four fingers) go together. Numbers are float64 unless asked otherwise
+(``Skeleton.as_type``).
 """
 
 from __future__ import annotations
 
+import copy
 import functools
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from netlib import prototxt, schema
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.paths import find
 from netlib.schema import Double
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
 FEW = 16  # poses
 NYU_HAND = Path(__file__).parent.parent / "prototxt" / "hand" / "nyu.prototxt"
@@ -117,6 +120,9 @@ class Operation(NamedTuple):
     sign: Array  # (n, 1, 1)
     matrices: Array  # (n, 3, 3) of the constants
 
+    def as_type(self, dtype: DTypeLike) -> Operation:
+        return self._replace(sign=self.sign.astype(dtype), matrices=self.matrices.astype(dtype))
+
 
 @dataclass
 class Group:
@@ -127,6 +133,7 @@ class Group:
     slots: slice | list[int]  # where the parents stand in that group
     operations: list[Operation]
     bone_axis: int
+    trees: list[slice | list[int]]  # of roots: the joints of each one's body, itself too
 
 
 @dataclass
@@ -134,8 +141,9 @@ class Pose:
     """What ``Skeleton.forward`` found out; ``Skeleton.backward`` needs it again."""
 
     joints: Array  # (K, 3, N) positions
+    local: Array  # (K, 3, N) positions from where the joint's root has moved to
     axis: Array  # (Q, 3, N) world direction of each free motion
-    pivot: Array  # (Q, 3, N) a point on each axis
+    pivot: Array  # (Q, 3, N) a point on each axis, from there too
     frames: list[tuple[Array, Array, Array]]  # per group the columns of world_from_joint, each (joints, 3, N)
     work: tuple[Array, ...] | None = None  # what backward needs for a while
 
@@ -187,6 +195,16 @@ class Skeleton:
         self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
         self._few = _FewPoses(self.parents, [len(way) for way in lineage], steps, self.bone_axes, self.bones)
         self._repeats = len(set(self.driven.tolist())) < len(self.driven)
+        self._dtype: np.dtype[Any] = np.dtype(np.float64)
+
+    def as_type(self, dtype: DTypeLike) -> Skeleton:
+        """This skeleton, with ``forward`` and ``backward`` in ``dtype``: a batch in float32 takes half the time."""
+        other = copy.copy(self)
+        other._dtype = np.dtype(dtype)  # of the arithmetic
+        other._moves = self._moves.astype(dtype)
+        other._groups = [replace(group, operations=[op.as_type(dtype) for op in group.operations])
+                         for group in self._groups]  # fmt: skip
+        return other
 
     def _index(self, name: str | None, known: list[str], owner: object, field: str) -> int:
         """Index of a name; -1 for none."""
@@ -246,38 +264,45 @@ class Skeleton:
         ``reuse`` is a pose that is needed no more; its arrays are written over if they fit.
         """
         N = len(inputs)
-        theta = np.array(inputs.T, dtype=np.float64, order="C")
+        theta = np.array(inputs.T, dtype=self._dtype, order="C")
         theta[self.fixed] = 0.0
         theta += self.initial[:, None]
         value = theta[self.driven]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
         if reuse is not None and reuse.joints.shape[-1] == N:
-            X, axis, pivot = reuse.joints, reuse.axis, reuse.pivot
+            X, local, axis, pivot = reuse.joints, reuse.local, reuse.axis, reuse.pivot
         else:
-            X, axis, pivot = (np.empty((count, 3, N)) for count in (len(self.parents), *[len(self.driven)] * 2))
+            counts = [len(self.parents)] * 2 + [len(self.driven)] * 2
+            X, local, axis, pivot = (np.empty((count, 3, N), self._dtype) for count in counts)
         frames: list[tuple[Array, Array, Array]] = []
-        lengths = self.bones[:, None] if bones is None else np.asarray(bones, dtype=np.float64).T
-        origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3)]
+        lengths = np.asarray(self.bones[:, None] if bones is None else bones.T, dtype=self._dtype)
+        origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3, dtype=self._dtype)]
         for group in self._groups:
+            p = start = np.zeros((1, 3, 1), self._dtype)
             if group.parent < 0:
-                frame, p = list(origin), np.zeros((1, 3, 1))
+                frame = list(origin)
             else:
                 frame = [column[group.slots] for column in frames[group.parent]]
-                p = X[self._groups[group.parent].joints][group.slots]
+                p = local[self._groups[group.parent].joints][group.slots]
             for kind, k, rows, sign, matrices in group.operations:
                 if kind == "constant":
                     frame = _turn_constant(frame, matrices)
                     continue
                 axis[rows], pivot[rows] = frame[k] * sign, p
-                if kind == "translate":
+                if kind == "translate" and group.parent < 0:
+                    start = start + axis[rows] * value[rows][:, None]
+                elif kind == "translate":
                     p = p + axis[rows] * value[rows][:, None]
                 else:  # right-multiplying by R_k(angle) mixes the two other columns
                     i, j = (k + 1) % 3, (k + 2) % 3
                     c, s = cos[rows][:, None], sin[rows][:, None] * sign
                     frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
-            X[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
+            for tree, from_where in zip(group.trees, np.broadcast_to(start, (len(group.joints), 3, N))):
+                X[tree] = from_where
+            local[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
             frames.append((frame[0], frame[1], frame[2]))
-        return Pose(X, axis, pivot, frames, reuse.work if reuse is not None and X is reuse.joints else None)
+        X += local
+        return Pose(X, local, axis, pivot, frames, reuse.work if reuse is not None and X is reuse.joints else None)
 
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, D) at the inputs, given the gradient ``dX`` (K, 3, N) at the joints. Fixed DoFs: 0."""
@@ -286,11 +311,11 @@ class Skeleton:
             pose.work = (*(np.empty_like(pose.pivot) for _ in range(3)), np.empty_like(pose.joints))
         force, torque, offset, turning = pose.work
         np.matmul(self._moves, dX.reshape(K, -1), out=force.reshape(-1, 3 * N))
-        np.matmul(self._moves, _cross(pose.joints, dX, turning).reshape(K, -1), out=torque.reshape(-1, 3 * N))
+        np.matmul(self._moves, _cross(pose.local, dX, turning).reshape(K, -1), out=torque.reshape(-1, 3 * N))
         torque -= _cross(pose.pivot, force, offset)
         torque[self._slides] = force[self._slides]
         torque *= pose.axis
-        gradient = np.zeros((len(self.initial), N))
+        gradient = np.zeros((len(self.initial), N), self._dtype)
         if self._repeats:  # one DoF drives several joints
             np.add.at(gradient, self.driven, torque.sum(axis=1))
         else:
@@ -305,7 +330,7 @@ class Skeleton:
         """
         chosen = list(range(len(self.parents))) if joints is None else list(joints)
         Q, _, N = pose.axis.shape
-        X, a, P = pose.joints[chosen], pose.axis[:, None], pose.pivot[:, None]
+        X, a, P = pose.local[chosen], pose.axis[:, None], pose.pivot[:, None]
         arm = np.where(self.turns[:, None, None, None], X - P, 0.0)
         J = np.empty((Q, len(chosen), 3, N))
         for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
@@ -410,8 +435,17 @@ def _groups(
             bone = params[joints[0]].bone
             axis = _signed(bone.axis)[0] if bone else 0
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            groups.append(Group(joints, parent, _as_slice(slots), together, axis))
+            trees = [_as_slice(_below(j, parents)) for j in joints if parent < 0]
+            groups.append(Group(joints, parent, _as_slice(slots), together, axis, trees))
     return groups, places
+
+
+def _below(root: int, parents: NDArray[np.int_]) -> list[int]:
+    """The joint and all that hang from it."""
+    found = {root}
+    while more := {j for j, parent in enumerate(parents.tolist()) if parent in found} - found:
+        found |= more
+    return sorted(found)
 
 
 def _together(steps: Sequence[Step]) -> Operation:

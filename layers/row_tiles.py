@@ -58,7 +58,7 @@ class RowTiles:
         rows = out[:Ho].reshape(Ho, T * O, -1)
         multiply(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), rows)
         if bias is not None:
-            rows += np.tile(bias, T)[:, None]
+            rows.reshape(Ho, T, O, -1)[...] += bias[:, None]
         if y.tile is None:
             y.data[...] = untile(out, Ho, Wo)
 

@@ -69,6 +69,7 @@ class Blob:
         self._data: Array | None = None
         self._diff: Array | None = None
         self._owner: Blob | None = None
+        self._diff_is_clear = False  # reads as zeros, but the memory still has to be filled with them
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -138,7 +139,24 @@ class Blob:
             self._on_look()
         if self._diff is None:
             self._diff = np.zeros(self.storage_shape, self.dtype)
+        elif self._diff_is_clear:
+            self._diff.fill(0)
+        self._diff_is_clear = False
         return self._diff
+
+    def clear_diff(self) -> None:
+        """Set the diff to zero. It costs nothing until somebody looks."""
+        (self._owner or self)._diff_is_clear = True
+
+    def diff_to_add_to(self) -> tuple[Array, bool]:
+        """The diff, and whether it is known to be zero.
+
+        If so, its memory holds anything, and all of it must be written: that spares large parameters to be filled with
+        zeros, read again and added to.
+        """
+        owner = self._owner or self
+        clear, owner._diff_is_clear = owner._diff_is_clear, False
+        return self.diff, clear
 
     # Caffe's names for the first axes
     @property

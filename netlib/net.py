@@ -402,7 +402,8 @@ class Net:
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
-        parallel.run([functools.partial(param.blob.diff.fill, 0) for param in self.learnable])
+        for param in self.learnable:
+            param.blob.clear_diff()
 
     def first_not_finite(self) -> str | None:
         """Where in the net NaN or infinity first appears, in words; None if nowhere."""

@@ -219,6 +219,35 @@ def test_few_poses_and_many_agree(hand, rng):
     assert np.allclose(hand.forward(inputs).joints.transpose(2, 0, 1), together, atol=1e-14)
 
 
+def test_float32_costs_digits_of_float32_only(hand, rng):
+    """Also far away: the body is built around its root, and moved there last."""
+    inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(31, 3, 20)).astype(np.float32)
+    inputs[10:, :3] += 500
+    exact, fast = hand.forward(inputs), hand.as_type(np.float32).forward(inputs)
+    assert fast.joints.dtype == np.float32
+    assert np.allclose(fast.joints[..., :10], exact.joints[..., :10], atol=1e-6)
+    assert np.allclose(fast.joints[..., 10:], exact.joints[..., 10:], atol=5e-5)
+    gradient = hand.as_type(np.float32).backward(fast, dX)
+    assert gradient.dtype == np.float32
+    assert np.allclose(gradient, hand.backward(exact, dX), atol=1e-5)
+
+
+def test_bodies_of_several_roots(skeleton, rng):
+    """Each is built around its own root: two arms in one file move as two files of one arm do."""
+    arm = """
+        dof {{ name: "x{0}" }} dof {{ name: "y{0}" }} dof {{ name: "turn{0}" }} dof {{ name: "elbow{0}" }}
+        joint {{ name: "base{0}" translate {{ axis: X dof: "x{0}" }} translate {{ axis: Y dof: "y{0}" }}
+                 rotate {{ axis: Z dof: "turn{0}" }} bone {{ axis: X length: 0.2 }} }}
+        joint {{ name: "hand{0}" parent: "base{0}" rotate {{ axis: Z dof: "elbow{0}" }} bone {{ axis: X length: 1 }} }}
+    """
+    one, two = skeleton(arm.format("")), skeleton(arm.format("_a") + arm.format("_b"))
+    inputs, dX = rng.normal(size=(20, 8)), rng.normal(size=(4, 3, 20))
+    pose, parts = two.forward(inputs), [one.forward(inputs[:, :4]), one.forward(inputs[:, 4:])]
+    assert np.allclose(pose.joints, np.concatenate([part.joints for part in parts]))
+    gradients = [one.backward(part, dX[2 * i : 2 * i + 2]) for i, part in enumerate(parts)]
+    assert np.allclose(two.backward(pose, dX), np.concatenate(gradients, axis=1))
+
+
 def test_rotation_of_a_joint(hand, rng):
     """A rotation that carries the bone's axis along the bone."""
     inputs = rng.normal(size=(9, 47))

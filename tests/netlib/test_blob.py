@@ -33,6 +33,25 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_a_new_sha
         blob.reshape(2, -1)
 
 
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_cleared_diff_is_zero_for_whoever_looks(shared: bool) -> None:
+    """Though its memory is only filled then; who adds to it is told that writing will do, once."""
+    owner = Blob((2, 3))
+    blob = Blob((6,)) if shared else owner
+    if shared:
+        blob.share(owner)
+    blob.diff[...] = 5
+    blob.clear_diff()
+    diff, is_zero = blob.diff_to_add_to()
+    assert is_zero
+    diff[...] = 7
+    assert not blob.diff_to_add_to()[1]
+    assert (owner.diff == 7).all()
+    blob.clear_diff()
+    assert not owner.diff.any()
+    assert not blob.diff_to_add_to()[1]
+
+
 def test_caffes_names_of_the_axes() -> None:
     """Missing axes have size 1."""
     blob = Blob((5, 4, 3))

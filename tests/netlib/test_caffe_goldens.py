@@ -96,11 +96,14 @@ HAND = """
 
 
 @pytest.mark.parametrize("type_name", ["HandModel", "DeepHandModel"])
-@pytest.mark.parametrize(("dtype", "suffix", "tolerance"), [(np.float32, "", 1e-6), (np.float64, "_f64", 1e-12)])
+@pytest.mark.parametrize(("dtype", "suffix", "tolerance"), [(np.float32, "", 5e-6), (np.float64, "_f64", 1e-12)])
 def test_hand_model(
     caffe_data: Path, net_of: Callable[..., netlib.Net], type_name: str, dtype: Any, suffix: str, tolerance: float
 ) -> None:
-    """Joints and gradients of 32 poses, under our name and the released one."""
+    """Joints and gradients of 32 poses, under our name and the released one.
+
+    Some of them turn by 900 rad, where neighbouring float32 numbers are 6e-5 rad apart.
+    """
     recorded = np.load(caffe_data / "hand_model.npz")
     net = net_of(HAND % type_name, dtype=dtype)
     net.forward(x=recorded["bottom"])
