@@ -24,10 +24,12 @@ from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.schema import UInt
 
-# A product is computed in nearly equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx. So
-# even one item keeps all threads busy. Blocks do not depend on the number of threads, so neither does the rounding of a
-# sum; they are large, because every product packs its factors anew.
+# A product is computed in nearly equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx.
+# Blocks do not depend on the number of threads, so neither does the rounding of a sum; they are large, because every
+# product packs its factors anew. For a few items that takes longer than the product: they go one by one, since a
+# product with one row reads the weights where they are.
 LARGEST_BLOCK = 640
+FEW_ITEMS = 8
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,15 @@ class InnerProduct(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self._rows(bottom[0].data), self._flat(top[0].data), self.weight()
 
-        def job(o: slice) -> None:
-            np.matmul(x, w[o].T, out=y[:, o])
+        def job(rows: slice, o: slice) -> None:
+            np.matmul(x[rows], w[o].T, out=y[rows, o])
             if self.param.bias_term:
-                y[:, o] += self.blobs[1].data[o]
+                y[rows, o] += self.blobs[1].data[o]
 
-        _each(job, len(w))
+        if len(x) <= FEW_ITEMS:
+            parallel.run([partial(job, slice(n, n + 1), slice(None)) for n in range(len(x))])
+        else:
+            _each(partial(job, slice(None)), len(w))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x, dy, w = self._rows(bottom[0].data), self._flat(top[0].diff), self.weight()

@@ -36,8 +36,9 @@ log = logging.getLogger("netlib")
 
 # A solver's options that change the course of a training; a resume says which of them are not what they were.
 _COURSE = (
-    "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "max_iter", "iter_size", "momentum",
-    "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type", "clip_gradients",
+    "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
+    "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
+    "clip_gradients",
 )  # fmt: skip
 
 
@@ -460,6 +461,8 @@ def _checked(p: SolverParameter) -> SolverParameter:
     tree = schema.tree_of(p)
     if p.base_lr < 0 or (tree is not None and not tree.values("base_lr") and not p.base_lr):
         raise fail("base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative")
+    if p.rampup_lr < 0:
+        raise fail("rampup_lr", f"rampup_lr {p.rampup_lr:g} is negative")
     if p.lr_policy in ("step", "exp", "multistep") and p.gamma <= 0:
         raise fail("gamma", f"lr_policy {p.lr_policy!r} needs a gamma above 0, found {p.gamma:g}")
     if p.lr_policy == "inv" and p.gamma < 0:

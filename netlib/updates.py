@@ -125,4 +125,6 @@ POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {
 
 def learning_rate(p: SolverParameter, iteration: int) -> float:
     """The learning rate of the update that follows ``iteration`` updates."""
+    if iteration < p.rampup_interval:
+        return p.rampup_lr + (p.base_lr - p.rampup_lr) * iteration / p.rampup_interval
     return POLICIES[p.lr_policy](p, iteration)

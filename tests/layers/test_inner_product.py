@@ -68,6 +68,18 @@ def test_more_rows_than_a_block(run, rng, keep_threads):
     assert all(np.array_equal(a, b) for a, b in zip(*found))
 
 
+@pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false"])
+def test_few_items_and_many_agree(run, rng, keep_threads, options):
+    """Few go one by one, many in one product; on any number of threads."""
+    x = rng.normal(size=(20, 30))
+    many = run(text(options), x)
+    params = [p.data.copy() for p in many.layer.blobs]
+    for threads in (1, 3):
+        netlib.set_threads(threads)
+        for count in (1, 3, 8):
+            assert np.allclose(run(text(options), x[:count], params=params).y, many.y[:count], atol=1e-12)
+
+
 def test_mistakes(run):
     """No outputs, or another number of inputs than the weights expect."""
     with pytest.raises(netlib.LayerError, match="num_output must be at least 1"):

@@ -113,3 +113,9 @@ def test_an_extreme_sigmoid_does_not_overflow() -> None:
 def test_poly_after_its_end() -> None:
     """Training on beyond max_iter leaves the rate at 0, not at a complex number."""
     assert learning_rate(solver(base_lr=2.0, lr_policy="poly", power=0.5, max_iter=10), 11) == 0
+
+
+def test_the_rate_rises_first_where_asked() -> None:
+    """From rampup_lr to base_lr in a straight line; then the policy goes on as if it had run from the beginning."""
+    p = solver(base_lr=2.0, lr_policy="poly", power=1.0, max_iter=10, rampup_interval=4, rampup_lr=1.0)
+    assert [learning_rate(p, i) for i in range(6)] == pytest.approx([1, 1.25, 1.5, 1.75, 1.2, 1])
