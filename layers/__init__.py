@@ -22,6 +22,7 @@ from layers.scale import Scale
 from layers.sigmoid import Sigmoid
 from layers.silence import Silence
 from layers.slice import Slice
+from layers.smooth_l1_loss import SmoothL1Loss
 from layers.softmax import Softmax
 from layers.softmax_loss import SoftmaxWithLoss
 from layers.split import Split
@@ -53,6 +54,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Sigmoid": Sigmoid,
     "Silence": Silence,
     "Slice": Slice,
+    "SmoothL1Loss": SmoothL1Loss,
     "Softmax": Softmax,
     "SoftmaxWithLoss": SoftmaxWithLoss,
     "Split": Split,

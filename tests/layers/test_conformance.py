@@ -61,6 +61,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
     "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
     "Slice": ("", lambda N: [off_zero(N, 4)], {"tops": 2}),
+    "SmoothL1Loss": ("smooth_l1_loss_param { sigma: 1.3 }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
     "Softmax": ("", lambda N: [off_zero(N, 3)], {}),
     "SoftmaxWithLoss": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "Split": ("", lambda N: [off_zero(N, 3)], {"tops": 2}),

@@ -1,0 +1,64 @@
+"""SmoothL1Loss."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(sigma=2.0):
+    """The layer: with a sigma of 2 the square reaches up to 1/4."""
+    return f'type: "SmoothL1Loss" smooth_l1_loss_param {{ sigma: {sigma} }}'
+
+
+def test_by_hand(run):
+    """4 d² / 2 of 0.125, and |d| - 1/8 of 1 and of -3, over two items."""
+    done = run(text(), [[0.125, 1], [0, 0]], [[0, 0], [3, 0]])
+    assert done.y == pytest.approx((0.03125 + 0.875 + 2.875) / 2)
+    da, db = done.backward(3)
+    assert da.tolist() == [[0.75, 1.5], [-1.5, 0]]
+    assert db.tolist() == (-da).tolist()
+
+
+def test_inner_weights_scale_the_difference_and_outer_ones_the_loss(run):
+    """As in Fast R-CNN; the inner ones decide also where the square ends."""
+    done = run(text(), [[1.0, 1.0]], [[0.0, 0.0]], [[0.125, 2.0]], [[1.0, 10.0]])
+    assert done.y == pytest.approx(0.03125 + 10 * 1.875)
+    with pytest.raises(netlib.LayerError, match="no gradient for its weights; set propagate_down: false"):
+        done.backward(1)
+
+
+def test_a_small_sigma_is_half_the_squares(run, rng):
+    """EuclideanLoss times sigma squared."""
+    a, b = rng.normal(size=(2, 5, 4))
+    assert run(text(0.1), a, b).y == pytest.approx(0.01 * run('type: "EuclideanLoss"', a, b).y)
+
+
+def test_a_large_sigma_is_the_sum_of_absolute_values(run, rng):
+    """But for what is cut off at zero."""
+    a, b = rng.normal(size=(2, 5, 4))
+    assert run(text(1000.0), a, b).y == pytest.approx(np.abs(a - b).sum() / 5, abs=1e-5)
+
+
+def test_gradient(check, rng):
+    """Of both bottoms, and with weights."""
+    a, b, inner, outer = rng.normal(size=(4, 3, 4))
+    check(text(), a, b)
+    check(text(), a, b, inner, outer, wanted=[True, True, False, False])
+
+
+@pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), (6, 1), ()])
+def test_shapes_must_agree(run, shape):
+    """Both names and both shapes."""
+    with pytest.raises(
+        netlib.LayerError, match=r"'bottom0' \(2, 3\) and 'bottom1' \(.*\) must have the same number of items"
+    ):
+        run(text(), np.zeros((2, 3)), np.zeros(shape))
+
+
+def test_mistakes(run):
+    """One kind of weights alone, and a sigma of nothing."""
+    with pytest.raises(netlib.LayerError, match="has 3 bottoms, expected 2, or 4 with the inner and the outer"):
+        run(text(), *np.zeros((3, 2, 3)))
+    with pytest.raises(netlib.LayerError, match="sigma 0 must be above 0"):
+        run(text(0), *np.zeros((2, 2, 3)))
