@@ -48,15 +48,15 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose import labels
 from handpose.angles import canonical, rotations, wrap
 from handpose.fit import fit
 from handpose.icvl import JOINTS as ICVL_JOINTS
 from handpose.nyu import CUBE_MM, EVALUATION_JOINTS
-from layers.hdf5_data import File, read_list
+from layers.hdf5_data import read_list
 from layers.kinematics import DofParameter, Skeleton, SkeletonParameter
 from netlib import parallel
 from netlib.errors import DataError
@@ -472,22 +472,18 @@ def read_annotation(
     half_cube  mm, where the file does not say
     """
     files = read_list(str(path), None) if Path(path).suffix == ".txt" else [Path(path)]
-    parts = [_read(file, half_cube) for file in files]
-    widths = sorted({rows.shape[1] for rows, _ in parts})
     K = len(skeleton.parents)
     known = {K: tuple(range(K)), **{few: part for (all_, few), part in PARTS.items() if all_ == K}}
-    if len(widths) > 1 or widths[0] not in [3 * count for count in known]:
-        expected = " or ".join(f"{3 * count} ({count} joints)" for count in known)
-        raise DataError(f"{path}: rows of 'joint' have {' and '.join(map(str, widths))} numbers, expected {expected}")
-    there = known[widths[0] // 3]
+    parts = [labels.read(file, known, half_cube) for file in files]
+    counts = sorted({part.joints.shape[1] for part in parts})
+    if len(counts) > 1:
+        raise DataError(f"{path}: some files have {counts[0]} joints, others {counts[-1]}; expected as many in all")
+    there = known[counts[0]]
     chosen = there if joints is None else known.get(joints, ())
     if not chosen or not set(chosen) <= set(there):
         raise DataError(f"{path}: has {len(there)} joints of a skeleton of {K}; {joints} cannot be taken of them")
-    stored = np.concatenate([rows for rows, _ in parts]).reshape(-1, len(there), 3)[:, [there.index(j) for j in chosen]]
-    half = np.concatenate([half for _, half in parts])
-    wrong = ~np.isfinite(stored).all(axis=(1, 2))
-    if wrong.any():
-        raise DataError(f"{path}: frame {wrong.argmax()} has joints that are not finite ({wrong.sum()} such frames)")
+    stored = np.concatenate([part.joints for part in parts])[:, [there.index(j) for j in chosen]]
+    half = np.concatenate([part.half_cube for part in parts])
     outside = (np.abs(stored) >= 1).any(axis=2)  # where joints are cut off to
     usable = np.flatnonzero(2 * outside.sum(axis=1) <= len(chosen))
     if len(usable) < FEWEST_FRAMES:
@@ -497,24 +493,8 @@ def read_annotation(
         )
     if frames is not None and frames < len(usable):
         usable = np.sort(np.random.default_rng(seed).choice(usable, frames, replace=False))
-    targets = np.where(outside[usable][:, :, None], np.nan, stored[usable].astype(np.float64))
+    targets = np.where(outside[usable][:, :, None], np.nan, stored[usable])
     return Annotation(targets, chosen, half[usable], int(outside[usable].sum()), len(stored))
-
-
-def _read(path: Path, half_cube: float) -> tuple[NDArray[np.floating], Array]:
-    """Rows of ``joint`` (n, 3 K) and the half-cubes (n,) of one file."""
-    file = File(path, ("joint",))
-    with h5py.File(path, "r") as raw:
-        told = "half_cube" in raw
-    joint = file.arrays[0]
-    if joint.ndim != 2:
-        raise DataError(f"{path}: 'joint' has shape {joint.shape}, expected (N, 3 K)")
-    half = np.full((file.rows, 1), half_cube)
-    if told:
-        half = File(path, ("joint", "half_cube")).arrays[1].reshape(file.rows, -1).astype(np.float64)
-    if half.shape[1] != 1 or not (np.isfinite(half) & (half > 0)).all():
-        raise DataError(f"{path}: 'half_cube' is not one positive number of mm a frame")
-    return joint, half[:, 0]
 
 
 def skeleton_text(skeleton: Skeleton, name: str, comment: str) -> str:

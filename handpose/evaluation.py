@@ -7,12 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import metrics
-from handpose.nyu import ANNOTATION_OF_JOINT, CUBE_MM
+from handpose import labels, metrics
+from handpose.nyu import ANNOTATION_OF_JOINT
 from layers import kinematics
 from layers.hand_model import HandModel
 from layers.hdf5_data import HDF5Data
@@ -81,31 +80,10 @@ def predict(
         truth=arrays[truth].reshape(done, -1, 3),
         dof=arrays[hand.spec.bottom[0]] if hand else None,
         skeleton=arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None,
-        half_cube=_half_cubes(data),
+        half_cube=np.concatenate([labels.read_half_cubes(file) for file in data.files]),
         outputs={name: float(np.mean(values)) for name, values in sums.items()},
         made_from=", ".join(sorted({file.made_from for file in data.files})),
     )
-
-
-def _half_cubes(data: HDF5Data) -> Array:
-    """Half-cubes (mm) of all frames; the usual 150 mm where a file does not say."""
-    halves = []
-    for source in data.files:
-        with h5py.File(source.path, "r") as file:
-            stored = file.get("half_cube")
-            if stored is None:
-                halves.append(np.full(source.rows, CUBE_MM / 2))
-                continue
-            if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "fiu":
-                raise DataError(
-                    f"{source.path}: half_cube is not a data set of numbers; expected half the cube's edge, mm"
-                )
-            halves.append(stored[...].reshape(-1))
-        if len(halves[-1]) != source.rows:
-            raise DataError(f"{source.path}: {len(halves[-1])} values of half_cube for {source.rows} frames")
-        if not (np.isfinite(halves[-1]) & (halves[-1] > 0)).all():
-            raise DataError(f"{source.path}: half_cube has values that are not positive numbers; expected mm")
-    return np.concatenate(halves).astype(np.float64)
 
 
 def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:

@@ -21,10 +21,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import dataset, fit
-from handpose.nyu import CUBE_MM
+from handpose import dataset, fit, labels
 from layers.kinematics import Skeleton
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError
 
 Array = NDArray[np.float64]
 VERSION = 2  # to be raised when a change of the code changes the angles
@@ -67,21 +66,23 @@ def fit_file(
             residuals = file["residual_mm"][...].astype(np.float64)
         progress(len(residuals))
         return np.asarray(residuals)
-    joints, half_cube, names, made_from = _read(path, len(skeleton.parents))
-    joints[(np.abs(joints) >= 1).any(axis=2)] = np.nan  # cut off at the cube: not where the joint is
+    seen = labels.read(path, [len(skeleton.parents)])
+    cut_off = (np.abs(seen.joints) >= 1).any(axis=2, keepdims=True)
+    joints = np.where(cut_off, np.nan, seen.joints)  # at the cube's face is not where the joint is
     try:
         found = fit.fit(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    residuals = found.residuals * half_cube[:, None]
+    others = [name for name in seen.names if name not in ("dof", "residual_mm")]
+    residuals = found.residuals * seen.half_cube[:, None]
 
     def fill(temporary: Path) -> None:
         with h5py.File(temporary, "w") as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)
-            for name in names:
+            for name in others:
                 file[name] = h5py.ExternalLink(os.path.relpath(path.resolve(), target.parent.resolve()), name)
-            file.attrs.update(recipe=recipe, made_from=made_from)
+            file.attrs.update(recipe=recipe, made_from=seen.made_from)
 
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -89,23 +90,3 @@ def fit_file(
     except OSError as error:
         raise DataError(f"{target}: {dataset.reason(error)}") from None
     return np.asarray(residuals)
-
-
-def _read(path: Path, count: int) -> tuple[Array, Array, list[str], str]:
-    """Joints (n, count, 3) and half-cubes (n,) in mm of a file, the names of its other data sets, and its origin."""
-    try:
-        with h5py.File(path, "r") as file:
-            stored = file.get("joint")
-            if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "fiu" or not stored.shape:
-                raise DataError(f"{path}: no numbers in a data set 'joint'; it has {', '.join(file) or 'none'}")
-            if stored.size != len(stored) * count * 3 or not len(stored):
-                raise DataError(f"{path}: joint has shape {stored.shape}, expected (N, {count * 3}): {count} joints")
-            half_cube = file["half_cube"][...].reshape(-1) if "half_cube" in file else np.full(len(stored), CUBE_MM / 2)
-            names = [name for name in file if name not in ("dof", "residual_mm")]
-            joints = stored[...].astype(np.float64).reshape(len(stored), count, 3)
-            made_from = str(file.attrs.get("made_from", "an unknown source"))
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the HDF5 file: {os_reason(error)}") from None
-    if half_cube.shape != (len(joints),) or not (np.isfinite(half_cube) & (half_cube > 0)).all():
-        raise DataError(f"{path}: half_cube is not one positive number of mm a frame")
-    return joints, half_cube.astype(np.float64), names, made_from

@@ -13,6 +13,7 @@ that is being read. They change places, so an array taken from a top is good unt
 
 from __future__ import annotations
 
+import mmap
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,6 +81,7 @@ class HDF5Data(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         ahead = self._ahead or self._reader.submit(self.read, self.cursor, self._next)
+        self._ahead = None  # if it failed, the next forward tries again
         self.cursor = ahead.result()
         for i, blob in enumerate(top):
             read, used = self._next[i], blob.data
@@ -114,13 +116,14 @@ class HDF5Data(Layer):
 
     def _drop_ahead(self) -> None:
         if self._ahead is not None:
-            self._ahead.result()
+            self._ahead.exception()  # waits; nobody wants the batch, or to know why it could not be read
             self._ahead = None
 
     def row(self, number: int) -> list[Array]:
         """One row of every data set, counted over all files in the order of the list."""
         for file in self.files:
             if number < file.rows:
+                file.check_size()
                 return [np.asarray(array[number]) for array in file.arrays]
             number -= file.rows
         raise IndexError(f"there are {self.rows} rows")
@@ -135,6 +138,7 @@ class HDF5Data(Layer):
             file = self.files[self._order(len(self.files), turn, 0)[place]]
             take = min(size - done, file.rows - row)
             rows = self._order(file.rows, turn, 1 + place)[row : row + take] if self.param.shuffle else None
+            file.check_size()
             for out, array in zip(batch, file.arrays):
                 target = out[done : done + take]
                 if rows is None:
@@ -156,10 +160,19 @@ class HDF5Data(Layer):
 
 
 class File:
-    """One open HDF5 file: an array for each data set, mapped if it is stored in one piece."""
+    """One open HDF5 file: an array for each data set, mapped if it is stored in one piece.
+
+    arrays     one for each of the names asked for
+    rows       in each array
+    names      of all that the file holds
+    made_from  what the data are
+
+    Before reading from ``arrays`` of a file that has been open for a while, ``check_size``.
+    """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path = path
+        self._maps: dict[str, mmap.mmap] = {}  # by the name of the file, which links may lead out of this one
         try:
             path.open("rb").close()
             with h5py.File(path, "r") as file:
@@ -172,6 +185,7 @@ class File:
                     if not isinstance(file.get(name), h5py.Dataset):
                         raise DataError(f"{path}: no data set {name!r}; it has {', '.join(file) or 'none'}")
                 self.arrays = [self._array(file[name]) for name in names]
+                self.names = tuple(file)
                 self.made_from = str(file.attrs.get("made_from", "an unknown source"))
         except (OSError, ValueError, RuntimeError) as error:
             reason = os_reason(error) if isinstance(error, OSError) else str(error)
@@ -192,7 +206,21 @@ class File:
         if offset is None or dataset.size == 0:  # in chunks, compressed, in a raw file elsewhere, or empty
             return np.asarray(dataset[...])
         home = dataset.file.filename  # another file for an external link
-        return np.memmap(home, dataset.dtype, "r", offset, dataset.shape).view(np.ndarray)
+        if home not in self._maps:
+            with open(home, "rb") as stream:
+                self._maps[home] = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+        return np.frombuffer(self._maps[home], dataset.dtype, dataset.size, offset).reshape(dataset.shape)
+
+    def check_size(self) -> None:
+        """Raise DataError if a mapped file has been cut: to read what is gone would kill the process.
+
+        That still happens if the file is cut while it is read. A file that takes another's place does no harm.
+        """
+        for home, mapped in self._maps.items():
+            size = mapped.size()
+            if size < len(mapped):
+                raise DataError(f"{home}: was cut to {size} bytes while in use, expected {len(mapped)}; "
+                                "restore the file and run again")  # fmt: skip
 
 
 def read_list(source: str, prototxt: str | None) -> list[Path]:

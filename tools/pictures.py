@@ -42,5 +42,6 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
 def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
     try:
         dataset.replace(Path(path), fill)
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot write the picture: {os_reason(error)}") from error
+    except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the format
+        reason = os_reason(error) if isinstance(error, OSError) else str(error)
+        raise NetlibError(f"{path}: cannot write the picture: {reason}") from error

@@ -16,7 +16,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from netlib.errors import DataError, NetlibError, os_reason
+from netlib.errors import DataError, os_reason
+from tools import pictures
 from tools.console import DONE, guarded
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|nan|inf))"
@@ -75,15 +76,9 @@ def read_log(path: str | Path) -> Log:
 
 def plot(logs: dict[str, Log], out: str | Path) -> None:
     """One panel for the loss, one for each test output. Raises NetlibError if the picture cannot be written."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     names = sorted({name for log in logs.values() for name in log.test})
-    figure, axes = pyplot.subplots(1, 1 + len(names), figsize=(5.2 * (1 + len(names)), 4), squeeze=False)
+    figure = pictures.new_figure(5.2 * (1 + len(names)), 4)
+    axes = figure.subplots(1, 1 + len(names), squeeze=False)
     for path, log in logs.items():
         label = Path(path).stem
         _curve(axes[0, 0], log.loss, f"{label}: train")
@@ -96,14 +91,7 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
         axis.set_ylim(bottom=0)
         if axis.lines:
             axis.legend(frameon=False)
-    figure.tight_layout()
-    try:
-        figure.savefig(out, dpi=110)
-    except (OSError, ValueError) as error:
-        reason = os_reason(error) if isinstance(error, OSError) else str(error)
-        raise NetlibError(f"{out}: cannot write the picture: {reason}") from error
-    finally:
-        pyplot.close(figure)
+    pictures.write_figure(out, figure, dpi=110)
 
 
 def _curve(axis: object, curve: Curve, label: str, marker: str = "") -> None:

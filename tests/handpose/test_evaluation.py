@@ -60,21 +60,11 @@ def test_a_second_run_begins_at_the_first_frame(frames: Path) -> None:
     assert np.array_equal(first.joints, second.joints)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        (np.zeros(7), "half_cube has values that are not positive numbers"),
-        (np.full(7, np.nan), "half_cube has values that are not positive numbers"),
-        (np.full(5, 150.0), "5 values of half_cube for 7 frames"),
-        (np.array([b"150"] * 7), "half_cube is not a data set of numbers"),
-    ],
-)
-def test_a_half_cube_that_gives_no_millimetres(frames: Path, values: np.ndarray, message: str) -> None:
+def test_a_half_cube_that_gives_no_millimetres(frames: Path) -> None:
     """Never a wrong figure from a wrong scale."""
     with h5py.File(frames / "a.h5", "a") as file:
-        del file["half_cube"]
-        file["half_cube"] = values
-    with pytest.raises(DataError, match=message):
+        file["half_cube"][2] = np.nan
+    with pytest.raises(DataError, match=r"a\.h5: data set 'half_cube' is nan in frame 2"):
         evaluation.predict(net_of(frames))
 
 

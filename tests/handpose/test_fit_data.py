@@ -213,16 +213,11 @@ def test_companions_go_to_another_folder(source, tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"other": np.zeros(2)}, "no numbers in a data set 'joint'; it has depth, half_cube, other"),
-        ({"joint": np.array([b"a", b"b"])}, "no numbers in a data set 'joint'; it has depth, half_cube, joint"),
-        ({"joint": np.zeros((2, 42))}, r"joint has shape \(2, 42\), expected \(N, 93\): 31 joints"),
-        ({"joint": np.zeros((0, 93))}, r"joint has shape \(0, 93\), expected \(N, 93\): 31 joints"),
-        ({"joint": np.zeros((2, 93)), "half_cube": np.zeros(2)}, "half_cube is not one positive number of mm a frame"),
-        ({"joint": np.zeros((2, 93)), "half_cube": np.ones(3)}, "half_cube is not one positive number of mm a frame"),
-        ({"joint": np.full((2, 93), np.nan)}, "frame 0 has no known joint"),
+        ({"other": np.zeros(2)}, "no data set 'joint'; it has depth, half_cube, other"),
+        ({"joint": np.zeros((2, 42))}, r"data set 'joint' has shape \(2, 42\), expected \(N, 93\) for 31 joints"),
         ({"joint": np.ones((2, 93))}, "frame 0 has no known joint"),
     ],
-    ids=["none", "no numbers", "14 joints", "no rows", "no cube", "cubes", "unknown", "all cut off"],
+    ids=["none", "14 joints", "all cut off"],
 )
 def test_files_with_something_wrong_in_them(tmp_path, arrays, message):
     """One line names the file; nothing is written."""

@@ -1,6 +1,8 @@
 """HDF5Data: the order of rows, what is restored, and files that are not what they should be."""
 
 import itertools
+import mmap
+import os
 
 import h5py
 import numpy as np
@@ -16,6 +18,7 @@ def data(tmp_path, net_of):
     def make(counts, batch, shuffle=False, chunks=None, dtype=np.float32, **options):
         number = 0
         for i, count in enumerate(counts):
+            (tmp_path / f"{i}.h5").unlink(missing_ok=True)  # a net made before goes on with its own files
             with h5py.File(tmp_path / f"{i}.h5", "w") as file:
                 rows = np.arange(number, number + count)
                 file.create_dataset("x", data=np.repeat(rows[:, None], 2, 1).astype(dtype), chunks=chunks)
@@ -252,6 +255,75 @@ def test_a_truncated_file(tmp_path, net_of, keep):
     with pytest.raises(netlib.DataError, match=r"a.h5: cannot read the HDF5 file") as error:
         net_of(layer(tmp_path / "list.txt", 2))
     assert "\n" not in str(error.value)
+
+
+def cut(path):
+    """Halve a file that is mapped; returns what it held."""
+    content = path.read_bytes()
+    assert len(content) <= mmap.PAGESIZE, "half a page can still be read, so that no mistake ends the tests"
+    os.truncate(path, len(content) // 2)
+    return content
+
+
+@pytest.mark.parametrize("shuffle", [False, True])
+@pytest.mark.parametrize("done", [0, 2], ids=["before the first batch", "while it is read ahead"])
+def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
+    """One line in place of a bus error, also out of the thread that reads ahead; whole again, the net goes on."""
+    other, net = data([6, 5], 2, shuffle), data([6, 5], 2, shuffle)
+    found = numbers(net, done)
+    if done:
+        net.layer_dict["d"]._ahead.result()  # so that no row is read while the files are cut
+    contents = {path: cut(path) for path in (tmp_path / "0.h5", tmp_path / "1.h5")}
+    if done:
+        found += numbers(net, 1)
+    for _ in range(2):
+        with pytest.raises(netlib.DataError) as error:
+            net.forward()
+        assert str(error.value) in [
+            f"{path}: was cut to {len(content) // 2} bytes while in use, expected {len(content)}; "
+            "restore the file and run again"
+            for path, content in contents.items()
+        ]
+    for path, content in contents.items():
+        with path.open("r+b") as file:
+            file.write(content)
+    found += numbers(net, 11)
+    assert found == numbers(other, len(found) // 2)
+
+
+def test_a_batch_that_nobody_wants(data, tmp_path):
+    """That it could not be read ahead is no error of who goes back to the first row; reading that row is."""
+    net = data([4, 4], 4)
+    numbers(net, 1)
+    net.layer_dict["d"]._ahead.result()
+    content = cut(tmp_path / "0.h5")
+    assert numbers(net, 1) == [4, 5, 6, 7]
+    net.layer_dict["d"].rewind()
+    with pytest.raises(netlib.DataError, match=r"0\.h5: was cut to"):
+        net.layer_dict["d"].row(1)
+    with (tmp_path / "0.h5").open("r+b") as file:
+        file.write(content)
+    assert numbers(net, 1) == [0, 1, 2, 3]
+
+
+def test_a_linked_file_that_is_cut(tmp_path, net_of):
+    """It is the one that is named, and not the file that has the link."""
+    write(tmp_path / "other.h5", x=np.zeros(3))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"], file["t"] = h5py.ExternalLink("other.h5", "x"), np.zeros(3)
+    (tmp_path / "list.txt").write_text("a.h5")
+    net = net_of(layer(tmp_path / "list.txt", 2))
+    cut(tmp_path / "other.h5")
+    with pytest.raises(netlib.DataError, match=rf"^{tmp_path}/other\.h5: was cut to"):
+        net.forward()
+
+
+def test_a_file_that_takes_the_place_of_another(data, tmp_path):
+    """The net reads on from the one that it opened."""
+    net = data([5], 5)
+    write(tmp_path / "short.h5", x=np.zeros((1, 2)))
+    (tmp_path / "short.h5").replace(tmp_path / "0.h5")
+    assert numbers(net, 2) == [0, 1, 2, 3, 4] * 2
 
 
 def test_batch_size_0(data):

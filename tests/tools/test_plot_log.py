@@ -1,5 +1,8 @@
 """tools/plot_log.py: reads this project's logs and Caffe's."""
 
+import errno
+from pathlib import Path
+
 import cv2
 import pytest
 
@@ -32,6 +35,32 @@ def test_picture(tmp_path, capsys):
     out = tmp_path / "log.png"
     assert plot_log.main([str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--out", str(out)]) == 0
     assert cv2.imread(str(out)) is not None
+
+
+def test_a_picture_that_cannot_be_written(tmp_path, capsys, monkeypatch):
+    """A write that fails half way leaves the old picture whole, and nothing beside it."""
+
+    def half(figure, file, **how):
+        Path(file).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "a.log").write_text(LOG)
+    (tmp_path / "log.png").write_bytes(b"the old picture")
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", half)
+    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.png")]) == 1
+    expected = f"{tmp_path}/log.png: cannot write the picture: No space left on device\n"
+    assert capsys.readouterr() == ("", expected)
+    assert (tmp_path / "log.png").read_bytes() == b"the old picture"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "log.png"]
+
+
+def test_a_format_that_is_not_known(tmp_path, capsys):
+    """One line names those that are."""
+    (tmp_path / "a.log").write_text(LOG)
+    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.xyz")]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"{tmp_path}/log.xyz: cannot write the picture: ") and "png" in error
+    assert error.count("\n") == 1 and [path.name for path in tmp_path.iterdir()] == ["a.log"]
 
 
 def test_caffes_own_log():

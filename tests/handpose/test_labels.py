@@ -1,0 +1,135 @@
+"""handpose/labels.py: joints and half-cubes of an HDF5 file."""
+
+import h5py
+import numpy as np
+import pytest
+
+from handpose import labels
+from layers.hdf5_data import File
+from netlib.errors import DataError
+
+ROWS = np.linspace(-1, 1, 4 * 6).reshape(4, 6)  # four frames of two joints
+
+
+def write(path, **arrays):
+    with h5py.File(path, "w") as file:
+        for name, array in arrays.items():
+            file[name] = array
+    return path
+
+
+def at(values, number, where=1):
+    """The values with another number in one frame."""
+    changed = np.array(values, np.float64)
+    changed[where] = number
+    return changed
+
+
+@pytest.mark.parametrize("shape", [(4, 6), (4, 2, 3)])
+@pytest.mark.parametrize("dtype", ["f4", "f8", ">f4", "i2"])
+@pytest.mark.parametrize("options", [{}, {"compression": "gzip"}], ids=["in one piece", "compressed"])
+def test_joints_in_any_storage(tmp_path, shape, dtype, options):
+    """In float64, in an array that can be written and does not change the file."""
+    stored = (100 * ROWS).astype(dtype)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("joint", data=stored.reshape(shape), **options)
+    joints = labels.read(tmp_path / "a.h5", [2]).joints
+    assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
+    joints[...] = 9
+    assert np.array_equal(labels.read(tmp_path / "a.h5", [2]).joints, stored.reshape(4, 2, 3))
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 1)])
+@pytest.mark.parametrize("dtype", ["f4", "i2"])
+def test_half_cubes(tmp_path, shape, dtype):
+    """One a frame, of the labels and of an open file."""
+    path = write(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
+    for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
+        assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
+
+
+def test_a_file_without_half_cubes(tmp_path):
+    """Has the usual ones: of NYU, or what the caller says."""
+    path = write(tmp_path / "a.h5", joint=ROWS)
+    assert labels.read(path, [2]).half_cube.tolist() == [150] * 4
+    assert labels.read(path, [2], usual=125).half_cube.tolist() == [125] * 4
+    assert labels.read_half_cubes(File(path, ("joint",)), usual=125).tolist() == [125] * 4
+
+
+def test_what_else_a_file_holds(tmp_path):
+    """Names in the order of the file, and what the data are."""
+    path = write(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
+    assert labels.read(path, [2]).made_from == "an unknown source"
+    with h5py.File(path, "a") as file:
+        file.attrs["made_from"] = "a test"
+    found = labels.read(path, [2])
+    assert (found.names, found.made_from) == (("depth", "joint"), "a test")
+
+
+def test_joints_that_were_cut_off(tmp_path):
+    """At the faces of the cube, and beyond, they are as stored: what that means is the caller's matter."""
+    assert labels.read(write(tmp_path / "a.h5", joint=2 * ROWS), [2]).joints.min() == -2
+
+
+def test_labels_of_another_file(tmp_path):
+    """Links are followed; one that leads nowhere is no file without half-cubes."""
+    write(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
+    links = {name: h5py.ExternalLink("first.h5", name) for name in ("joint", "half_cube")}
+    path = write(tmp_path / "a.h5", **links)
+    assert labels.read(path, [2]).half_cube.tolist() == [130.5] * 4
+    write(tmp_path / "first.h5", joint=ROWS)
+    with pytest.raises(DataError, match=r"a\.h5: data set 'half_cube' is kept in first\.h5, which is missing or lacks"):
+        labels.read(path, [2])
+
+
+# -------------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
+        ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
+        ({"joint": np.float64(1)}, "data set 'joint' has no rows"),
+        ({"joint": np.zeros((0, 6))}, "data set 'joint' has no rows"),
+        (
+            {"joint": np.zeros(6)},
+            "data set 'joint' has shape (6,), expected (N, 6) for 2 joints or (N, 9) for 3 joints",
+        ),
+        ({"joint": np.zeros((4, 7))}, "data set 'joint' has shape (4, 7), expected (N, 6) for 2 joints or"),
+        ({"joint": np.zeros((4, 12))}, "data set 'joint' has shape (4, 12), expected (N, 6) for 2 joints or"),
+        ({"joint": np.zeros((4, 3, 2))}, "data set 'joint' has shape (4, 3, 2), expected (N, 6) for 2 joints or"),
+        ({"joint": at(ROWS, np.nan)}, "data set 'joint' is not finite in frame 1 (1 such frames), expected half-cubes"),
+        ({"joint": at(ROWS, -np.inf, [2, 3])}, "data set 'joint' is not finite in frame 2 (2 such frames), expected"),
+        ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
+        ({"half_cube": 150.0}, "data set 'half_cube' has no rows"),
+        ({"half_cube": np.ones(3)}, "data set 'half_cube' has shape (3,), expected (4,): mm, one number a frame"),
+        (
+            {"half_cube": np.ones((4, 3))},
+            "data set 'half_cube' has shape (4, 3), expected (4,): mm, one number a frame",
+        ),
+        ({"half_cube": at(np.ones(4), 0)}, "data set 'half_cube' is 0 in frame 1 (1 such frames), expected mm, more"),
+        ({"half_cube": -np.ones(4)}, "data set 'half_cube' is -1 in frame 0 (4 such frames), expected mm, more than 0"),
+        ({"half_cube": at(np.ones(4), np.nan)}, "data set 'half_cube' is nan in frame 1 (1 such frames), expected mm"),
+        ({"half_cube": at(np.ones(4), np.inf)}, "data set 'half_cube' is inf in frame 1 (1 such frames), expected mm"),
+    ],
+    ids=lambda value: value.replace("data set ", "")[:40] if isinstance(value, str) else "",
+)
+def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
+    """The file, the data set, what was found and what was expected, on one line."""
+    path = write(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in arrays else {}), **arrays)
+    with pytest.raises(DataError) as error:
+        labels.read(path, [2, 3])
+    assert str(error.value).startswith(f"{path}: {message}") and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no HDF5 at all", "cut"], ids=["missing", "empty", "text", "cut"])
+def test_files_that_are_not_hdf5(tmp_path, content):
+    """Or not any more."""
+    path = tmp_path / "a.h5"
+    if content is not None:
+        write(path, joint=ROWS)
+        path.write_bytes(path.read_bytes()[:1000] if content == "cut" else content)
+    with pytest.raises(DataError, match=r"a\.h5: cannot read the HDF5 file: ") as error:
+        labels.read(path, [2])
+    assert "\n" not in str(error.value)
