@@ -3,9 +3,9 @@
 
     python benchmarks/ablation.py --iterations 1500 --seeds 1 2
 
-Every training is that of prototxt/synthetic_solver.prototxt with one change, and its rate falls to 0 at its last
-iteration. All are scored on the same held-out frames of the default prior. Data and weights go to snapshots/ablation; a
-training that is there already is not repeated.
+Every training is that of prototxt/synthetic_solver.prototxt with one change; its rate rises in the first tenth of the
+iterations and falls to 0 at the last. All are scored on the same held-out frames of the default prior. Data and weights
+go to snapshots/ablation; a training that is there already, from the same prototxt files, is not repeated.
 """
 
 from __future__ import annotations
@@ -60,7 +60,13 @@ def _with_dropout(net: str) -> str:
 
 
 def _with_sgd(solver: str) -> str:
-    return _replaced(_replaced(solver, '"Adam"', '"SGD"'), "base_lr: 0.001", "base_lr: 0.003")
+    return _replaced(_replaced(solver, '"Adam"', '"SGD"'), "base_lr: 0.002", "base_lr: 0.003")
+
+
+def _with_squares(net: str) -> str:
+    net = _replaced(net, "SmoothL1Loss", "EuclideanLoss")
+    net = _replaced(net, "  smooth_l1_loss_param { sigma: 10 }  # squared up to 0.01 half-cubes, 1.5 mm\n", "")
+    return _replaced(net, "loss_weight: 0.1", "loss_weight: 1")
 
 
 def _without_augmentation(net: str) -> str:
@@ -78,6 +84,7 @@ class Study:
     options: dict[str, Any] = field(default_factory=dict)  # of the training data's Generator
     net: Callable[[str], str] = str
     solver: Callable[[str], str] = str
+    rampup: float = 0.1  # part of the iterations
 
 
 STUDIES = (
@@ -93,7 +100,9 @@ STUDIES = (
         "one_hand", "one hand: no other sizes and bones", options={"prior": SAME, "shape": HandShape(thickness_std=0)}
     ),
     Study("dropout", "dropout 0.3", net=_with_dropout),
-    Study("sgd", "SGD 0.003, the paper's", solver=_with_sgd),
+    Study("squares", "EuclideanLoss, the paper's", net=_with_squares),
+    Study("at_once", "the full learning rate at once", rampup=0),
+    Study("sgd", "EuclideanLoss and SGD 0.003, the paper's", net=_with_squares, solver=_with_sgd),
 )
 
 
@@ -148,16 +157,22 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     """Exit status, weights and net of a training."""
     prefix = args.work / f"{study.name}_{args.iterations}_seed{seed}"
     weights, net = Path(f"{prefix}_iter_{args.iterations}.caffemodel.h5"), Path(f"{prefix}_net.prototxt")
-    text = _replaced(study.net(NET), "data/nyu/train.txt", str(data))
-    text = _replaced(text, "data/nyu/test.txt", str(test))
-    dataset.replace_text(net, text)
-    if weights.is_file():
-        return DONE, weights, net
+    net_text = _replaced(study.net(NET), "data/nyu/train.txt", str(data))
+    net_text = _replaced(net_text, "data/nyu/test.txt", str(test))
     own = {"net": net, "max_iter": args.iterations, "display": 500, "random_seed": seed}
+    own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
-    solver = Path(f"{prefix}.prototxt")
-    dataset.replace_text(solver, train.with_fields(study.solver(SOLVER), own))
+    solver, solver_text = Path(f"{prefix}.prototxt"), train.with_fields(study.solver(SOLVER), own)
+    if weights.is_file() and _holds(net, net_text) and _holds(solver, solver_text):
+        return DONE, weights, net
+    weights.unlink(missing_ok=True)
+    dataset.replace_text(net, net_text)
+    dataset.replace_text(solver, solver_text)
     return train.main([str(solver)]), weights, net
+
+
+def _holds(path: Path, text: str) -> bool:
+    return path.is_file() and path.read_text(encoding="utf-8") == text
 
 
 if __name__ == "__main__":

@@ -89,7 +89,13 @@ class HandAugment(Layer):
         crops, moved = bottom[0].data[:, 0], top[0].data[:, 0]
         source = _source_of(turn, s, move, S)
         blocks = parallel.blocks(N, _BLOCK)
-        parallel.run([functools.partial(self._move_pixels, crops[b], moved[b], source[b], s[b], d[b]) for b in blocks])
+        jobs = [functools.partial(self._move_pixels, crops[b], moved[b], source[b], s[b], d[b]) for b in blocks]
+        theirs = cv2.getNumThreads()
+        cv2.setNumThreads(1)  # these crops are shared out already; more threads fight for the same processors
+        try:
+            parallel.run(jobs)
+        finally:
+            cv2.setNumThreads(theirs)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):

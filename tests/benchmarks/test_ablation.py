@@ -1,0 +1,49 @@
+"""Ablation: each study changes what it says, and a finished training is used again only if it is the same."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from benchmarks import ablation
+from netlib import prototxt, schema
+from netlib.net import load_parameter
+from netlib.schema import SolverParameter
+
+
+def test_every_study_is_a_net_and_a_solver() -> None:
+    """That can be read, and is the recipe but for one thing: data, net, solver or rampup."""
+    recipe = ablation.STUDIES[0]
+    for study in ablation.STUDIES:
+        net, solver = study.net(ablation.NET), study.solver(ablation.SOLVER)
+        assert load_parameter(prototxt.parse(net, study.name)).layer
+        schema.read(prototxt.parse(solver, study.name), SolverParameter, "solver")
+        same = (net == ablation.NET, solver == ablation.SOLVER, study.rampup == recipe.rampup)
+        assert same.count(False) + (study.frames != recipe.frames) + bool(study.options) > 0 or study is recipe
+
+
+def test_a_training_of_another_recipe_is_not_taken_for_this_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Not even under the same name: weights, net and solver stand beside each other and must belong together."""
+    trained: list[str] = []
+
+    def train(argv: list[str]) -> int:
+        trained.append(Path(argv[0]).read_text())
+        (tmp_path / "recipe_100_seed1_iter_100.caffemodel.h5").touch()
+        return 0
+
+    monkeypatch.setattr(ablation.train, "main", train)
+    args = argparse.Namespace(work=tmp_path, iterations=100)
+    data = (tmp_path / "data.txt", tmp_path / "test.txt")
+    for _ in range(2):
+        status, weights, net = ablation.trained(ablation.STUDIES[0], *data, 1, args)
+        assert (status, weights.is_file(), net.is_file()) == (0, True, True)
+    assert len(trained) == 1
+    assert "rampup_interval: 10\n" in trained[0]
+    monkeypatch.setattr(ablation, "SOLVER", ablation.SOLVER.replace("base_lr: 0.002", "base_lr: 0.1"))
+    ablation.trained(ablation.STUDIES[0], *data, 1, args)
+    assert len(trained) == 2
+    assert "base_lr: 0.1\n" in trained[1]
