@@ -49,16 +49,16 @@ class HandModel(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         N = len(bottom[0].data)
-        x = bottom[0].data.reshape(N, -1)
+        x = bottom[0].data.reshape(N, len(self.skeleton.dof_names))
         if self.needs_backward:
             self.pose = self.skeleton.forward(x, reuse=self.pose)
-            top[0].data[...] = self.pose.joints.reshape(-1, N).T
+            top[0].data[...] = self.pose.joints.reshape(top[0].shape[1], N).T
         else:
-            top[0].data[...] = self.skeleton.joints(x).reshape(N, -1)
+            top[0].data[...] = self.skeleton.joints(x).reshape(top[0].shape)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             assert self.pose is not None
             K, _, N = self.pose.joints.shape
-            dy = np.ascontiguousarray(top[0].diff.reshape(N, -1).T).reshape(K, 3, N)
+            dy = np.ascontiguousarray(top[0].diff.T).reshape(K, 3, N)
             bottom[0].diff[...] = self.skeleton.backward(self.pose, dy).reshape(bottom[0].shape)

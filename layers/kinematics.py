@@ -310,8 +310,10 @@ class Skeleton:
         if pose.work is None:  # large arrays are slow to get anew
             pose.work = (*(np.empty_like(pose.pivot) for _ in range(3)), np.empty_like(pose.joints))
         force, torque, offset, turning = pose.work
-        np.matmul(self._moves, dX.reshape(K, -1), out=force.reshape(-1, 3 * N))
-        np.matmul(self._moves, _cross(pose.local, dX, turning).reshape(K, -1), out=torque.reshape(-1, 3 * N))
+        np.matmul(self._moves, dX.reshape(K, 3 * N), out=force.reshape(len(force), 3 * N))
+        np.matmul(
+            self._moves, _cross(pose.local, dX, turning).reshape(K, 3 * N), out=torque.reshape(len(torque), 3 * N)
+        )
         torque -= _cross(pose.pivot, force, offset)
         torque[self._slides] = force[self._slides]
         torque *= pose.axis

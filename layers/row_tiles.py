@@ -18,7 +18,6 @@ Images stand side by side in a row; the zero columns that dy has at the end of e
 from __future__ import annotations
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 
 from netlib.blob import Array, Blob, tiles_of, untile
 from netlib.layer import Layer
@@ -56,15 +55,15 @@ class RowTiles:
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
         out = y.data if y.tile else layer.buffer("Y", storage)
         rows = out[:Ho].reshape(Ho, T * O, -1)
-        multiply(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), rows)
+        multiply(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), w.shape[2], rows)
         if bias is not None:
             rows.reshape(Ho, T, O, -1)[...] += bias[:, None]
         if y.tile is None:
             y.data[...] = untile(out, Ho, Wo)
 
     def lower(self, layer: Layer, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
-        """All right factors, (Ho, kh J C, L), a view of X."""
-        (N, C, H, _), (_, _, kh, kw) = x.shape, w
+        """X as (H, J C, L): ``stacked_rows`` of it are all right factors."""
+        (N, C, H, _), kw = x.shape, w[3]
         J, P = T + kw - 1, pitch // T
         X = layer.buffer("X", (H, J, C, N, P))
         if x.tile == T and x.pitch == pitch:
@@ -74,20 +73,21 @@ class RowTiles:
         rows = X.reshape(H, J, C, N * P)
         for j in range(T, J):  # the last column of an image then comes from the next one; no valid output reads it
             rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
-        return stacked_rows(rows.reshape(H, J * C, N * P), kh)
+        return rows.reshape(H, J * C, N * P)
 
     def backward(self, layer: Layer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
         """Adds to dw and db; writes dx if ``down``."""
         T = self.tile(y.tile, w.shape)
-        N, O, Ho, _ = y.shape
+        (N, O, Ho, _), kh = y.shape, w.shape[2]
         pitch = self.pitch(x, y, T)
         storage = (-(-Ho // T) * T, T, O, N, pitch // T)
         out = y.diff if y.tile else layer.buffer("dY", storage)
         dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
-        right = self.lower(layer, x, w.shape, T, pitch)
-        parts = unpacked_parts(right.shape[1], dy.shape[1], dy.shape[2])
-        product = layer.buffer("G", (Ho, parts, right.shape[1], T * O))
-        np.matmul(in_parts(right, parts), in_parts(dy, parts).swapaxes(2, 3), out=product)
+        X = self.lower(layer, x, w.shape, T, pitch)
+        inner = kh * X.shape[1]
+        parts = unpacked_parts(inner, dy.shape[1], dy.shape[2])
+        product = layer.buffer("G", (Ho, parts, inner, T * O))
+        np.matmul(stacked_rows(X, kh, parts), stacked_rows(dy, 1, parts).swapaxes(2, 3), out=product)
         dw += fold(product.sum(axis=(0, 1)).T, w.shape, T)
         if db is not None:
             db += dy.reshape(Ho, T, O, -1).sum(axis=(0, 1, 3))
@@ -103,10 +103,9 @@ class RowTiles:
         for j in range(J):  # column T t + j - (kw - 1) of dy
             back, phase = divmod(j - (kw - 1), T)
             rows[:, j, :, -back if back else None :] = dy[:, phase, :, : L + back]
-        factors = stacked_rows(D.reshape(H + kh - 1, J * O, L), kh)
         direct = x.tile == T and x.pitch == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
-        multiply(self.matrices(w, T)[1], factors, dx.reshape(H, T * C, L))
+        multiply(self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L))
         if direct:
             return
         if x.tile is None:
@@ -144,19 +143,17 @@ def unpacked_parts(rows: int, inner: int, columns: int) -> int:
     return parts if parts <= MOST_PARTS and columns % parts == 0 else 1
 
 
-def in_parts(X: Array, parts: int) -> Array:
-    """(H, R, L) → (H, parts, R, L / parts): the columns in parts, a view."""
-    H, R, L = X.shape
-    return as_strided(X, (H, parts, R, L // parts), (X.strides[0], L // parts * X.strides[2], *X.strides[1:]))
+def stacked_rows(X: Array, kh: int, parts: int = 1) -> Array:
+    """(H, R, L) → (H - kh + 1, parts, kh R, L / parts): every kh rows in a row, the columns in parts; a view.
+
+    X is contiguous. NumPy's as_strided would do, and take 3 us for each of the hundreds of views of a batch.
+    """
+    (H, R, L), item = X.shape, X.itemsize
+    shape = (H - kh + 1, parts, kh * R, L // parts)
+    return np.ndarray(shape, X.dtype, X, 0, (R * L * item, L // parts * item, L * item, item))
 
 
-def multiply(M: Array, X: Array, out: Array) -> None:
-    """out (H, M rows, L) = M @ X (H, R, L)."""
+def multiply(M: Array, X: Array, kh: int, out: Array) -> None:
+    """out (H - kh + 1, M rows, L) = M @ X (H, R, L), every kh rows of X in a row."""
     parts = unpacked_parts(M.shape[0], M.shape[1], X.shape[2])
-    np.matmul(M, in_parts(X, parts), out=in_parts(out, parts))
-
-
-def stacked_rows(X: Array, kh: int) -> Array:
-    """(H, R, L) → (H - kh + 1, kh R, L): every kh rows in a row, a view."""
-    H, R, L = X.shape
-    return as_strided(X, (H - kh + 1, kh * R, L), X.strides, writeable=False)
+    np.matmul(M, stacked_rows(X, kh, parts), out=stacked_rows(out, 1, parts))

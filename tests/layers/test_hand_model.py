@@ -29,6 +29,18 @@ def test_the_default_is_the_hand(run, rng):
     assert np.allclose(y.reshape(3, 31, 3), kinematics.load().joints(x))
 
 
+@pytest.mark.parametrize("force", ["true", "false"])
+def test_a_batch_of_nothing(net_of, force):
+    """No hands, no joints, no gradient; for a net that predicts and for one that learns."""
+    net = net_of(f"""
+        force_backward: {force}
+        layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: 2 dim: 47 }} }} }}
+        layer {{ name: "hand" type: "HandModel" bottom: "x" top: "y" }}
+    """)
+    assert net.forward(x=np.zeros((0, 47)))["y"].shape == (0, 93)
+    assert net.backward(y=np.zeros((0, 93)))["x"].shape == (0, 47)
+
+
 def test_gradient_of_the_arm(check, text, rng):
     """Every input."""
     check(text, rng.normal(size=(3, 4)))
