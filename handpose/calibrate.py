@@ -443,17 +443,17 @@ PARTS = {(31, 14): EVALUATION_JOINTS, (21, len(ICVL_JOINTS)): tuple(range(len(IC
 class Annotation:
     """Annotated frames, as HDF5 files have them.
 
-    targets    (N, K, 3) half-cubes of each frame, from the crop centre; NaN where the cube cut a joint off
+    targets    (N, K, 3) half-cubes of each frame, from the crop centre; NaN where cut off by the cube, or unknown
     joints     (K,) which joints of the skeleton they are
     half_cube  (N,) mm
-    cut        how many joints were cut off
+    unseen     how many joints these are
     rows       how many frames the files have
     """
 
     targets: Array
     joints: tuple[int, ...]
     half_cube: Array
-    cut: int
+    unseen: int
     rows: int
 
 
@@ -482,10 +482,11 @@ def read_annotation(
     chosen = there if joints is None else known.get(joints, ())
     if not chosen or not set(chosen) <= set(there):
         raise DataError(f"{path}: has {len(there)} joints of a skeleton of {K}; {joints} cannot be taken of them")
-    stored = np.concatenate([part.joints for part in parts])[:, [there.index(j) for j in chosen]]
+    columns = [there.index(j) for j in chosen]
+    stored = np.concatenate([part.joints for part in parts])[:, columns]
     half = np.concatenate([part.half_cube for part in parts])
-    outside = (np.abs(stored) >= 1).any(axis=2)  # where joints are cut off to
-    usable = np.flatnonzero(2 * outside.sum(axis=1) <= len(chosen))
+    unseen = ~np.concatenate([part.seen for part in parts])[:, columns]
+    usable = np.flatnonzero(2 * unseen.sum(axis=1) <= len(chosen))
     if len(usable) < FEWEST_FRAMES:
         raise DataError(
             f"{path}: {len(usable)} of {len(stored)} frames have half of their joints within the cube (-1 to 1), "
@@ -493,8 +494,8 @@ def read_annotation(
         )
     if frames is not None and frames < len(usable):
         usable = np.sort(np.random.default_rng(seed).choice(usable, frames, replace=False))
-    targets = np.where(outside[usable][:, :, None], np.nan, stored[usable])
-    return Annotation(targets, chosen, half[usable], int(outside[usable].sum()), len(stored))
+    targets = np.where(unseen[usable][:, :, None], np.nan, stored[usable])
+    return Annotation(targets, chosen, half[usable], int(unseen[usable].sum()), len(stored))
 
 
 def skeleton_text(skeleton: Skeleton, name: str, comment: str) -> str:

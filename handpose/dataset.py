@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from handpose.camera import Camera
 from handpose.crop import SIZE, crop, normalise_joints
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError, reason_of
 
 Array = NDArray[Any]
 Columns = Mapping[str, Array]  # data sets by name; rows first
@@ -100,7 +100,7 @@ def text_of(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: {os_reason(error) if isinstance(error, OSError) else 'not a text file'}") from None
+        raise DataError(f"{path}: {reason_of(error)}") from None
 
 
 def list_text(paths: Iterable[Path]) -> str:
@@ -244,7 +244,7 @@ def replace_text(path: Path, text: str) -> None:
 def reason(error: OSError) -> str:
     """The plain reason, which HDF5 wraps in a long message."""
     wrapped = re.search(r"error message = '([^']*)'", str(error))
-    return wrapped.group(1) if wrapped else os_reason(error)
+    return wrapped.group(1) if wrapped else reason_of(error)
 
 
 class StoppedError(Exception):
@@ -540,7 +540,7 @@ def read_png(path: str | Path) -> Array:
     except FileNotFoundError:
         raise BadFrameError(path, MISSING) from None
     except OSError as error:
-        raise BadFrameError(path, DAMAGED, os_reason(error)) from None
+        raise BadFrameError(path, DAMAGED, reason_of(error)) from None
     if not _is_whole_png(raw):
         raise BadFrameError(path, DAMAGED)
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -584,8 +584,7 @@ def read_centers(path: Path, frames: int) -> NDArray[np.float64]:
             lines = lines[:-1] if lines and not lines[-1].strip() else lines
             found = np.array([_numbers(path, i, line, 3) for i, line in enumerate(lines, 1)]).reshape(-1, 3)
     except (OSError, ValueError, EOFError) as error:
-        told = os_reason(error) if isinstance(error, OSError) else str(error)
-        raise DataError(f"{path}: cannot read the centres: {told}") from None
+        raise DataError(f"{path}: cannot read the centres: {reason_of(error)}") from None
     if found.shape != (frames, 3):
         raise DataError(f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame")
     return found

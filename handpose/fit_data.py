@@ -66,15 +66,14 @@ def fit_file(
             residuals = file["residual_mm"][...].astype(np.float64)
         progress(len(residuals))
         return np.asarray(residuals)
-    seen = labels.read(path, [len(skeleton.parents)])
-    cut_off = (np.abs(seen.joints) >= 1).any(axis=2, keepdims=True)
-    joints = np.where(cut_off, np.nan, seen.joints)  # at the cube's face is not where the joint is
+    told = labels.read(path, [len(skeleton.parents)])
+    joints = np.where(told.seen[..., None], told.joints, np.nan)
     try:
         found = fit.fit(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    others = [name for name in seen.names if name not in ("dof", "residual_mm")]
-    residuals = found.residuals * seen.half_cube[:, None]
+    others = [name for name in told.names if name not in ("dof", "residual_mm")]
+    residuals = found.residuals * told.half_cube[:, None]
 
     def fill(temporary: Path) -> None:
         with h5py.File(temporary, "w") as file:
@@ -82,7 +81,7 @@ def fit_file(
             file["residual_mm"] = residuals.astype(np.float32)
             for name in others:
                 file[name] = h5py.ExternalLink(os.path.relpath(path.resolve(), target.parent.resolve()), name)
-            file.attrs.update(recipe=recipe, made_from=seen.made_from)
+            file.attrs.update(recipe=recipe, made_from=told.made_from)
 
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

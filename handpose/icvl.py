@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.camera import ICVL
 from handpose.dataset import WRONG_SIZE, Annotated, BadFrameError, Problem, names_in, read_centers, read_png, recognise
 from layers import kinematics
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError, reason_of
 
 Array = NDArray[np.float64]
 
@@ -84,8 +84,7 @@ def read_labels(paths: Sequence[Path]) -> Labels:
                         files.append(path.parent / "Depth" / words[0].replace("\\", "/").lstrip("/"))
                         _append(values, words[1:], f"{path}:{number}")
         except (OSError, UnicodeDecodeError) as error:
-            told = os_reason(error) if isinstance(error, OSError) else "not a text file"
-            raise DataError(f"{path}: cannot read the labels: {told}") from None
+            raise DataError(f"{path}: cannot read the labels: {reason_of(error)}") from None
     uvd = np.frombuffer(values, dtype=np.float64).reshape(-1, len(JOINTS), 3)
     if not files:
         raise DataError(f"{paths[0]}: no labels in it")

@@ -2,7 +2,7 @@
 
 docs/data.md lists all that such a file holds. Whoever computes with labels, and not only trains on them, reads here
 
-    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; finite, at -1 or 1 where cut off at the cube
+    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where cut off at the cube, NaN if unknown
     half_cube  (n,) or (n, 1)         mm, more than 0; a file may do without
 """
 
@@ -37,24 +37,29 @@ class Labels:
     names: tuple[str, ...]
     made_from: str
 
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n, K): where each joint really is, not where it was cut off to."""
+        return np.asarray((np.abs(self.joints) < 1).all(axis=2))
 
-def read(path: Path, counts: Collection[int], usual: float = CUBE_MM / 2) -> Labels:
+
+def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) -> Labels:
     """The labels of a file. Raises DataError.
 
-    counts  how many joints there may be
-    usual   half-cube in mm where the file does not say
+    joint_counts  how many joints there may be
+    usual         half-cube in mm where the file does not say
     """
     file = File(path, ("joint",))
     stored = file.arrays[0]
     count = stored.size // file.rows // 3
-    if count not in counts or stored.shape[1:] not in ((3 * count,), (count, 3)):
-        expected = " or ".join(f"(N, {3 * known}) for {known} joints" for known in counts)
+    if count not in joint_counts or stored.shape[1:] not in ((3 * count,), (count, 3)):
+        expected = " or ".join(f"(N, {3 * known}) for {known} joints" for known in joint_counts)
         raise DataError(f"{path}: data set 'joint' has shape {stored.shape}, expected {expected}")
     joints = stored.astype(np.float64).reshape(file.rows, count, 3)
-    wrong = ~np.isfinite(joints).all(axis=(1, 2))
+    wrong = np.isinf(joints).any(axis=(1, 2))
     if wrong.any():
-        raise DataError(f"{path}: data set 'joint' is not finite in frame {wrong.argmax()} ({wrong.sum()} such "
-                        "frames), expected half-cubes from the crop centre")  # fmt: skip
+        raise DataError(f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
+                        "expected half-cubes from the crop centre, or NaN if unknown")  # fmt: skip
     return Labels(joints, read_half_cubes(file, usual), file.names, file.made_from)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from handpose import icvl, metrics, nyu
 from handpose.camera import ICVL, NYU, Camera
 from layers import kinematics
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError, reason_of
 
 Array = NDArray[np.float64]
 Format = Literal["uvd", "xyz"]
@@ -90,8 +90,7 @@ def _text(path: str | Path) -> str:
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        told = os_reason(error) if isinstance(error, OSError) else "not a text file"
-        raise DataError(f"{path}: cannot read the joints: {told}") from None
+        raise DataError(f"{path}: cannot read the joints: {reason_of(error)}") from None
     if not text.strip():
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
     return text

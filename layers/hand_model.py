@@ -6,7 +6,7 @@ top[0]     y  (N, 3 K)    joints, x y z each, in half-cubes from the crop centre
 y  = forward kinematics of x                 layers/kinematics.py has the mathematics of both directions
 dx = its transposed Jacobian times dy        0 for fixed DoFs
 
-Kept for backward: ``pose``, the joints and the axes of rotation.
+Kept for backward: ``pose``, the joints and the axes of all motions, in the net's own float type.
 """
 
 from __future__ import annotations

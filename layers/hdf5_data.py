@@ -23,7 +23,7 @@ import h5py
 import numpy as np
 
 from netlib.blob import Array, Blobs
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError, reason_of
 from netlib.layer import Layer
 from netlib.paths import exists, find
 from netlib.schema import UInt
@@ -183,13 +183,13 @@ class File:
                             f"{path}: data set {name!r} is kept in {link.filename}, which is missing or lacks it"
                         )
                     if not isinstance(file.get(name), h5py.Dataset):
-                        raise DataError(f"{path}: no data set {name!r}; it has {', '.join(file) or 'none'}")
+                        there = ", ".join(n for n in file if isinstance(file.get(n), h5py.Dataset)) or "none"
+                        raise DataError(f"{path}: no data set {name!r}; it has {there}")
                 self.arrays = [self._array(file[name]) for name in names]
                 self.names = tuple(file)
                 self.made_from = str(file.attrs.get("made_from", "an unknown source"))
         except (OSError, ValueError, RuntimeError) as error:
-            reason = os_reason(error) if isinstance(error, OSError) else str(error)
-            raise DataError(f"{path}: cannot read the HDF5 file: {reason}") from error
+            raise DataError(f"{path}: cannot read the HDF5 file: {reason_of(error)}") from error
         counts = {name: a.shape[0] if a.ndim else 0 for name, a in zip(names, self.arrays)}
         if len(set(counts.values())) > 1:
             raise DataError(
@@ -229,8 +229,7 @@ def read_list(source: str, prototxt: str | None) -> list[Path]:
     try:
         lines = path.read_text(encoding="utf-8-sig").split("\n")
     except (OSError, ValueError) as error:
-        reason = os_reason(error) if isinstance(error, OSError) else "not a text file"
-        raise DataError(f"{source}: cannot read the list of HDF5 files: {reason}") from error
+        raise DataError(f"{source}: cannot read the list of HDF5 files: {reason_of(error)}") from error
     names = [line.strip() for line in lines if line.strip()]
     if not names:
         raise DataError(f"{source}: the list of HDF5 files is empty")

@@ -26,8 +26,8 @@ from netlib.schema import UInt
 
 # A product is computed in nearly equal blocks of features, one a thread: of outputs for y and dw, of inputs for dx.
 # Blocks do not depend on the number of threads, so neither does the rounding of a sum; they are large, because every
-# product packs its factors anew. For a few items that takes longer than the product: they go one by one, since a
-# product with one row reads the weights where they are.
+# product packs its factors anew. For a few items that takes longer than the product: they go one by one, each on one
+# thread, since a product with one row reads the weights where they are, as fast as the memory gives them.
 LARGEST_BLOCK = 640
 FEW_ITEMS = 8
 
@@ -59,7 +59,7 @@ class InnerProduct(Layer):
         self.axis = self.canonical_axis(p.axis, bottom[0])
         self.inputs = int(np.prod(bottom[0].shape[self.axis :]))
         shape = (self.inputs, p.num_output) if p.transpose else (p.num_output, self.inputs)
-        self.new_param("weight", shape, p.weight_filler)
+        self.new_param("weight", shape, p.weight_filler).lazily_cleared = True
         if p.bias_term:
             self.new_param("bias", (p.num_output,), p.bias_filler)
 
@@ -96,7 +96,7 @@ class InnerProduct(Layer):
         dw = diff.T if self.param.transpose else diff
 
         def weight_job(o: slice) -> None:
-            if is_zero:
+            if is_zero:  # its memory holds anything: write, do not add
                 np.matmul(dy[:, o].T, x, out=dw[o])
             else:
                 dw[o] += dy[:, o].T @ x

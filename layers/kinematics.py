@@ -20,10 +20,10 @@ moves with velocity a x (X - P), so with the joint's diff f = dL/dX as a force
 the torque about the axis, summed over the joints j that the DoF moves. For a translation along a it is
 a . sum_j f_j. Both sums are one product with the 0/1 matrix "DoF q moves joint j".
 
-Positions are kept relative to where the root has moved to, and moved there last: a hand far away costs no digits.
-Everything inside is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the same
-depth and the same sequence of operations (four fingers) go together. Numbers are float64 unless asked otherwise
-(``Skeleton.as_type``).
+Positions are kept relative to where the root has moved to, and moved there last: the gradient of a hand far away loses
+no digits. Everything inside is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of
+the same depth and the same sequence of operations (four fingers) go together. Numbers are float64 unless asked
+otherwise (``Skeleton.as_type``).
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class Group:
     slots: slice | list[int]  # where the parents stand in that group
     operations: list[Operation]
     bone_axis: int
-    trees: list[slice | list[int]]  # of roots: the joints of each one's body, itself too
+    bodies: list[slice | list[int]]  # of roots: the joints of each one's body, itself too
 
 
 @dataclass
@@ -192,7 +192,9 @@ class Skeleton:
         self.driven = np.array([step.dof for _, step in motions], dtype=int)
         self.turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
         self._slides = np.flatnonzero(~self.turns)
-        self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions])
+        self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions]).reshape(
+            len(motions), len(lineage)
+        )
         self._few = _FewPoses(self.parents, [len(way) for way in lineage], steps, self.bone_axes, self.bones)
         self._repeats = len(set(self.driven.tolist())) < len(self.driven)
         self._dtype: np.dtype[Any] = np.dtype(np.float64)
@@ -255,7 +257,7 @@ class Skeleton:
     def joints(self, inputs: NDArray[np.floating], bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
         if bones is None and len(inputs) <= FEW:
-            return self._few.joints(self.theta(inputs)[:, self.driven])
+            return self._few.joints(self.theta(inputs)[:, self.driven]).astype(self._dtype)
         return self.forward(inputs, bones).joints.transpose(2, 0, 1)
 
     def forward(self, inputs: NDArray[np.floating], bones: Array | None = None, reuse: Pose | None = None) -> Pose:
@@ -269,7 +271,7 @@ class Skeleton:
         theta += self.initial[:, None]
         value = theta[self.driven]  # (Q, N)
         cos, sin = np.cos(value), np.sin(value)
-        if reuse is not None and reuse.joints.shape[-1] == N:
+        if reuse is not None and (reuse.joints.shape[-1], reuse.joints.dtype) == (N, self._dtype):
             X, local, axis, pivot = reuse.joints, reuse.local, reuse.axis, reuse.pivot
         else:
             counts = [len(self.parents)] * 2 + [len(self.driven)] * 2
@@ -297,8 +299,8 @@ class Skeleton:
                     i, j = (k + 1) % 3, (k + 2) % 3
                     c, s = cos[rows][:, None], sin[rows][:, None] * sign
                     frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
-            for tree, from_where in zip(group.trees, np.broadcast_to(start, (len(group.joints), 3, N))):
-                X[tree] = from_where
+            for body, from_where in zip(group.bodies, np.broadcast_to(start, (len(group.joints), 3, N))):
+                X[body] = from_where
             local[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
             frames.append((frame[0], frame[1], frame[2]))
         X += local
@@ -437,8 +439,8 @@ def _groups(
             bone = params[joints[0]].bone
             axis = _signed(bone.axis)[0] if bone else 0
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            trees = [_as_slice(_below(j, parents)) for j in joints if parent < 0]
-            groups.append(Group(joints, parent, _as_slice(slots), together, axis, trees))
+            bodies = [_as_slice(_below(j, parents)) for j in joints if parent < 0]
+            groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
     return groups, places
 
 

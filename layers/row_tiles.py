@@ -146,7 +146,7 @@ def unpacked_parts(rows: int, inner: int, columns: int) -> int:
 def stacked_rows(X: Array, kh: int, parts: int = 1) -> Array:
     """(H, R, L) → (H - kh + 1, parts, kh R, L / parts): every kh rows in a row, the columns in parts; a view.
 
-    X is contiguous. NumPy's as_strided would do, and take 3 us for each of the hundreds of views of a batch.
+    X is C-contiguous. NumPy's as_strided would do, and take 3 us for each of the hundreds of views of a batch.
     """
     (H, R, L), item = X.shape, X.itemsize
     shape = (H - kh + 1, parts, kh * R, L // parts)

@@ -1,14 +1,14 @@
-"""SmoothL1Loss: the distance of each coordinate, squared only where it is small (Fast R-CNN's layer).
+"""SmoothL1Loss: the distance of each coordinate, squared only where it is small (Faster R-CNN's layer).
 
-bottom[0]  a      (N, ...)
-bottom[1]  b      same number of values, in all and an item
-bottom[2]  inner  as many, optional, together with:
-bottom[3]  outer  as many
-top[0]     L      scalar
+bottom[0]  a        (N, ...)
+bottom[1]  b        same number of values, in all and an item
+bottom[2]  inside   as many, optional, together with:
+bottom[3]  outside  as many
+top[0]     L        scalar
 
-d  = inner (a - b)
-L  = 1 / N sum of outer f(d)          f(d) = σ² d² / 2 where |d| < 1 / σ², else |d| - 1 / (2 σ²)
-da =  dL / N inner outer f'(d)        f'(d) = σ² d cut to [-1, 1]
+d  = inside (a - b)
+L  = 1 / N sum of outside f(d)        f(d) = σ² d² / 2 where |d| < 1 / σ², else |d| - 1 / (2 σ²)
+da =  dL / N inside outside f'(d)     f'(d) = σ² d cut to [-1, 1]
 db = -da                              no gradient for the weights
 
 EuclideanLoss pulls in proportion to the error, so what cannot be known (a hidden finger) pulls most, and ends in the
@@ -48,10 +48,11 @@ class SmoothL1Loss(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) == 3:
-            raise self.fail("has 3 bottoms, expected 2, or 4 with the inner and the outer weights")
-        if not 0 < self.param.sigma < np.inf:
-            raise self.fail(f"sigma {self.param.sigma:g} must be above 0", "sigma")
-        self.square = self.dtype.type(self.param.sigma**2)
+            raise self.fail("has 3 bottoms, expected 2, or 4 with the inside and the outside weights")
+        with np.errstate(over="ignore"):
+            self.sigma2 = self.dtype.type(self.param.sigma) ** 2
+        if not (self.param.sigma > 0 and 0 < self.sigma2 < np.inf):
+            raise self.fail(f"sigma {self.param.sigma:g} must be above 0, and its square a {self.dtype}", "sigma")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         a = bottom[0]
@@ -70,8 +71,8 @@ class SmoothL1Loss(Layer):
         d = a - b
         if weights:
             d *= weights[0]
-        np.clip(self.square * d, -1, 1, out=self.slope)
-        f = self.slope * (d - self.slope / (2 * self.square))  # both parts of f in one
+        np.clip(self.sigma2 * d, -1, 1, out=self.slope)
+        f = self.slope * (d - self.slope / (2 * self.sigma2))  # both parts of f in one
         if weights:
             f *= weights[1]
         top[0].data[...] = f.sum() / len(f)

@@ -25,6 +25,8 @@ from scipy.sparse import csc_array
 from netlib.blob import Array, Blob, SparseTiles
 from netlib.layer import Layer
 
+FLAGS = {2: np.uint16, 4: np.uint32, 8: np.uint64}  # T flags of a row as one number
+
 
 class WindowTiles:
     """A convolution of one channel with stride 1, without padding, whose bottom needs no gradient."""
@@ -36,7 +38,7 @@ class WindowTiles:
     def fits(x: Blob, y: Blob, w: Blob) -> bool:
         """Does each T x T window of the top, with a kernel of T + 1, read exactly 2 x 2 blocks of T x T inputs?"""
         T, (_, C, kh, kw) = y.tile, w.shape
-        if T not in (2, 4, 8) or x.tile is not None or C != 1 or not kh == kw == T + 1:
+        if T not in FLAGS or x.tile is not None or C != 1 or not kh == kw == T + 1:
             return False
         return x.shape[2] % T == x.shape[3] % T == 0 and T * x.dtype.itemsize % 8 == 0
 
@@ -53,7 +55,7 @@ class WindowTiles:
 
     @staticmethod
     def halves(X: Array, T: int) -> Array:
-        """(2, A, rows) views of X (A, S S): what the upper and the lower half of the outputs read."""
+        """(2, A, rows) views of X (A, S S), C-contiguous: what the upper and the lower half of the outputs read."""
         S, item = 2 * T, X.itemsize
         return np.ndarray((2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item))
 
@@ -77,7 +79,7 @@ class WindowTiles:
     def windows(self, x: Array, b: Array, T: int) -> tuple[Array, Array, Array]:
         """Image, row and column of every window that reads anything but b."""
         N, _, H, W = x.shape
-        seen = (x != b).view(f"u{T}")  # T flags of a row as one number
+        seen = (x != b).view(FLAGS[T])
         block = np.bitwise_or.reduce(seen.reshape(N, H // T, T, W // T), axis=2)  # of T x T inputs
         reads = block[:, :-1] | block[:, 1:]
         reads = reads[:, :, :-1] | reads[:, :, 1:]

@@ -60,6 +60,7 @@ class Blob:
     tile: int | None = None
     pitch: int = 0
     may_be_sparse: bool = False
+    lazily_cleared: bool = False  # every layer that adds to this parameter's diff asks ``diff_to_add_to``
     sparse: SparseTiles | None = None
     _on_look: Callable[[], None] | None = None  # called before the first look at a blob that is not stored
 
@@ -145,18 +146,25 @@ class Blob:
         return self._diff
 
     def clear_diff(self) -> None:
-        """Set the diff to zero. It costs nothing until somebody looks."""
-        (self._owner or self)._diff_is_clear = True
+        """Set the diff to zero, at once or, for a parameter of ``lazily_cleared``, when somebody looks at ``diff``."""
+        root = self._root()
+        if root.lazily_cleared:
+            root._diff_is_clear = True
+        else:
+            self.diff.fill(0)
 
     def diff_to_add_to(self) -> tuple[Array, bool]:
-        """The diff, and whether it is known to be zero.
+        """The diff, and whether it is known to be zero: then its memory holds anything, and all of it must be written.
 
-        If so, its memory holds anything, and all of it must be written: that spares large parameters to be filled with
-        zeros, read again and added to.
+        That spares filling a large gradient with zeros, reading it again and adding to it.
         """
-        owner = self._owner or self
-        clear, owner._diff_is_clear = owner._diff_is_clear, False
+        root = self._root()
+        clear, root._diff_is_clear = root._diff_is_clear, False
         return self.diff, clear
+
+    def _root(self) -> Blob:
+        """Whose memory this is."""
+        return self if self._owner is None else self._owner._root()
 
     # Caffe's names for the first axes
     @property

@@ -43,6 +43,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-def os_reason(error: OSError) -> str:
-    """The plain reason of an operating-system error, on one line: ``No space left on device``."""
-    return " ".join((error.strerror or str(error) or type(error).__name__).split())
+def reason_of(error: BaseException | None) -> str:
+    """Why something cannot be read or written, on one line: ``No space left on device``, ``not a text file``."""
+    if isinstance(error, UnicodeDecodeError):
+        return "not a text file"
+    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return " ".join((text or type(error).__name__).split())

@@ -201,6 +201,7 @@ class Net:
                     self._named[spec.name] = entered[-1]
             else:
                 self._check_sharing(layer, i, blob, spec, owner)
+                owner.blob.lazily_cleared &= blob.lazily_cleared
                 blob.share(owner.blob)
                 entered.append(owner)
         return entered

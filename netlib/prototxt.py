@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from netlib.errors import NetlibError, PrototxtError, os_reason
+from netlib.errors import NetlibError, PrototxtError, reason_of
 
 MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Python's own stack limit
 
@@ -86,7 +86,7 @@ def parse_file(path: str | Path) -> Message:
     try:
         raw = Path(path).read_bytes()
     except OSError as error:
-        raise NetlibError(f"{path}: cannot read the prototxt: {os_reason(error)}") from error
+        raise NetlibError(f"{path}: cannot read the prototxt: {reason_of(error)}") from error
     try:
         text = raw.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -125,7 +125,9 @@ class SolverParameter:
     power: float = 0.0
     stepsize: UInt = 0
     stepvalue: tuple[UInt, ...] = ()
-    rampup_interval: UInt = 0  # iterations in which the rate first rises to base_lr in a straight line (NVIDIA's Caffe)
+    rampup_interval: UInt = (
+        0  # iterations in which the rate first rises to base_lr (NVIDIA's Caffe), in a straight line
+    )
     rampup_lr: float = 0.0  # where it starts
     max_iter: UInt = 0
     iter_size: UInt = 1  # batches summed in one iteration

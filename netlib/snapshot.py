@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.errors import WeightsError, os_reason
+from netlib.errors import WeightsError, reason_of
 
 if TYPE_CHECKING:
     from netlib.net import Net
@@ -60,7 +60,7 @@ def checksum(path: str | Path) -> int:
     try:
         return zlib.crc32(Path(path).read_bytes())
     except OSError as error:
-        raise WeightsError(f"{path}: cannot read weights: {os_reason(error)}") from error
+        raise WeightsError(f"{path}: cannot read weights: {reason_of(error)}") from error
 
 
 def weights_image(net: Net) -> bytes:
@@ -136,7 +136,7 @@ def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
         for path, old in aside.items():
             os.replace(old, path)
         if isinstance(error, OSError):
-            raise WeightsError(f"{current}: cannot write the snapshot: {os_reason(error)}") from error
+            raise WeightsError(f"{current}: cannot write the snapshot: {reason_of(error)}") from error
         raise
     finally:
         for leftover in [*fresh.values(), *aside.values()]:
@@ -170,8 +170,7 @@ def probe_directory(prefix: str | Path) -> None:
     except (OSError, ValueError) as error:
         with contextlib.suppress(OSError, ValueError):
             probe.unlink(missing_ok=True)
-        reason = os_reason(error) if isinstance(error, OSError) else str(error)
-        raise WeightsError(f"{directory}: cannot write snapshots there: {reason}") from error
+        raise WeightsError(f"{directory}: cannot write snapshots there: {reason_of(error)}") from error
 
 
 # ---------------------------------------------------------------------------------------------- reading
@@ -250,7 +249,7 @@ def _open(path: str | Path, what: str) -> Iterator[h5py.File]:
         with open(path, "rb") as probe:
             magic = probe.read(8)
     except OSError as error:
-        raise WeightsError(f"{path}: cannot read {what}: {os_reason(error)}") from error
+        raise WeightsError(f"{path}: cannot read {what}: {reason_of(error)}") from error
     if magic != b"\x89HDF\r\n\x1a\n":
         binary = str(path).endswith((".caffemodel", ".solverstate"))
         hint = "; this looks like Caffe's binary format, write it with 'snapshot_format: HDF5'" if binary else ""

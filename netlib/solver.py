@@ -387,8 +387,11 @@ class Solver:
         changes = []
         if not self._same_data(state):
             changes.append("the data files; they are read from the first row")
-        for name, old in state.extra.get("solver", {}).items():
-            if name in now and now[name] != old:
+        defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in _COURSE})
+        then = {**defaults, **state.extra.get("solver", {})}  # a state may be older than a field
+        for name in now:
+            old = then.get(name)
+            if now[name] != old:
                 what = "batch size" if name == "batch" else name
                 changes.append(f"{what} was {_g(old)}, is now {_g(now[name])}")
         exactly = "; the training goes on exactly" if not changes else ""

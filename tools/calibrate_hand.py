@@ -42,7 +42,7 @@ from handpose.dataset import replace_text
 from handpose.nyu import CUBE_MM
 from layers import kinematics
 from layers.kinematics import Skeleton
-from netlib.errors import NetlibError, os_reason
+from netlib.errors import NetlibError, reason_of
 from tools.console import DONE, duration, guarded, natural, positive, progress_bar
 
 LARGE_MM = 4.0  # left on the mean; careful annotation of one person leaves 3 mm (NYU's two test subjects)
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
             args.out, skeleton_text(found.skeleton, args.out.stem, _comment(args, template, frames, found, unit))
         )
     except OSError as error:
-        raise NetlibError(f"{args.out}: cannot write the skeleton: {os_reason(error)}") from None
+        raise NetlibError(f"{args.out}: cannot write the skeleton: {reason_of(error)}") from None
     print(_report(template, frames, found, unit))
     print(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     after = float(np.nanmean(found.after)) * unit
@@ -169,7 +169,7 @@ def _report(template: Skeleton, frames: Annotation, found: Calibration, unit: fl
     return "\n".join([
         *lines,
         "",
-        f"{len(frames.targets)} of {frames.rows} frames, {seen} joints ({frames.cut} more were cut off by the cube)",
+        f"{len(frames.targets)} of {frames.rows} frames, {seen} joints ({frames.unseen} more unknown or cut off)",
         f"fixed rotations not determined: {_listed(found.undetermined_angles)}",
         f"size: {found.scale:.3f} of the template; a unit of the skeleton is {unit:g} mm (frames: {cubes} mm)",
         f"joints from the hand, mean: {before:.2f} mm before (scaled template), {after:.2f} mm now; "

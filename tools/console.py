@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from netlib.errors import NetlibError, os_reason
+from netlib.errors import NetlibError, reason_of
 
 DONE, FAILED = 0, 1  # wrong usage is 2, which argparse returns by itself
 
@@ -32,7 +32,7 @@ def guarded(run: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f"{error.filename}: " if error.filename else "standard output: "
-        print(f"{where}{os_reason(error)}", file=sys.stderr)
+        print(f"{where}{reason_of(error)}", file=sys.stderr)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
@@ -71,9 +71,8 @@ class LogFile(logging.FileHandler):
     def handleError(self, record: logging.LogRecord) -> None:
         """Say what is wrong, and write no more."""
         error = sys.exc_info()[1]
-        reason = os_reason(error) if isinstance(error, OSError) else str(error)
         logging.getLogger(record.name).removeHandler(self)
-        print(f"{self.baseFilename}: cannot write the log any more: {reason}", file=sys.stderr)
+        print(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
 
     def close(self) -> None:
         """Close the file; what could not be written is lost."""

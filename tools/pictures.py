@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import dataset
-from netlib.errors import NetlibError, os_reason
+from netlib.errors import NetlibError, reason_of
 
 JPEG_QUALITY = 90
 
@@ -43,5 +43,4 @@ def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
     try:
         dataset.replace(Path(path), fill)
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the format
-        reason = os_reason(error) if isinstance(error, OSError) else str(error)
-        raise NetlibError(f"{path}: cannot write the picture: {reason}") from error
+        raise NetlibError(f"{path}: cannot write the picture: {reason_of(error)}") from error

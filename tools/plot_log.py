@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError, reason_of
 from tools import pictures
 from tools.console import DONE, guarded
 
@@ -41,7 +41,12 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", metavar="LOG", nargs="+", help="what tools/train.py --log wrote, or Caffe's stderr")
-    parser.add_argument("--out", metavar="FILE", default="log.png", help="the picture (default: %(default)s)")
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        default="log.png",
+        help="the picture, its ending says the format (default: %(default)s)",
+    )
     args = parser.parse_args(argv)
     return guarded(lambda: run(args))
 
@@ -59,7 +64,7 @@ def read_log(path: str | Path) -> Log:
     try:
         text = Path(path).read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        raise DataError(f"{path}: cannot read the log: {os_reason(error)}") from error
+        raise DataError(f"{path}: cannot read the log: {reason_of(error)}") from error
     log, iteration = Log(), 0
     for line in text.splitlines():
         if found := _LOSS.search(line):

@@ -42,7 +42,7 @@ from handpose.crop import crop as crop_frame
 from handpose.evaluation import hand_layer
 from handpose.nyu import CUBE_MM, read_nyu_depth
 from layers.hand_model import HandModel
-from netlib.errors import DataError, NetlibError, os_reason
+from netlib.errors import DataError, NetlibError, reason_of
 from netlib.net import Net
 from tools import pictures
 from tools.console import DONE, guarded, natural
@@ -124,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise NetlibError(f"{out}: cannot write pictures there: {os_reason(error)}") from error
+        raise NetlibError(f"{out}: cannot write pictures there: {reason_of(error)}") from error
     predictor = Predictor(net, hand, args.cube, args.mirror)
     results = []
     if args.camera is None:
@@ -261,7 +261,7 @@ def _decode(path: str) -> NDArray[Any]:
     try:
         raw = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
-        raise DataError(f"{path}: cannot read the picture: {os_reason(error)}") from error
+        raise DataError(f"{path}: cannot read the picture: {reason_of(error)}") from error
     try:
         image = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
     except cv2.error as error:

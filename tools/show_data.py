@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from handpose import draw
 from layers import kinematics
 from layers.hdf5_data import read_list
-from netlib.errors import DataError, os_reason
+from netlib.errors import DataError, reason_of
 from tools import pictures
 from tools.console import DONE, guarded, positive
 from tools.predict import read_crop
@@ -79,7 +79,7 @@ def frames_of(path: Path, count: int) -> list[Frame]:
         rows = [(file, row) for file in files for row in range(_rows(file))]
         return [_frame(*rows[i]) for i in _spread(len(rows), count)]
     except OSError as error:
-        raise DataError(f"{path}: cannot read the data: {os_reason(error)}") from None
+        raise DataError(f"{path}: cannot read the data: {reason_of(error)}") from None
 
 
 def _spread(total: int, count: int) -> NDArray[np.int_]:

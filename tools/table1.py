@@ -36,7 +36,7 @@ from handpose.published import nyu_benchmark
 from handpose.published import score as curves_of
 from layers import kinematics
 from layers.hdf5_data import read_list
-from netlib.errors import NetlibError, os_reason
+from netlib.errors import NetlibError, reason_of
 from netlib.net import Net
 from tools import evaluate, pictures, train
 from tools.console import DONE, duration, guarded, natural, positive
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise NetlibError(f"{folder}: cannot make the folder: {os_reason(error)}") from None
+            raise NetlibError(f"{folder}: cannot make the folder: {reason_of(error)}") from None
     args.work = args.work / data_name(files["train"])  # networks trained on other data are other networks
     args.work.mkdir(exist_ok=True)
     truth = fit_angles(files, skeleton)

@@ -98,6 +98,8 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
 def _time_backward(piece: list[Any], backward: dict[str, float], iterations: int) -> None:
     for at in reversed(piece):
         if at.needs_backward:
+            for param in at.layer.blobs:
+                param.clear_diff()
             begin = time.perf_counter()
             at.layer.backward(at.top, at.propagate_down, at.bottom)
             backward[at.layer.name] += (time.perf_counter() - begin) / iterations
@@ -107,6 +109,7 @@ def time_passes(net: Net, iterations: int) -> tuple[float, float]:
     """Median seconds of a whole pass forwards and backwards, as in training."""
     forward, backward = [], []
     for _ in range(iterations):
+        net.clear_param_diffs()
         begin = time.perf_counter()
         net.run_forward()
         middle = time.perf_counter()

@@ -27,7 +27,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 # isort: split
 
 from netlib import prototxt
-from netlib.errors import DataError, NetlibError, os_reason
+from netlib.errors import DataError, NetlibError, reason_of
 from netlib.solver import Solver
 from tools.console import (
     DONE,
@@ -90,7 +90,7 @@ def _log_to(path: str | None) -> Iterator[BarHandler]:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             handlers.append(LogFile(path, mode="w", encoding="utf-8"))
         except OSError as error:
-            raise NetlibError(f"{path}: cannot write the log: {os_reason(error)}") from error
+            raise NetlibError(f"{path}: cannot write the log: {reason_of(error)}") from error
     log.setLevel(logging.INFO)
     log.propagate = False
     for handler in handlers:

@@ -278,7 +278,7 @@ def test_annotation_of_a_list(frames, tmp_path):
     write(tmp_path / "b.h5", frames[20:])
     (tmp_path / "list.txt").write_text("a.h5\nb.h5\n")
     found = read_annotation(tmp_path / "list.txt", HAND, half_cube=125)
-    assert found.joints == tuple(range(31)) and found.rows == 30 and found.cut == 1
+    assert found.joints == tuple(range(31)) and found.rows == 30 and found.unseen == 1
     assert found.half_cube.tolist() == [130.5] * 20 + [125] * 10
     assert np.isnan(found.targets[3, 10]).all() and np.isnan(found.targets).sum() == 3
     seen = ~np.isnan(found.targets)
@@ -302,8 +302,8 @@ def test_some_joints_and_some_frames(frames, tmp_path):
 
 def test_files_that_cannot_be_used(frames, tmp_path):
     """One line each."""
-    nan = frames.copy()
-    nan[4, 2, 1] = np.nan
+    infinite = frames.copy()
+    infinite[4, 2, 1] = np.inf
     (tmp_path / "none.txt").write_text("")
     write(tmp_path / "fourteen.h5", frames[:, :14])
     (tmp_path / "mixed.txt").write_text("c.h5\nfourteen.h5\n")
@@ -314,7 +314,7 @@ def test_files_that_cannot_be_used(frames, tmp_path):
         "list of HDF5 files is empty": tmp_path / "none.txt",
         "no data set 'joint'; it has depth": tmp_path / "empty.h5",
         r"expected \(N, 93\) for 31 joints or \(N, 42\) for 14": write(tmp_path / "a.h5", frames[:, 1:]),
-        "b.h5: data set 'joint' is not finite in frame 4": write(tmp_path / "b.h5", nan),
+        "b.h5: data set 'joint' is infinite in frame 4": write(tmp_path / "b.h5", infinite),
         "19 of 19 frames have half of their joints within": write(tmp_path / "c.h5", frames[:19]),
         "0 of 30 frames have half": write(tmp_path / "d.h5", frames * 150),
         "some files have 14 joints, others 31; expected as many in all": tmp_path / "mixed.txt",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 import pytest
 
@@ -134,10 +135,11 @@ def test_identity(net_of: NetOf, options: str, phase: int) -> None:
 
 def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> None:
     """One thread or four, into new blobs or in place: the same bits."""
-    results = []
+    results, theirs = [], cv2.getNumThreads()
     for threads, tops in ((1, ("y", "moved")), (4, ("y", "moved")), (2, ("depth", "joint"))):
         netlib.set_threads(threads)
         results.append(augmented(net_of(LAYER % (*tops, ALL)), *dots()))
+    assert cv2.getNumThreads() == theirs
     for y, moved in results[1:]:
         np.testing.assert_array_equal(y, results[0][0])
         np.testing.assert_array_equal(moved, results[0][1])

@@ -20,8 +20,8 @@ def test_by_hand(run):
     assert db.tolist() == (-da).tolist()
 
 
-def test_inner_weights_scale_the_difference_and_outer_ones_the_loss(run):
-    """As in Fast R-CNN; the inner ones decide also where the square ends."""
+def test_inside_weights_scale_the_difference_and_outside_ones_the_loss(run):
+    """As in Faster R-CNN; the inside ones decide also where the square ends."""
     done = run(text(), [[1.0, 1.0]], [[0.0, 0.0]], [[0.125, 2.0]], [[1.0, 10.0]])
     assert done.y == pytest.approx(0.03125 + 10 * 1.875)
     with pytest.raises(netlib.LayerError, match="no gradient for its weights; set propagate_down: false"):
@@ -42,9 +42,9 @@ def test_a_large_sigma_is_the_sum_of_absolute_values(run, rng):
 
 def test_gradient(check, rng):
     """Of both bottoms, and with weights."""
-    a, b, inner, outer = rng.normal(size=(4, 3, 4))
+    a, b, inside, outside = rng.normal(size=(4, 3, 4))
     check(text(), a, b)
-    check(text(), a, b, inner, outer, wanted=[True, True, False, False])
+    check(text(), a, b, inside, outside, wanted=[True, True, False, False])
 
 
 @pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), (6, 1), ()])
@@ -58,7 +58,8 @@ def test_shapes_must_agree(run, shape):
 
 def test_mistakes(run):
     """One kind of weights alone, and a sigma of nothing."""
-    with pytest.raises(netlib.LayerError, match="has 3 bottoms, expected 2, or 4 with the inner and the outer"):
+    with pytest.raises(netlib.LayerError, match="has 3 bottoms, expected 2, or 4 with the inside and the outside"):
         run(text(), *np.zeros((3, 2, 3)))
-    with pytest.raises(netlib.LayerError, match="sigma 0 must be above 0"):
-        run(text(0), *np.zeros((2, 2, 3)))
+    for sigma in ("0", "-1", "1e200", "1e-200"):
+        with pytest.raises(netlib.LayerError, match=r"sigma .* must be above 0, and its square a float64"):
+            run(text(sigma), *np.zeros((2, 2, 3)))

@@ -33,13 +33,24 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_a_new_sha
         blob.reshape(2, -1)
 
 
-@pytest.mark.parametrize("shared", [False, True])
-def test_a_cleared_diff_is_zero_for_whoever_looks(shared: bool) -> None:
-    """Though its memory is only filled then; who adds to it is told that writing will do, once."""
-    owner = Blob((2, 3))
-    blob = Blob((6,)) if shared else owner
-    if shared:
-        blob.share(owner)
+def test_a_cleared_diff_is_filled_with_zeros() -> None:
+    """At once: somebody may hold the array."""
+    blob = Blob((2, 3))
+    held = blob.diff
+    held[...] = 5
+    blob.clear_diff()
+    assert not held.any()
+    assert not blob.diff_to_add_to()[1]
+
+
+@pytest.mark.parametrize("links", [0, 1, 2])
+def test_a_lazily_cleared_diff_is_zero_for_whoever_looks(links: int) -> None:
+    """Though its memory is only filled then; who adds to it is told that writing will do, once. Also through shares."""
+    owner = blob = Blob((2, 3))
+    owner.lazily_cleared = True
+    for _ in range(links):
+        blob, shared = Blob((6,)), blob
+        blob.share(shared)
     blob.diff[...] = 5
     blob.clear_diff()
     diff, is_zero = blob.diff_to_add_to()

@@ -357,6 +357,10 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     assert np.allclose(net.params["a"][0].diff, 2 * once)
     net.clear_param_diffs()
     assert not net.params["a"][0].diff.any()
+    net.params["a"][0].diff[...] = np.nan
+    net.clear_param_diffs()
+    net.backward()
+    assert np.allclose(net.params["a"][0].diff, once)
 
 
 # ---------------------------------------------------------------------------------------------- shared parameters
@@ -381,7 +385,12 @@ def test_shared_parameters_are_one(net_of: MakeNet) -> None:
     net.forward(x=x)
     net.backward()
     da, db = net.blobs["a"].diff, net.blobs["b"].diff
-    assert np.allclose(net.params["a"][0].diff, da.T @ x + db.T @ net.blobs["a"].data)
+    both = da.T @ x + db.T @ net.blobs["a"].data
+    assert np.allclose(net.params["a"][0].diff, both)
+    net.params["b"][0].diff[...] = np.nan
+    net.clear_param_diffs()
+    net.backward()
+    assert np.allclose(net.params["a"][0].diff, both)
 
 
 def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:

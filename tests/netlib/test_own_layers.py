@@ -63,6 +63,31 @@ def test_a_python_layer(squares: None) -> None:
     assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
 
 
+def test_a_python_layer_may_keep_its_parameters_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Caffe's diffs stay where they are: what is added to them after clear_param_diffs is the gradient."""
+    (tmp_path / "keeper.py").write_text("""
+import netlib
+
+class Keeper(netlib.Layer):
+    def setup(self, bottom, top):
+        self.blobs.add_blob(3)
+        self.gradient = self.blobs[0].diff
+    def reshape(self, bottom, top):
+        top[0].reshape(*bottom[0].shape)
+    def forward(self, bottom, top):
+        top[0].data[...] = bottom[0].data + self.blobs[0].data
+    def backward(self, top, propagate_down, bottom):
+        self.gradient += top[0].diff
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    net = net_with(python("Keeper", "keeper"))
+    for _ in range(2):
+        net.clear_param_diffs()
+        net.forward(x=np.zeros(3))
+        net.backward(y=np.array([1, 2, 3]))
+        assert net.params["own"][0].diff.tolist() == [1, 2, 3]
+
+
 def test_a_python_layer_that_fails(squares: None) -> None:
     """The layer, what happened, and the line of the file it happened in."""
     net = net_with(python("Broken"))

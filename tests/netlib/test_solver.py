@@ -12,6 +12,7 @@ import pytest
 
 import netlib
 from netlib import snapshot
+from netlib.solver import _COURSE
 
 MakeSolver = Callable[..., netlib.Solver]
 
@@ -383,6 +384,7 @@ def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog:
         (RANDOM.replace("batch_size: 5", "batch_size: 4"), "", "Changed: batch size was 5, is now 4"),
         (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
         (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
+        (RANDOM, "rampup_interval: 8", "Changed: rampup_interval was 0, is now 8"),
         (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the data files; they are read from the first row"),
     ],
 )
@@ -394,6 +396,21 @@ def test_resume_says_what_changed(
     caplog.set_level("INFO", "netlib")
     solver_of(net, options).restore(state)
     assert line in messages(caplog, "Changed")
+
+
+def test_a_state_older_than_a_field_was_made_with_its_default(
+    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So another value is a change, though the state does not name the field."""
+    with monkeypatch.context() as before:
+        before.setattr("netlib.solver._COURSE", tuple(n for n in _COURSE if not n.startswith("rampup")))
+        state = solver_of(RANDOM).snapshot()
+    caplog.set_level("INFO", "netlib")
+    solver_of(RANDOM, "rampup_interval: 8").restore(state)
+    assert messages(caplog, "Changed") == ["Changed: rampup_interval was 0, is now 8"]
+    caplog.clear()
+    solver_of(RANDOM).restore(state)
+    assert messages(caplog, "goes on exactly")
 
 
 def test_a_resume_that_changes_something_does_not_claim_to_be_exact(
