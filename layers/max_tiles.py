@@ -9,6 +9,8 @@ first place wins.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from netlib.blob import Array, Blob, SparseTiles, tiles_of, untile
@@ -111,7 +113,7 @@ class MaxTiles:
             self._find_winners(slabs, maximum, self.winners)
         y = self._tiles(top, top.data)
         y[...] = x.rest[:, None, None]
-        y.reshape(-1)[self._index(y, x)] = maximum
+        y.reshape(-1)[self._index(y, x, top)] = maximum
         if top.tile is None:
             top.data[...] = untile(y, *top.shape[2:])
 
@@ -119,7 +121,7 @@ class MaxTiles:
         dy = self._tiles(top, top.diff)
         if top.tile is None:
             tiles_of(top, top.diff, 1, dy.shape[-1], dy)
-        gradient = dy.reshape(-1)[self._index(dy, x)].reshape(dy.shape[2], -1)
+        gradient = dy.reshape(-1)[self._index(dy, x, top)].reshape(dy.shape[2], -1)
         C, A = gradient.shape
         total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
         x.rest_diff = total.astype(gradient.dtype)
@@ -130,9 +132,16 @@ class MaxTiles:
         N, C, Ho, Wo = top.shape
         return array if top.tile else self.layer.buffer("top", (Ho, 1, C, N, Wo))
 
-    def _index(self, tiles: Array, x: SparseTiles) -> Array:
+    def _index(self, tiles: Array, x: SparseTiles, top: Blob) -> Array:
         """Where every stored window and channel, (C A,), stands in the top as tiles (R, T, C, N, P)."""
         _, T, C, N, P = tiles.shape
-        t, phase = np.divmod(x.column, T)
-        index = ((x.row * T + phase) * (C * N) + x.image) * P + t
-        return (np.arange(C)[:, None] * (N * P) + index).reshape(-1)
+        first = _places(N, *top.shape[2:], T, C, P)[x.window]
+        return (np.arange(C)[:, None] * (N * P) + first).reshape(-1)
+
+
+@functools.lru_cache(maxsize=16)
+def _places(N: int, rows: int, columns: int, T: int, C: int, P: int) -> Array:
+    """Where the first channel of each window stands in tiles (rows, T, C, N, P)."""
+    image, row, column = np.indices((N, rows, columns)).reshape(3, -1)
+    t, phase = np.divmod(column, T)
+    return np.asarray(((row * T + phase) * (C * N) + image) * P + t)

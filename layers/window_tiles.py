@@ -19,6 +19,8 @@ each element of dw.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy.sparse import csc_array
 
@@ -63,38 +65,36 @@ class WindowTiles:
         """y from x."""
         T = y.tile or 1
         b = x.data.max()  # the far plane of a depth crop; any other choice is as right, only slower
-        windows = self.windows(x.data, b, T)
-        A = len(windows[0])
+        window = self.windows(x.data, b, T)
+        A = len(window)
         O, places = len(w), T * T
         out = layer.buffer("Y", (y.count,))[: places * O * A].reshape(places * O, A)
-        X = self.halves(self.patches(layer, x.data, windows, T), T)
+        X = self.halves(self.patches(layer, x.data, window, T), T)
         np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=out.reshape(2, places * O // 2, A))
         rest = w.sum(axis=(1, 2, 3)) * b
         values = out.reshape(places, O, A)
         if bias is not None:
             values += bias[:, None]
             rest += bias
-        y.sparse = SparseTiles(*windows, values, rest)
+        y.sparse = SparseTiles(window, values, rest)
 
-    def windows(self, x: Array, b: Array, T: int) -> tuple[Array, Array, Array]:
-        """Image, row and column of every window that reads anything but b."""
+    def windows(self, x: Array, b: Array, T: int) -> Array:
+        """(A,) every window that reads anything but b, as in SparseTiles."""
         N, _, H, W = x.shape
         seen = (x != b).view(FLAGS[T])
         block = np.bitwise_or.reduce(seen.reshape(N, H // T, T, W // T), axis=2)  # of T x T inputs
         reads = block[:, :-1] | block[:, 1:]
         reads = reads[:, :, :-1] | reads[:, :, 1:]
-        image, row, column = np.nonzero(reads)
-        return image, row, column
+        return np.flatnonzero(reads)
 
-    def patches(self, layer: Layer, x: Array, windows: tuple[Array, Array, Array], T: int) -> Array:
+    def patches(self, layer: Layer, x: Array, window: Array, T: int) -> Array:
         """X (A, S S): what each window reads. Copied in units of several numbers, as if they were one."""
-        image, row, column = windows
         N, _, H, W = x.shape
-        S, A = 2 * T, len(image)
+        S, A = 2 * T, len(window)
         unit = np.dtype(np.complex128 if T * x.itemsize % 16 == 0 else np.complex64)
         per = unit.itemsize // x.itemsize  # numbers in a unit
         inside = (np.arange(S)[:, None] * (W // per) + np.arange(S // per)).reshape(-1)
-        first = (image * H + row * T) * (W // per) + column * (T // per)
+        first = _first_inputs(N, H, W // per, T, T // per)[window]
         most = N * (H // T) * (W // T)
         out = layer.buffer("X", (most * S * S,))[: A * S * S].view(unit).reshape(A, S * S // per)
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
@@ -106,7 +106,7 @@ class WindowTiles:
         assert found is not None and found.diff is not None and found.winner is not None and not down
         T, S, k = y.tile or 1, 2 * (y.tile or 1), w.shape[2]
         O, A = found.diff.shape
-        X = self.patches(layer, x.data, (found.image, found.row, found.column), T)
+        X = self.patches(layer, x.data, found.window, T)
         # Column a of dY holds O numbers, in the rows (winner, o).
         rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
         columns = np.arange(0, O * A + 1, O, dtype=np.int32)
@@ -117,3 +117,10 @@ class WindowTiles:
         dw += (found.rest_diff * x.data.max())[:, None, None, None]
         if db is not None:
             db += found.diff.sum(axis=1) + found.rest_diff
+
+
+@functools.lru_cache(maxsize=16)
+def _first_inputs(N: int, H: int, W: int, rows: int, columns: int) -> Array:
+    """Where in an image (N, H, W) the inputs of each window begin; the next window is some rows or columns further."""
+    image, row, column = np.indices((N, H // rows - 1, W // columns - 1)).reshape(3, -1)
+    return np.asarray((image * H + row * rows) * W + column * columns)

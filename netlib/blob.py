@@ -29,16 +29,14 @@ Array = NDArray[Any]
 class SparseTiles:
     """The windows of a sparse blob, A of them.
 
-    image, row, column   (A,) which image, row of windows and window in that row
+    window               (A,) which they are: all windows of an image counted row by row, images one after the other
     values               (T T, C, A) data, place by place of the window; good until the thread's next slice
     rest                 (C,) data everywhere else
     diff, winner         (C, A): of a window only the place that won has a diff, which of the T T is ``winner``
     rest_diff            (C,) the diffs of everything else, summed
     """
 
-    image: Array
-    row: Array
-    column: Array
+    window: Array
     values: Array
     rest: Array
     diff: Array | None = None

@@ -26,17 +26,23 @@ def blobs(x, O, k, T):
     return bottom, top
 
 
+def corners(sparse, shape, T):
+    """Image, first row and first column of every stored window of a top of this shape."""
+    image, row, column = np.unravel_index(sparse.window, (shape[0], shape[2] // T, shape[3] // T))
+    return zip(image, row * T, column * T)
+
+
 def dense(sparse, shape, T, values, rest):
     """A plain array from stored windows and the value of all others."""
     y = np.empty(shape)
     y[...] = np.asarray(rest)[:, None, None]
-    for a, (n, r, c) in enumerate(zip(sparse.image, sparse.row, sparse.column)):
-        y[n, :, r * T : r * T + T, c * T : c * T + T] = values[:, :, a].reshape(T, T, -1).transpose(2, 0, 1)
+    for a, (n, r, c) in enumerate(corners(sparse, shape, T)):
+        y[n, :, r : r + T, c : c + T] = values[:, :, a].reshape(T, T, -1).transpose(2, 0, 1)
     return y
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize(("T", "k", "size"), [(4, 5, 16), (4, 3, 18), (2, 3, 8), (4, 5, 20)])
+@pytest.mark.parametrize(("T", "k", "size"), [(4, 5, 16), (4, 3, 18), (2, 3, 8), (4, 5, 20), (8, 9, 32)])
 @pytest.mark.parametrize("seen", [0, 1, 5, "all"])
 def test_forward_and_backward(rng, seen, T, k, size, dtype):
     """For images with nothing but background, with a little, and without background."""
@@ -56,14 +62,14 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     assert np.allclose(dense(found, want.shape, T, found.values, found.rest), want, atol=exact)
     dy = rng.normal(size=want.shape).astype(dtype)
     mark = np.zeros(want.shape)
-    A = len(found.image)
+    A = len(found.window)
     found.diff = rng.normal(size=(2, A)).astype(dtype)
     found.winner = rng.integers(0, T * T, (2, A)).astype(np.uint8)
-    for a, (n, r, c) in enumerate(zip(found.image, found.row, found.column)):
-        mark[n, :, r * T : r * T + T, c * T : c * T + T] = 1
-        dy[n, :, r * T : r * T + T, c * T : c * T + T] = 0
+    for a, (n, r, c) in enumerate(corners(found, want.shape, T)):
+        mark[n, :, r : r + T, c : c + T] = 1
+        dy[n, :, r : r + T, c : c + T] = 0
         for o, place in enumerate(found.winner[:, a]):  # as a max pooling passes it down
-            dy[n, o, r * T + place // T, c * T + place % T] = found.diff[o, a]
+            dy[n, o, r + place // T, c + place % T] = found.diff[o, a]
     found.rest_diff = (dy * (1 - mark)).sum(axis=(0, 2, 3)).astype(dtype)
     dw, db = np.ones_like(w), np.ones_like(b)
     way.backward(layer, bottom, top, w, dw, db, False)
@@ -80,4 +86,4 @@ def test_only_windows_that_see_something_are_stored(rng):
     layer = gradcheck.make_layer('type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 }', [x])
     layer.dtype = np.dtype(np.float32)
     WindowTiles().forward(layer, bottom, top, np.ones((1, 1, 5, 5), np.float32), None)
-    assert 1 <= len(top.sparse.image) <= 4
+    assert 1 <= len(top.sparse.window) <= 4
