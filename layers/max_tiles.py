@@ -111,6 +111,7 @@ class MaxTiles:
         if self.layer.needs_backward:
             self.winners = np.empty(C * A, np.uint8)
             self._find_winners(slabs, maximum, self.winners)
+        maximum.reshape(C, A)[...] += x.bias[:, None]
         y = self._tiles(top, top.data)
         y[...] = x.rest[:, None, None]
         y.reshape(-1)[self._index(y, x, top)] = maximum

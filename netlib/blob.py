@@ -30,14 +30,16 @@ class SparseTiles:
     """The windows of a sparse blob, A of them.
 
     window               (A,) which they are: all windows of an image counted row by row, images one after the other
-    values               (T T, C, A) data, place by place of the window; good until the thread's next slice
-    rest                 (C,) data everywhere else
+    values               (T T, C, A) data without the bias, place by place of the window; good until the next slice
+    bias                 (C,) to be added to values: by a max pooling to the one of T T that it keeps
+    rest                 (C,) data everywhere else, with the bias
     diff, winner         (C, A): of a window only the place that won has a diff, which of the T T is ``winner``
     rest_diff            (C,) the diffs of everything else, summed
     """
 
     window: Array
     values: Array
+    bias: Array
     rest: Array
     diff: Array | None = None
     winner: Array | None = None

@@ -59,7 +59,7 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     way.forward(layer, bottom, top, w, b)
     found = top.sparse
     want = plain(x, w, b)
-    assert np.allclose(dense(found, want.shape, T, found.values, found.rest), want, atol=exact)
+    assert np.allclose(dense(found, want.shape, T, found.values + found.bias[:, None], found.rest), want, atol=exact)
     dy = rng.normal(size=want.shape).astype(dtype)
     mark = np.zeros(want.shape)
     A = len(found.window)
