@@ -8,9 +8,9 @@ the inputs of each are copied into a row of X, and all of them go through one la
 
 with M[p, q, o, p + i, q + j] = w[o, 0, i, j]. It is done in two halves, for the upper and the lower T / 2 rows of
 outputs: each needs only T / 2 + k - 1 of the S rows of inputs, which saves a quarter of the operations. The top is a
-sparse blob (netlib/blob.py): the windows, and the constant of all others. The bias is left to the max pooling that reads
-it, which adds it to one value in T T. It is exact for any image and any b; the time saved depends on how much of the
-image is b.
+sparse blob (netlib/blob.py): the windows, and the constant of all others. The bias is left to the max pooling that
+reads it, which adds it to one value in T T. It is exact for any image and any b; the time saved depends on how much of
+the image is b.
 
 Backward: dM (T T O, S S) = dY X, folded back to the kernel. dY is what a max pooling passes down: of the T T places of
 a window only one has a gradient, so dY is kept as a sparse matrix, and the product has 1 / (T T) of the operations of a

@@ -103,7 +103,7 @@ def test_people_who_differ_are_warned_of(work, capsys):
         (["few.h5"], "few.h5: 19 of 19 frames have half of their joints within the cube"),
         (["depth.h5"], "depth.h5: no data set 'joint'; it has depth"),
         (["sixteen.h5"], "sixteen.h5: data set 'joint' has shape (60, 48), expected (N, 93) for 31 joints or (N, 42)"),
-        (["nan.h5"], "nan.h5: data set 'joint' is not finite in frame 2 (1 such frames)"),
+        (["infinite.h5"], "infinite.h5: data set 'joint' is infinite in frame 2 (1 such frames)"),
         (["me.h5", "--out", "no/me.prototxt"], "no/me.prototxt: no folder no"),
         (["me.h5", "--out", "."], ".: is a folder; expected the name of a file"),
         (["me.h5", "--template", "no.prototxt"], "no.prototxt: cannot read the prototxt: No such file or directory"),
@@ -113,9 +113,9 @@ def test_mistakes(work, frames, capsys, more, message):
     """One line, exit status 1, no file."""
     write("few.h5", frames[:19])
     write("sixteen.h5", frames[:, :16])
-    nan = frames.copy()
-    nan[2, 4, 0] = np.nan
-    write("nan.h5", nan)
+    infinite = frames.copy()
+    infinite[2, 4, 0] = np.inf
+    write("infinite.h5", infinite)
     with h5py.File("depth.h5", "w") as file:
         file["depth"] = np.zeros(3)
     assert calibrate_hand.main(["--out", "x.prototxt", *more]) == 1
