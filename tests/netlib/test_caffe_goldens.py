@@ -108,8 +108,11 @@ def test_hand_model(
     net = net_of(HAND % type_name, dtype=dtype)
     net.forward(x=recorded["bottom"])
     net.backward(y=recorded["top_diff"])
-    assert relative(net.blobs["y"].data, recorded["top" + suffix]) <= tolerance
-    assert relative(net.blobs["x"].diff, recorded["bottom_diff" + suffix]) <= tolerance
+    usual = (np.abs(recorded["bottom"]) < 7).all(axis=1)
+    assert usual.sum() >= 20
+    for rows, within in ((slice(None), tolerance), (usual, tolerance / 5)):
+        assert relative(net.blobs["y"].data[rows], recorded["top" + suffix][rows]) <= within
+        assert relative(net.blobs["x"].diff[rows], recorded["bottom_diff" + suffix][rows]) <= within
 
 
 @pytest.mark.parametrize("layer", ['"DeepHandModelDofConstraintLoss"', '"PhysLimit" phys_limit_param { norm: L2 }'])
