@@ -163,16 +163,12 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
     solver, solver_text = Path(f"{prefix}.prototxt"), train.with_fields(study.solver(SOLVER), own)
-    if weights.is_file() and _holds(net, net_text) and _holds(solver, solver_text):
+    if weights.is_file() and (dataset.text_of(net), dataset.text_of(solver)) == (net_text, solver_text):
         return DONE, weights, net
     weights.unlink(missing_ok=True)
     dataset.replace_text(net, net_text)
     dataset.replace_text(solver, solver_text)
     return train.main([str(solver)]), weights, net
-
-
-def _holds(path: Path, text: str) -> bool:
-    return path.is_file() and path.read_text(encoding="utf-8") == text
 
 
 if __name__ == "__main__":

@@ -29,15 +29,8 @@ class EuclideanLoss(Layer):
     reads_bottom = reads_top = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        a, b = bottom
-        items = [x.shape[0] if x.shape else 0 for x in bottom]
-        if items[0] == 0 or a.count != b.count or items[0] != items[1]:
-            raise self.fail(
-                f"bottoms {self.spec.bottom[0]!r} {a.shape} and {self.spec.bottom[1]!r} {b.shape} must have "
-                "the same number of items and of values an item"
-            )
+        self.difference = np.empty(self.items_and_values(bottom), self.dtype)
         top[0].reshape(())
-        self.difference = np.empty((items[0], a.count // items[0]), self.dtype)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         d = self.difference

@@ -187,14 +187,13 @@ class Skeleton:
         self.bone_axes = np.array([_signed(j.bone.axis)[0] if j.bone else -1 for j in param.joint])
         lineage = [self._lineage(j, param.joint) for j in range(len(param.joint))]
         self.steps = steps = self._steps(param.joint)
-        self._groups, self._places = _groups(param.joint, self.parents, [len(way) for way in lineage], steps)
+        self._groups, self._places = _groups(param.joint, self.parents, lineage, steps)
         motions = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
         self.driven = np.array([step.dof for _, step in motions], dtype=int)
         self.turns = np.array([step.kind == "rotate" for _, step in motions], dtype=bool)
         self._slides = np.flatnonzero(~self.turns)
-        self._moves = np.array([[float(j in lineage[k]) for k in range(len(lineage))] for j, _ in motions]).reshape(
-            len(motions), len(lineage)
-        )
+        moves = [float(j in way) for j, _ in motions for way in lineage]
+        self._moves = np.array(moves).reshape(len(motions), len(lineage))
         self._few = _FewPoses(self.parents, [len(way) for way in lineage], steps, self.bone_axes, self.bones)
         self._repeats = len(set(self.driven.tolist())) < len(self.driven)
         self._dtype: np.dtype[Any] = np.dtype(np.float64)
@@ -419,14 +418,14 @@ class _FewPoses:
 
 
 def _groups(
-    params: Sequence[JointParameter], parents: NDArray[np.int_], depths: list[int], steps: list[list[Step]]
+    params: Sequence[JointParameter], parents: NDArray[np.int_], lineage: list[list[int]], steps: list[list[Step]]
 ) -> tuple[list[Group], dict[int, tuple[int, int]]]:
     """Joints that can be computed together, parents first; and the (group, slot) of every joint."""
     alike: dict[object, list[int]] = {}
     places: dict[int, tuple[int, int]] = {}
-    for j in sorted(range(len(params)), key=lambda j: depths[j]):
+    for j in sorted(range(len(params)), key=lambda j: len(lineage[j])):
         bone = params[j].bone
-        key = (depths[j], [(step.kind, step.axis) for step in steps[j]], _signed(bone.axis)[0] if bone else 0)
+        key = (len(lineage[j]), [(step.kind, step.axis) for step in steps[j]], _signed(bone.axis)[0] if bone else 0)
         alike.setdefault(repr(key), []).append(j)
     groups: list[Group] = []
     for same in alike.values():  # depth by depth
@@ -439,17 +438,9 @@ def _groups(
             bone = params[joints[0]].bone
             axis = _signed(bone.axis)[0] if bone else 0
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            bodies = [_as_slice(_below(j, parents)) for j in joints if parent < 0]
+            bodies = [_as_slice([k for k, way in enumerate(lineage) if way[-1] == j]) for j in joints if parent < 0]
             groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
     return groups, places
-
-
-def _below(root: int, parents: NDArray[np.int_]) -> list[int]:
-    """The joint and all that hang from it."""
-    found = {root}
-    while more := {j for j, parent in enumerate(parents.tolist()) if parent in found} - found:
-        found |= more
-    return sorted(found)
 
 
 def _together(steps: Sequence[Step]) -> Operation:

@@ -143,7 +143,7 @@ def unpacked_parts(rows: int, inner: int, columns: int) -> int:
     return parts if parts <= MOST_PARTS and columns % parts == 0 else 1
 
 
-def stacked_rows(X: Array, kh: int, parts: int = 1) -> Array:
+def stacked_rows(X: Array, kh: int, parts: int) -> Array:
     """(H, R, L) → (H - kh + 1, parts, kh R, L / parts): every kh rows in a row, the columns in parts; a view.
 
     X is C-contiguous. NumPy's as_strided would do, and take 3 us for each of the hundreds of views of a batch.

@@ -55,16 +55,8 @@ class SmoothL1Loss(Layer):
             raise self.fail(f"sigma {self.param.sigma:g} must be above 0, and its square a {self.dtype}", "sigma")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        a = bottom[0]
-        items = a.shape[0] if a.shape else 0
-        for b, name in zip(bottom[1:], self.spec.bottom[1:]):
-            if items == 0 or b.count != a.count or b.shape[:1] != a.shape[:1]:
-                raise self.fail(
-                    f"bottoms {self.spec.bottom[0]!r} {a.shape} and {name!r} {b.shape} must have "
-                    "the same number of items and of values an item"
-                )
+        self.slope = np.empty(self.items_and_values(bottom), self.dtype)
         top[0].reshape(())
-        self.slope = np.empty((items, a.count // items), self.dtype)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         a, b, *weights = (x.data.reshape(self.slope.shape) for x in bottom)

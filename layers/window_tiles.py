@@ -74,7 +74,7 @@ class WindowTiles:
         np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=out.reshape(2, places * O // 2, A))
         if bias is None:
             bias = np.zeros(O, w.dtype)
-        y.sparse = SparseTiles(window, out.reshape(places, O, A), bias.copy(), w.sum(axis=(1, 2, 3)) * b + bias)
+        y.sparse = SparseTiles(window, out.reshape(places, O, A), bias, w.sum(axis=(1, 2, 3)) * b + bias)
 
     def windows(self, x: Array, b: Array, T: int) -> Array:
         """(A,) every window that reads anything but b, as in SparseTiles."""

@@ -184,6 +184,18 @@ class Layer:
             raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
         return axis % n
 
+    def items_and_values(self, bottom: Blobs) -> tuple[int, int]:
+        """The number of items and of values an item, which all bottoms must share. Raises LayerError."""
+        first = bottom[0]
+        items = first.shape[0] if first.shape else 0
+        for other, name in zip(bottom[1:], self.spec.bottom[1:]):
+            if items == 0 or other.count != first.count or other.shape[:1] != first.shape[:1]:
+                raise self.fail(
+                    f"bottoms {self.spec.bottom[0]!r} {first.shape} and {name!r} {other.shape} must have "
+                    "the same number of items and of values an item"
+                )
+        return items, first.count // items
+
     def buffer(self, key: str, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> NDArray[Any]:
         """Working memory of the calling thread: zeros at first, then whatever was left in it."""
         return buffer_of(self._buffers, key, shape, dtype or self.dtype)

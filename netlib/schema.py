@@ -125,10 +125,8 @@ class SolverParameter:
     power: float = 0.0
     stepsize: UInt = 0
     stepvalue: tuple[UInt, ...] = ()
-    rampup_interval: UInt = (
-        0  # iterations in which the rate first rises to base_lr (NVIDIA's Caffe), in a straight line
-    )
-    rampup_lr: float = 0.0  # where it starts
+    rampup_interval: UInt = 0  # iterations in which the rate first rises, in a straight line (NVIDIA's Caffe)
+    rampup_lr: float = 0.0  # from here to base_lr
     max_iter: UInt = 0
     iter_size: UInt = 1  # batches summed in one iteration
     display: UInt = 0  # iterations between log lines; 0: none

@@ -38,9 +38,8 @@ from netlib import parallel
 from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 
-SLICE_BYTES = (
-    16 << 20
-)  # aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls
+# Aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls.
+SLICE_BYTES = 16 << 20
 LARGEST_SLICE = 64
 LANES = 16
 
