@@ -23,7 +23,6 @@ import errno
 import hashlib
 import json
 import os
-import re
 import shutil
 import signal
 import threading
@@ -239,12 +238,6 @@ def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> No
 def replace_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all."""
     replace(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
-
-
-def reason(error: OSError) -> str:
-    """The plain reason, which HDF5 wraps in a long message."""
-    wrapped = re.search(r"error message = '([^']*)'", str(error))
-    return wrapped.group(1) if wrapped else reason_of(error)
 
 
 class StoppedError(Exception):

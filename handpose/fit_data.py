@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from handpose import dataset, fit, labels
 from layers.kinematics import Skeleton
-from netlib.errors import DataError
+from netlib.errors import DataError, reason_of
 
 Array = NDArray[np.float64]
 VERSION = 2  # to be raised when a change of the code changes the angles
@@ -87,5 +87,5 @@ def fit_file(
         target.parent.mkdir(parents=True, exist_ok=True)
         dataset.replace(target, fill)
     except OSError as error:
-        raise DataError(f"{target}: {dataset.reason(error)}") from None
+        raise DataError(f"{target}: {reason_of(error)}") from None
     return np.asarray(residuals)

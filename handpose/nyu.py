@@ -67,6 +67,13 @@ def half_cubes(frames: int) -> NDArray[np.float64]:
     return cube_of_test_frame(np.arange(frames) if frames == TEST_FRAMES else np.zeros(frames)) / 2
 
 
+def one_size_for_all(frames: int) -> str:
+    """A warning if ``half_cubes`` takes one subject's size for all of ``frames`` test frames, else nothing."""
+    if frames == TEST_FRAMES:
+        return ""
+    return f"warning: {frames} of {TEST_FRAMES} test frames; the first subject's size of hand is used for all"
+
+
 def frame_name(index: int) -> str:
     """File name of the depth frame with this 0-based index."""
     return f"depth_1_{index + 1:07d}.png"

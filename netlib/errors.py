@@ -7,6 +7,7 @@ and, if it helps, what to do. Tools print it to stderr and exit with status 1.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 
@@ -48,4 +49,6 @@ def reason_of(error: BaseException | None) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    if wrapped := re.search(r"error message = '([^']*)'", text):  # HDF5 says it last, after a long tale
+        text = wrapped.group(1)
     return " ".join((text or type(error).__name__).split())

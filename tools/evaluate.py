@@ -136,9 +136,8 @@ def compare_angles(truth: Array, predictions: Mapping[str, Array]) -> dict[str, 
     """Fit the hand to true joints (N, 14, 3) in mm and to those of each method, and compare."""
     skeleton = kinematics.load()
     half = nyu.half_cubes(len(truth))
-    if len(truth) != nyu.TEST_FRAMES:
-        print(f"warning: {len(truth)} of {nyu.TEST_FRAMES} frames; the first subject's size of hand is used for all",
-              file=sys.stderr)  # fmt: skip
+    if warning := nyu.one_size_for_all(len(truth)):
+        print(warning, file=sys.stderr)
 
     def fitted(joints: Array, what: str, **options: Any) -> tuple[Array, Array]:
         """Inputs (N, D), and the mean distance (N,) in mm that each frame's joints are left with."""

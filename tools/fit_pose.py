@@ -34,7 +34,7 @@ from handpose.camera import NYU
 from handpose.published import FORMATS, read_joints
 from layers import kinematics
 from layers.hdf5_data import read_list
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError, NetlibError, reason_of
 from tools.console import DONE, duration, guarded, positive, progress_bar
 
 
@@ -138,10 +138,9 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
             Path(args.out).parent.mkdir(parents=True, exist_ok=True)
             dataset.replace(Path(args.out), fill)
         except OSError as error:
-            raise NetlibError(f"{args.out}: {dataset.reason(error)}") from None
-    if len(xyz) != nyu.TEST_FRAMES:
-        print(f"warning: {len(xyz)} of {nyu.TEST_FRAMES} test frames; the first subject's size of hand is used for all",
-              file=sys.stderr)  # fmt: skip
+            raise NetlibError(f"{args.out}: {reason_of(error)}") from None
+    if warning := nyu.one_size_for_all(len(xyz)):
+        print(warning, file=sys.stderr)
     return residuals, _broken(found.inputs, skeleton)
 
 

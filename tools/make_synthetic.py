@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: f
 from handpose import dataset, nyu
 from handpose.crop import restore_joints, window
 from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate, no_interrupt, processes
-from netlib.errors import NetlibError
+from netlib.errors import NetlibError, reason_of
 from tools.console import duration, guarded, progress_bar
 
 FRAMES_PER_FILE = 2500
@@ -100,7 +100,7 @@ def _stoppable(out: Path, work: Callable[[dataset.Stopper], None], kept: str, do
         print(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
-        raise NetlibError(f"{out}: {dataset.reason(error)}") from None
+        raise NetlibError(f"{out}: {reason_of(error)}") from None
     print(f"{out}: {done} in {duration(time.perf_counter() - begun)}")
     return 0
 

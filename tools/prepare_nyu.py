@@ -31,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: f
 
 from handpose import dataset, nyu
 from handpose.dataset import Annotated, BadFrameError, Outcome, Part, Problem
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError, NetlibError, reason_of
 from tools.console import DONE, FAILED, duration, guarded, positive, progress_bar
 
 FRAMES_PER_FILE = 2500
@@ -127,7 +127,7 @@ def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, 
         print("stopped; whole files are kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
-        raise NetlibError(f"{out}: {dataset.reason(error)}") from None
+        raise NetlibError(f"{out}: {reason_of(error)}") from None
     for frames, outcome in zip(splits, outcomes):
         print(_report(frames, outcome))
     made = sum(outcome.made for outcome in outcomes)

@@ -35,6 +35,14 @@ def test_cubes() -> None:
     np.testing.assert_allclose(nyu.cube_of_test_frame([0, 2439, 2440, 8251]), [300, 300, 261, 261])
 
 
+def test_a_part_of_the_test_set_has_one_size() -> None:
+    """And whoever uses it can say so."""
+    np.testing.assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
+    assert nyu.one_size_for_all(nyu.TEST_FRAMES) == ""
+    np.testing.assert_allclose(nyu.half_cubes(3), 150)
+    assert nyu.one_size_for_all(3).startswith("warning: 3 of 8252 test frames; the first subject's size of hand")
+
+
 def test_depth_is_unpacked(tmp_path: Path) -> None:
     """Green counts 256 mm, blue 1 mm, red nothing."""
     cv2.imwrite(str(tmp_path / "depth.png"), np.array([[[5, 3, 9], [0, 0, 0]]], dtype=np.uint8))
