@@ -65,8 +65,12 @@ def _with_sgd(solver: str) -> str:
 
 def _with_squares(net: str) -> str:
     net = _replaced(net, "SmoothL1Loss", "EuclideanLoss")
-    net = _replaced(net, "  smooth_l1_loss_param { sigma: 10 }  # squared up to 0.01 half-cubes, 1.5 mm\n", "")
+    net = _replaced(net, "smooth_l1_loss_param { sigma: 10 }", "")
     return _replaced(net, "loss_weight: 0.1", "loss_weight: 1")
+
+
+def _without_second_head(net: str) -> str:
+    return net[: net.index("# A second head")]
 
 
 def _without_augmentation(net: str) -> str:
@@ -92,6 +96,7 @@ STUDIES = (
     Study("few", "5,000 frames instead of 50,000", frames=5000),
     Study("few_plain", "5,000 frames, no augmentation", frames=5000, net=_without_augmentation),
     Study("plain", "no augmentation", net=_without_augmentation),
+    Study("on_bones", "flesh about the bones, not before them", options={"shape": HandShape(towards_palm=())}),
     Study("clean", "no sensor noise", options={"sensor": None}),
     Study("armless", "no forearm", options={"shape": HandShape(forearm_radius=(1.0, 1.0), forearm_length=1.0)}),
     Study("narrow", "narrow rotations of the palm", options={"prior": NARROW}),
@@ -99,6 +104,7 @@ STUDIES = (
     Study(
         "one_hand", "one hand: no other sizes and bones", options={"prior": SAME, "shape": HandShape(thickness_std=0)}
     ),
+    Study("one_head", "no second head", net=_without_second_head),
     Study("dropout", "dropout 0.3", net=_with_dropout),
     Study("squares", "EuclideanLoss, the paper's", net=_with_squares),
     Study("at_once", "the full learning rate at once", rampup=0),

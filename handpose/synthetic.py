@@ -45,7 +45,7 @@ Split = Literal["train", "test"]
 
 _AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
 BLOCK = 64  # frames that share a random generator
-VERSION = 2  # to be raised when a change of the code, not of the numbers below, changes the frames
+VERSION = 3  # to be raised when a change of the code, not of the numbers below, changes the frames
 FINGERS = ("little", "ring", "middle", "index")
 
 # ------------------------------------------------------------------------------------------- the numbers
@@ -95,6 +95,10 @@ def _along(finger: str, r: tuple[float, ...]) -> tuple[tuple[str, str, float, fl
     return tuple((names[i], names[i + 1], r[i], r[i + 1]) for i in range(5))
 
 
+def _all_fingers(part: str, value: float) -> tuple[tuple[str, float], ...]:
+    return tuple((f"{finger}_{part}", value) for finger in FINGERS)
+
+
 @dataclass(frozen=True)
 class HandShape:
     """Capsules: from and to which joint, and the radii in mm at both."""
@@ -123,6 +127,18 @@ class HandShape:
         ("thumb_pip", "index_mcp", 12.0, 12.0),
     )
     thickness_std: float = 0.08  # all radii of a hand together
+
+    # A palm's flesh lies before its bones, the more the nearer to the wrist: mm that capsules' ends are before their
+    # joints. On two real crops the surface was 8 mm off without, 5 mm with it.
+    towards_palm: tuple[tuple[str, float], ...] = (
+        ("wrist_left", 12.0),
+        ("wrist_middle", 12.0),
+        ("thumb_mcp", 8.0),
+        ("thumb_pip", 2.0),
+        ("palm", 6.0),
+        *_all_fingers("mcp", 6.0),
+        *_all_fingers("base", 2.0),
+    )
 
     forearm_radius: tuple[float, float] = (25.0, 38.0)  # mm at the wrist and at the elbow's end
     forearm_length: float = 260.0  # mm
@@ -204,6 +220,8 @@ class Generator:
         self._from = np.array([name(c[0]) for c in shape.capsules])
         self._to = np.array([name(c[1]) for c in shape.capsules])
         self._radii = np.array([c[2:] for c in shape.capsules])
+        self._towards_palm = np.zeros(len(self.skeleton.joint_names))
+        self._towards_palm[[name(joint) for joint, _ in shape.towards_palm]] = [mm for _, mm in shape.towards_palm]
         self._pairs = _touching_pairs(shape)
         dof = self.skeleton.dof_names.index
         self._rotation = [dof(f"palm_rot_{axis}") for axis in "zxy"]
@@ -324,7 +342,8 @@ class Generator:
 
     def _penetration(self, joints: Array, scale: Array) -> Array:
         """How deep in mm (N,) two parts of a hand that should not meet are in each other; joints (N, 31, 3) in mm."""
-        a, b = joints[:, self._from].transpose(2, 1, 0), joints[:, self._to].transpose(2, 1, 0)
+        axes = self._capsule_ends(joints, scale)
+        a, b = axes[:, self._from].transpose(2, 1, 0), axes[:, self._to].transpose(2, 1, 0)
         radii = self._radii[:, :, None] * scale
         i, j = self._pairs
         s, t, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
@@ -346,24 +365,34 @@ class Generator:
         """Capsules around hands with ``joints`` (N, 31, 3) in mm and sizes ``scale`` (N,), and their forearms."""
         h, N = self.shape, len(joints)
         thickness = scale * (1 + h.thickness_std * _cut_normal(rng, (N,), self.prior.scale_clip))
-        wrist = joints[:, self._wrist].mean(axis=1)
-        down = _unit(wrist - joints[:, self._knuckles].mean(axis=1))
-        across = joints[:, self._wrist[1]] - joints[:, self._wrist[0]]
-        across = _unit(across - (across * down).sum(1, keepdims=True) * down)
-        out = np.cross(down, across)
+        down, across, back = self._palm_axes(joints)
         flexion = np.deg2rad(h.forearm_flexion_std) * rng.standard_normal((N, 1))
         deviation = np.deg2rad(h.forearm_deviation_std) * rng.standard_normal((N, 1))
-        arm = np.cos(flexion) * (np.cos(deviation) * down + np.sin(deviation) * across) + np.sin(flexion) * out
+        arm = np.cos(flexion) * (np.cos(deviation) * down + np.sin(deviation) * across) + np.sin(flexion) * back
         arm[:, 2] = np.maximum(arm[:, 2], -h.forearm_towards_camera)
         arm[:, :2] = _unit(arm[:, :2]) * np.sqrt(1 - arm[:, 2:] ** 2)
         radii = np.concatenate([self._radii, [h.forearm_radius]]) * thickness[:, None, None]
+        wrist = joints[:, self._wrist].mean(axis=1)
         elbow = wrist + h.forearm_length * scale[:, None] * arm
+        ends = self._capsule_ends(joints, scale)
         return Capsules(
-            np.concatenate([joints[:, self._from], wrist[:, None]], axis=1),
-            np.concatenate([joints[:, self._to], elbow[:, None]], axis=1),
+            np.concatenate([ends[:, self._from], wrist[:, None]], axis=1),
+            np.concatenate([ends[:, self._to], elbow[:, None]], axis=1),
             radii[:, :, 0],
             radii[:, :, 1],
         )
+
+    def _capsule_ends(self, joints: Array, scale: Array) -> Array:
+        """Where the capsules of each joint end, (N, 31, 3) in mm: some way from it towards the palm."""
+        _, _, back = self._palm_axes(joints)
+        return np.asarray(joints - np.einsum("n,j,nk->njk", scale, self._towards_palm, back))
+
+    def _palm_axes(self, joints: Array) -> tuple[Array, Array, Array]:
+        """Unit vectors (N, 3): down to the wrist, across it to the thumb, out of the hand's back."""
+        down = _unit(joints[:, self._wrist].mean(axis=1) - joints[:, self._knuckles].mean(axis=1))
+        across = joints[:, self._wrist[1]] - joints[:, self._wrist[0]]
+        across = _unit(across - (across * down).sum(1, keepdims=True) * down)
+        return down, across, np.cross(down, across)
 
 
 def _touching_pairs(shape: HandShape) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -18,7 +18,9 @@ def test_every_study_is_a_net_and_a_solver() -> None:
     recipe = ablation.STUDIES[0]
     for study in ablation.STUDIES:
         net, solver = study.net(ablation.NET), study.solver(ablation.SOLVER)
-        assert load_parameter(prototxt.parse(net, study.name)).layer
+        layers = load_parameter(prototxt.parse(net, study.name)).layer
+        assert [layer.name for layer in layers if layer.type == "HandModel"] == ["HandModel"]
+        assert all(layer.type == "SmoothL1Loss" for layer in layers if "smooth_l1_loss_param" in layer.blocks)
         schema.read(prototxt.parse(solver, study.name), SolverParameter, "solver")
         same = (net == ablation.NET, solver == ablation.SOLVER, study.rampup == recipe.rampup)
         differs = not all(same) or study.frames != recipe.frames or bool(study.options)
