@@ -18,12 +18,12 @@ from netlib.errors import DataError
 Array = NDArray[np.float64]
 
 # Tuned on synthetic frames in NYU's format (tools/make_synthetic.py --raw): half of the centres are within 30 mm of the
-# true one, nine of ten within 49 mm.
+# true one, nine of ten within 48 mm.
 FRONT_MM2 = 1500.0  # of surface that the nearest thing must show, else it is noise
 SLAB_MM = 160.0  # behind its front, where the rest of a hand is
-REACH_MM = 110.0  # from its centre of mass: the hand, and not much of the forearm
+REACH_MM = 125.0  # from its centre of mass: the hand, and not much of the forearm
 PALM_MM = 15.0  # from the surface of a palm to its middle
-BEHIND_MM = 39.0  # the centre lies so far behind the mean of what is seen, which is its front
+BEHIND_MM = 38.0  # the centre lies so far behind the mean of what is seen, which is its front
 
 
 def find_hand(depth: ArrayLike, camera: Camera) -> Array:
