@@ -26,7 +26,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
-from handpose import dataset, synthetic
+from handpose import dataset, synthetic, workers
 from handpose.evaluation import predict, score
 from handpose.synthetic import Generator, HandShape, PosePrior
 from layers import kinematics
@@ -152,7 +152,7 @@ def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
     """Frames in one file with its list, unless they are there already; returns the list."""
     part = dataset.Part(prefix.with_suffix(".h5"), count, repr(generator.recipe()))
     if not dataset.is_whole(part):
-        with synthetic.processes(parallel.available_cpus()) as pool:
+        with workers.processes(parallel.available_cpus()) as pool:
             pieces = (frames.arrays() for frames in synthetic.generate(count, generator, pool))
             dataset.write_part(part, synthetic.empty_frames().arrays(), pieces, lambda: {"made_from": "synthetic"})
     dataset.replace_text(prefix.with_suffix(".txt"), dataset.list_text([part.path]))

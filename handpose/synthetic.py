@@ -5,7 +5,7 @@ A frame is made in four steps, each described by one dataclass of numbers:
     PosePrior    how hands are held: rotations, curled fingers, place, bone lengths
     HandShape    flesh: capsules along the bones, a solid palm, a forearm
     render       the depth image, along the rays that the NYU crop picks (``handpose.render``)
-    Sensor       what a Kinect makes of it: ragged edges, noise in steps, pixels without a reading
+    Sensor       what a Kinect makes of it (``handpose.sensor``)
 
 Labels are those of NYU: 31 joints in half-cubes from the crop centre, camera axes (x right, y up, z away),
 clipped to [-1, 1]. They belong to the frame's own bones. ``dof`` holds the model's 47 inputs that posed the
@@ -18,16 +18,10 @@ generator of its own, so neither the number of worker processes nor the number o
 from __future__ import annotations
 
 import collections
-import contextlib
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, fields
-from multiprocessing.process import BaseProcess
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -37,6 +31,8 @@ from handpose.camera import NYU, Camera
 from handpose.crop import SIZE, window
 from handpose.nyu import CUBE_MM
 from handpose.render import Capsules, Floats, normalise_depth, render_crop
+from handpose.sensor import KINECT_V1, Sensor, sense
+from handpose.workers import no_interrupt, processes
 from layers import kinematics
 from netlib.errors import DataError
 
@@ -148,23 +144,6 @@ class HandShape:
     forearm_towards_camera: float = 0.35  # largest part of its direction that may point at the camera
 
 
-@dataclass(frozen=True)
-class Sensor:
-    """A Kinect v1: it measures disparity (focal length x baseline / depth) by matching small windows.
-
-    Of two numbers each frame draws its own between them, uniformly.
-    """
-
-    pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: a pixel looks so far beside itself (deviation)
-    block_shift: tuple[float, float] = (0.2, 0.7)  # px of the crop: the same for 4 x 4 pixels together
-    baseline: float = 75.0  # mm between projector and camera
-    disparity_noise: tuple[float, float] = (0.0, 0.08)  # px of the image (deviation)
-    disparity_step: float = 0.125  # px of the image: disparity comes in multiples of it
-    edge: float = 15.0  # mm between neighbours that make an edge
-    dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
-    holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
-
-
 # ---------------------------------------------------------------------------------------------- the hand
 
 
@@ -206,7 +185,7 @@ class Generator:
         split: Split = "train",
         prior: PosePrior = PosePrior(),
         shape: HandShape = HandShape(),
-        sensor: Sensor | None = Sensor(),
+        sensor: Sensor | None = KINECT_V1,
         camera: Camera = NYU,
         cube_mm: float = CUBE_MM,
     ) -> None:
@@ -441,88 +420,6 @@ def _unit(v: Array) -> Array:
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 
-# -------------------------------------------------------------------------------------------- the sensor
-
-
-_CHUNK = 4  # frames worked on together: their arrays stay in the cache
-_BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
-
-
-def sense(rng: np.random.Generator, depth: Floats, far: Array, sensor: Sensor, camera: Camera) -> Floats:
-    """Depth (N, H, W) in mm as ``sensor`` would read it; ``far`` (N,) mm is the background, and what is not read."""
-    out = np.empty_like(depth)
-    limits = np.asarray(far, dtype=np.float32)[:, None, None]
-    for first in range(0, len(depth), _CHUNK):
-        chunk = slice(first, first + _CHUNK)
-        out[chunk] = _shift(rng, depth[chunk], sensor)
-        _measure(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
-        _drop(rng, out[chunk], limits[chunk], sensor)
-    return out
-
-
-def _draw(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> Floats:
-    """One number a frame between ``bounds``, (count, 1, 1)."""
-    return rng.uniform(*bounds, (count, 1, 1)).astype(np.float32)
-
-
-def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]:
-    """Random bytes, the cheapest random numbers there are."""
-    count = int(np.prod(shape))
-    return rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
-
-
-def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
-    """Each pixel takes the depth of one beside it: the ragged outline of block matching."""
-    N, H, W = depth.shape
-    by_pixel = _draw(rng, sensor.pixel_shift, N) / np.float32(_BYTE_STD)
-    by_block = _draw(rng, sensor.block_shift, N)
-    position = []
-    for axis, length in ((0, W), (1, H)):
-        blocks = rng.standard_normal((N, -(-H // 4), -(-W // 4)), dtype=np.float32) * by_block
-        x = _noise(rng, (N, H, W)) * by_pixel
-        x += np.repeat(np.repeat(blocks, 4, axis=2)[:, :, :W], 4, axis=1)[:, :H]
-        x += np.arange(length, dtype=np.float32).reshape((-1, 1) if axis else (1, -1))
-        np.rint(x, out=x)
-        position.append(np.clip(x, 0, length - 1, out=x))
-    position[1] += np.arange(N, dtype=np.float32)[:, None, None] * H
-    position[1] *= W  # below 2^24, so exact
-    position[1] += position[0]
-    return np.asarray(depth.reshape(-1)[position[1].astype(np.int32)])
-
-
-def _measure(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float) -> None:
-    """Noise and rounding of the disparity, in place."""
-    deviation = np.broadcast_to(_draw(rng, sensor.disparity_noise, len(depth)), depth.shape)
-    seen = np.flatnonzero(depth < far)
-    disparity = np.float32(focal_baseline) / depth.reshape(-1)[seen]
-    noise = _noise(rng, (2, len(seen)))
-    both = np.add(noise[0], noise[1], dtype=np.int16)  # the sum of two uniform numbers is near enough to normal
-    disparity += both * (deviation.reshape(-1)[seen] * np.float32(1 / (_BYTE_STD * 2**0.5)))
-    disparity *= np.float32(1 / sensor.disparity_step)
-    np.rint(disparity, out=disparity)
-    depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
-
-
-def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
-    """Pixels and small holes at edges that are not read, in place."""
-    N, H, W = depth.shape
-    edge = np.zeros((N, H, W), dtype=bool)
-    across = np.abs(depth[:, :, 1:] - depth[:, :, :-1]) > sensor.edge
-    down = np.abs(depth[:, 1:] - depth[:, :-1]) > sensor.edge
-    edge[:, :, 1:] |= across
-    edge[:, :, :-1] |= across
-    edge[:, 1:] |= down
-    edge[:, :-1] |= down
-    where = np.flatnonzero(edge)
-    frame = where // (H * W)
-    dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, N)[frame, 0, 0]]
-    holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, N)[frame, 0, 0]]
-    n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
-    around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
-    depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[n, 0, 0]
-    depth.reshape(-1)[dropped] = far[dropped // (H * W), 0, 0]
-
-
 # ----------------------------------------------------------------------------------------- many of them
 
 
@@ -545,7 +442,7 @@ def generate(
 ) -> Iterator[Frames]:
     """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``. Raises DataError.
 
-    ``workers`` is a number of processes, or a pool made by ``processes`` for several calls. The frames and
+    ``workers`` is a number of processes, or a pool made by ``workers.processes`` for several calls. The frames and
     their order do not depend on it. Processes are spawned, so a script that asks for more than one needs the
     usual ``if __name__ == "__main__":``.
     """
@@ -560,18 +457,6 @@ def generate(
     else:
         for frames in _in_processes(generator, numbers, workers):
             yield _part(frames, start, start + count)
-
-
-@contextlib.contextmanager
-def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool for ``generate``. Ctrl-C and the death of their parent end its processes quietly. Raises DataError."""
-    if workers < 1:
-        raise DataError(f"{workers} worker processes, expected at least one")
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _part(frames: Frames, start: int, stop: int) -> Frames:
@@ -599,28 +484,3 @@ def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecuto
     finally:
         for future in ahead:
             future.cancel()
-
-
-def _start_worker() -> None:
-    """In a worker: do not outlive the parent."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def follow(parent: BaseProcess) -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=follow, args=(parent,), daemon=True).start()
-
-
-@contextlib.contextmanager
-def no_interrupt() -> Iterator[None]:
-    """Processes started in here never see Ctrl-C, which stops their parent, which stops them."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -33,7 +33,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: f
 
 from handpose import dataset, nyu
 from handpose.crop import restore_joints, window
-from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate, no_interrupt, processes
+from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate
+from handpose.workers import no_interrupt, processes
 from netlib.errors import NetlibError, reason_of
 from tools.console import duration, guarded, progress_bar
 

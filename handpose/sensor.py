@@ -1,0 +1,115 @@
+"""What a Kinect makes of a depth image: ragged edges, noise in steps, pixels without a reading.
+
+    sense(rng, depth, far, Sensor(), camera)
+
+Three faults in the order in which they arise: matching takes the depth of a neighbour (``_shift``), the disparity is
+noisy and rounded (``_measure``), pixels at depth steps are not read at all (``_drop``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.camera import Camera
+from handpose.render import Floats
+
+_CHUNK = 4  # frames worked on together: their arrays stay in the cache
+_BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A Kinect v1: it measures disparity (focal length x baseline / depth) by matching small windows.
+
+    Of two numbers each frame draws its own between them, uniformly.
+    """
+
+    pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: a pixel looks so far beside itself (deviation)
+    block_shift: tuple[float, float] = (0.2, 0.7)  # px of the crop: the same for 4 x 4 pixels together
+    baseline: float = 75.0  # mm between projector and camera
+    disparity_noise: tuple[float, float] = (0.0, 0.08)  # px of the image (deviation)
+    disparity_step: float = 0.125  # px of the image: disparity comes in multiples of it
+    edge: float = 15.0  # mm between neighbours that make an edge
+    dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
+    holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
+
+
+KINECT_V1 = Sensor()
+
+
+def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera) -> Floats:
+    """Depth (N, H, W) in mm as ``sensor`` would read it; ``far`` (N,) mm is the background, and what is not read."""
+    out = np.empty_like(depth)
+    limits = np.asarray(far, dtype=np.float32)[:, None, None]
+    for first in range(0, len(depth), _CHUNK):
+        chunk = slice(first, first + _CHUNK)
+        out[chunk] = _shift(rng, depth[chunk], sensor)
+        _measure(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
+        _drop(rng, out[chunk], limits[chunk], sensor)
+    return out
+
+
+def _draw(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> Floats:
+    """One number a frame between ``bounds``, (count, 1, 1)."""
+    return rng.uniform(*bounds, (count, 1, 1)).astype(np.float32)
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]:
+    """Random bytes, the cheapest random numbers there are."""
+    count = int(np.prod(shape))
+    return rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
+
+
+def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
+    """Each pixel takes the depth of one beside it: the ragged outline of block matching."""
+    N, H, W = depth.shape
+    by_pixel = _draw(rng, sensor.pixel_shift, N) / np.float32(_BYTE_STD)
+    by_block = _draw(rng, sensor.block_shift, N)
+    position = []
+    for axis, length in ((0, W), (1, H)):
+        blocks = rng.standard_normal((N, -(-H // 4), -(-W // 4)), dtype=np.float32) * by_block
+        x = _noise(rng, (N, H, W)) * by_pixel
+        x += np.repeat(np.repeat(blocks, 4, axis=2)[:, :, :W], 4, axis=1)[:, :H]
+        x += np.arange(length, dtype=np.float32).reshape((-1, 1) if axis else (1, -1))
+        np.rint(x, out=x)
+        position.append(np.clip(x, 0, length - 1, out=x))
+    position[1] += np.arange(N, dtype=np.float32)[:, None, None] * H
+    position[1] *= W  # below 2^24, so exact
+    position[1] += position[0]
+    return np.asarray(depth.reshape(-1)[position[1].astype(np.int32)])
+
+
+def _measure(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float) -> None:
+    """Noise and rounding of the disparity, in place."""
+    deviation = np.broadcast_to(_draw(rng, sensor.disparity_noise, len(depth)), depth.shape)
+    seen = np.flatnonzero(depth < far)
+    disparity = np.float32(focal_baseline) / depth.reshape(-1)[seen]
+    noise = _noise(rng, (2, len(seen)))
+    both = np.add(noise[0], noise[1], dtype=np.int16)  # the sum of two uniform numbers is near enough to normal
+    disparity += both * (deviation.reshape(-1)[seen] * np.float32(1 / (_BYTE_STD * 2**0.5)))
+    disparity *= np.float32(1 / sensor.disparity_step)
+    np.rint(disparity, out=disparity)
+    depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
+
+
+def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
+    """Pixels and small holes at edges that are not read, in place."""
+    N, H, W = depth.shape
+    edge = np.zeros((N, H, W), dtype=bool)
+    across = np.abs(depth[:, :, 1:] - depth[:, :, :-1]) > sensor.edge
+    down = np.abs(depth[:, 1:] - depth[:, :-1]) > sensor.edge
+    edge[:, :, 1:] |= across
+    edge[:, :, :-1] |= across
+    edge[:, 1:] |= down
+    edge[:, :-1] |= down
+    where = np.flatnonzero(edge)
+    frame = where // (H * W)
+    dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, N)[frame, 0, 0]]
+    holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, N)[frame, 0, 0]]
+    n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
+    around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
+    depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[n, 0, 0]
+    depth.reshape(-1)[dropped] = far[dropped // (H * W), 0, 0]

@@ -1,0 +1,67 @@
+"""handpose/workers.py"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from handpose.workers import no_interrupt, processes
+from netlib.errors import DataError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_a_pool_computes() -> None:
+    """In other processes than this one."""
+    with processes(1) as pool:
+        assert pool.submit(os.getpid).result() != os.getpid()
+
+
+def test_no_workers() -> None:
+    """Are too few."""
+    with pytest.raises(DataError, match="0 worker processes, expected at least one"), processes(0):
+        pass
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be blocked here")
+def test_what_starts_within_does_not_see_ctrl_c() -> None:
+    """Processes inherit the signals that are blocked; after it all is as before."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    with no_interrupt():
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="no way to wait for a process that is nobody's child")
+def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
+    """Not even if it is killed and can tell them nothing."""
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import os, sys\n"
+        "from handpose.workers import processes\n"
+        "if __name__ == '__main__':\n"
+        "    with processes(1) as pool:\n"
+        "        print(pool.submit(os.getpid).result(), flush=True)\n"
+        "        sys.stdin.read()\n"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    with parent:
+        assert parent.stdout is not None
+        worker = os.pidfd_open(int(parent.stdout.readline()))
+        try:
+            parent.kill()
+            ended, _, _ = select.select([worker], [], [], 60)
+        finally:
+            os.close(worker)
+    assert ended
