@@ -26,7 +26,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
-from handpose import dataset, synthetic, workers
+from handpose import atomic, dataset, synthetic, workers
 from handpose.evaluation import predict, score
 from handpose.synthetic import Generator, HandShape, PosePrior
 from layers import kinematics
@@ -155,7 +155,7 @@ def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
         with workers.processes(parallel.available_cpus()) as pool:
             pieces = (frames.arrays() for frames in synthetic.generate(count, generator, pool))
             dataset.write_part(part, synthetic.empty_frames().arrays(), pieces, lambda: {"made_from": "synthetic"})
-    dataset.replace_text(prefix.with_suffix(".txt"), dataset.list_text([part.path]))
+    atomic.replace_text(prefix.with_suffix(".txt"), dataset.list_text([part.path]))
     return prefix.with_suffix(".txt")
 
 
@@ -169,11 +169,11 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
     solver, solver_text = Path(f"{prefix}.prototxt"), train.with_fields(study.solver(SOLVER), own)
-    if weights.is_file() and (dataset.text_of(net), dataset.text_of(solver)) == (net_text, solver_text):
+    if weights.is_file() and (atomic.text_of(net), atomic.text_of(solver)) == (net_text, solver_text):
         return DONE, weights, net
     weights.unlink(missing_ok=True)
-    dataset.replace_text(net, net_text)
-    dataset.replace_text(solver, solver_text)
+    atomic.replace_text(net, net_text)
+    atomic.replace_text(solver, solver_text)
     return train.main([str(solver)]), weights, net
 
 

@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import dataset, fit, labels
+from handpose import atomic, dataset, fit, labels
 from layers.kinematics import Skeleton
 from netlib.errors import DataError, reason_of
 
@@ -85,7 +85,7 @@ def fit_file(
 
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        dataset.replace(target, fill)
+        atomic.replace(target, fill)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
     return np.asarray(residuals)

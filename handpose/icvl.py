@@ -17,8 +17,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.annotated import (
+    WRONG_SIZE,
+    Annotated,
+    BadFrameError,
+    Problem,
+    names_in,
+    read_centers,
+    read_png,
+    recognise,
+)
 from handpose.camera import ICVL
-from handpose.dataset import WRONG_SIZE, Annotated, BadFrameError, Problem, names_in, read_centers, read_png, recognise
 from layers import kinematics
 from netlib.errors import DataError, reason_of
 

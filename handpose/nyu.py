@@ -15,8 +15,8 @@ import numpy as np
 import scipy.io
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.camera import NYU
-from handpose.dataset import (
+from handpose import atomic
+from handpose.annotated import (
     WRONG_SIZE,
     Annotated,
     BadFrameError,
@@ -25,8 +25,8 @@ from handpose.dataset import (
     read_centers,
     read_png,
     recognise,
-    replace,
 )
+from handpose.camera import NYU
 from netlib.errors import DataError, NetlibError
 
 Array = NDArray[np.float64]
@@ -199,7 +199,7 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
 def write_labels(path: Path, xyz: Array, made_from: str) -> None:
     """Write a ``joint_data.mat`` of one camera, version 5, whole or not at all; xyz (N, 36, 3) mm, camera axes."""
     variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
-    replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
+    atomic.replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
 
 
 # ---------------------------------------------------------------------------------------------- the frames

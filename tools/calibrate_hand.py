@@ -30,6 +30,7 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 import numpy as np
 
 from handpose.angles import rotations
+from handpose.atomic import replace_text
 from handpose.calibrate import (
     FEWEST_FRAMES,
     Annotation,
@@ -38,7 +39,6 @@ from handpose.calibrate import (
     read_annotation,
     skeleton_text,
 )
-from handpose.dataset import replace_text
 from handpose.nyu import CUBE_MM
 from layers import kinematics
 from layers.kinematics import Skeleton

@@ -29,7 +29,7 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 import h5py
 import numpy as np
 
-from handpose import dataset, fit, fit_data, metrics, nyu
+from handpose import atomic, dataset, fit, fit_data, metrics, nyu
 from handpose.camera import NYU
 from handpose.published import FORMATS, read_joints
 from layers import kinematics
@@ -136,7 +136,7 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
 
         try:
             Path(args.out).parent.mkdir(parents=True, exist_ok=True)
-            dataset.replace(Path(args.out), fill)
+            atomic.replace(Path(args.out), fill)
         except OSError as error:
             raise NetlibError(f"{args.out}: {reason_of(error)}") from None
     if warning := nyu.one_size_for_all(len(xyz)):
@@ -156,7 +156,7 @@ def _fit_list(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
         with h5py.File(target, "r") as file:
             inputs.append(file["dof"][...])
         print(f"{number} of {len(files)}: {target}, {np.nanmean(residuals[-1]):.3f} mm", file=sys.stderr)
-    dataset.replace_text(out / Path(args.joints).name, dataset.list_text(targets))
+    atomic.replace_text(out / Path(args.joints).name, dataset.list_text(targets))
     return np.concatenate(residuals), _broken(np.concatenate(inputs), skeleton)
 
 

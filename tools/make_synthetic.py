@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import dataset, nyu
+from handpose import atomic, dataset, nyu
+from handpose.annotated import names_in
 from handpose.crop import restore_joints, window
 from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate
 from handpose.workers import no_interrupt, processes
@@ -74,30 +75,30 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
     if not force:
         dataset.refuse_foreign([piece.part.path for piece in every], list(lists), [MADE_FROM])
     missing = every if force else [piece for piece in every if not dataset.is_whole(piece.part)]
-    if not missing and all(dataset.text_of(path) == text for path, text in lists.items()):
+    if not missing and all(atomic.text_of(path) == text for path, text in lists.items()):
         print(f"{out}: {_summary(counts, seed)} are already there, kept")
         return 0
 
-    def work(stopper: dataset.Stopper) -> None:
+    def work(stopper: atomic.Stopper) -> None:
         out.mkdir(parents=True, exist_ok=True)
         for path in lists if missing else ():
             path.unlink(missing_ok=True)  # no list may name files of two kinds
         dataset.check_space(out, [piece.part for piece in missing], empty_frames().arrays())
         _write_all(missing, workers, stopper)
         for path, text in lists.items():
-            dataset.replace_text(path, text)
+            atomic.replace_text(path, text)
 
     made = sum(piece.part.rows for piece in missing)
     return _stoppable(out, work, "whole files are", f"{_summary(counts, seed)}; made {made} of them")
 
 
-def _stoppable(out: Path, work: Callable[[dataset.Stopper], None], kept: str, done: str) -> int:
+def _stoppable(out: Path, work: Callable[[atomic.Stopper], None], kept: str, done: str) -> int:
     """Do the work; a signal ends it with status 130 or 143. Raises NetlibError."""
     begun = time.perf_counter()
     try:
-        with dataset.Stopper() as stopper:
+        with atomic.Stopper() as stopper:
             work(stopper)
-    except dataset.StoppedError:
+    except atomic.StoppedError:
         print(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
@@ -147,7 +148,7 @@ def _pieces(out: Path, generator: Generator, count: int) -> list[Piece]:
 # --------------------------------------------------------------------------------------------- writing
 
 
-def _write_all(pieces: list[Piece], workers: int, stopper: dataset.Stopper) -> None:
+def _write_all(pieces: list[Piece], workers: int, stopper: atomic.Stopper) -> None:
     bar = progress_bar(sum(piece.part.rows for piece in pieces), 0, " frames") if pieces else None
     columns = empty_frames().arrays()
     with contextlib.ExitStack() as stack:
@@ -188,8 +189,8 @@ def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force:
     missing = []
     for generator in generators:
         folder = out / generator.split
-        marker = dataset.text_of(folder / MARKER)
-        if not force and marker is None and dataset.names_in(folder):
+        marker = atomic.text_of(folder / MARKER)
+        if not force and marker is None and names_in(folder):
             raise NetlibError(f"{folder}: holds what this tool did not make; choose another --out, or use --force")
         if force or marker != recipes[generator.split] or not (folder / nyu.LABELS).is_file():
             missing.append(generator)
@@ -197,10 +198,10 @@ def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force:
         print(f"{out}: {_summary(counts, seed)} are already there in NYU's format, kept")
         return 0
 
-    def work(stopper: dataset.Stopper) -> None:
+    def work(stopper: atomic.Stopper) -> None:
         out.mkdir(parents=True, exist_ok=True)
         need = sum(counts[g.split] for g in missing) * RAW_BYTES
-        dataset.check_room(out, need)
+        atomic.check_room(out, need)
         bar = progress_bar(sum(counts[g.split] for g in missing), 0, " frames")
         with contextlib.ExitStack() as stack:
             if bar:
@@ -219,10 +220,10 @@ def _write_raw(folder: Path, generator: Remembering, count: int, recipe: str, wo
     """Write one split; the labels come last, and make it whole. Yields numbers of frames."""
     folder.mkdir(exist_ok=True)
     (folder / nyu.LABELS).unlink(missing_ok=True)
-    for name in dataset.names_in(folder) if (folder / MARKER).exists() else ():  # from an earlier run
+    for name in names_in(folder) if (folder / MARKER).exists() else ():  # from an earlier run
         if name.startswith("depth_1_") and name.endswith(".png"):
             (folder / name).unlink()
-    dataset.replace_text(folder / MARKER, recipe)
+    atomic.replace_text(folder / MARKER, recipe)
     numbers = range(-(-count // BLOCK))
     labels = []
     with contextlib.ExitStack() as stack:
@@ -246,7 +247,7 @@ def _raw_block(generator: Remembering, number: int, folder: Path, count: int) ->
         # level 1 is twice as fast as OpenCV's default, and these images are mostly empty
         png = cv2.imencode(".png", nyu.pack_depth(_image(frames, n, generator)), (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]
         path = folder / nyu.frame_name(int(frames.index[n]))
-        dataset.replace(path, lambda temporary, png=png: temporary.write_bytes(png.tobytes()), sync=False)  # type: ignore[misc]
+        atomic.replace(path, lambda temporary, png=png: temporary.write_bytes(png.tobytes()), sync=False)  # type: ignore[misc]
     center = generator.camera.unproject(frames.center_uvd.astype(np.float64))
     xyz = restore_joints(generator.last.joints, center, generator.cube_mm / 2)
     return nyu.annotation_of(xyz, center)[: count - number * BLOCK]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import dataset
+from handpose import atomic
 from netlib.errors import NetlibError, reason_of
 
 JPEG_QUALITY = 90
@@ -41,6 +41,6 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
 
 def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
     try:
-        dataset.replace(Path(path), fill)
+        atomic.replace(Path(path), fill)
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the format
         raise NetlibError(f"{path}: cannot write the picture: {reason_of(error)}") from error

@@ -29,8 +29,17 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import dataset, nyu
-from handpose.dataset import Annotated, BadFrameError, Outcome, Part, Problem
+from handpose import atomic, dataset, nyu
+from handpose.annotated import (
+    Annotated,
+    BadFrameError,
+    Outcome,
+    Problem,
+    parts_of,
+    statistics,
+    write_annotated,
+)
+from handpose.dataset import Part
 from netlib.errors import DataError, NetlibError, reason_of
 from tools.console import DONE, FAILED, duration, guarded, positive, progress_bar
 
@@ -97,7 +106,7 @@ def _center_file(center: str | None, split: str) -> Path | None:
 
 def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, force: bool, own: Sequence[str]) -> int:
     """Write what is missing of the splits into the folder ``out``, and tell what was found. Raises NetlibError."""
-    parts = {frames.split: dataset.parts_of(frames, out, FRAMES_PER_FILE) for frames in splits}
+    parts = {frames.split: parts_of(frames, out, FRAMES_PER_FILE) for frames in splits}
     lists = [out / f"{frames.split}.txt" for frames in splits]
     every = [part for some in parts.values() for part in some]
     if not force:
@@ -106,7 +115,7 @@ def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, 
     begun = time.perf_counter()
     outcomes: list[Outcome] = []
     try:
-        with dataset.Stopper() as stopper, contextlib.ExitStack() as stack:
+        with atomic.Stopper() as stopper, contextlib.ExitStack() as stack:
             out.mkdir(parents=True, exist_ok=True)
             dataset.check_space(out, missing, splits[0].columns())
             bar = progress_bar(sum(part.rows for part in missing), 0, " frames") if missing else None
@@ -123,7 +132,7 @@ def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, 
                     stopper.check()
 
                 outcomes.append(_write(frames, some, out, workers, strict, force, advance))
-    except dataset.StoppedError:
+    except atomic.StoppedError:
         print("stopped; whole files are kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
@@ -154,10 +163,10 @@ def _write(
         if len(named) <= NAMED:
             print(f"{frames.split} {named[-1]}", file=sys.stderr)
 
-    outcome = dataset.write_annotated(frames, parts, workers, advance, on_bad, force)
+    outcome = write_annotated(frames, parts, workers, advance, on_bad, force)
     bad = out / f"bad_{frames.split}.txt"
     if named:
-        dataset.replace_text(bad, "".join(f"{line}\n" for line in named))
+        atomic.replace_text(bad, "".join(f"{line}\n" for line in named))
     else:
         bad.unlink(missing_ok=True)
     if len(named) > NAMED:
@@ -166,7 +175,7 @@ def _write(
         raise DataError(f"{frames.files[0].parent}: none of the {len(frames)} {frames.split} frames can be used")
     used = {i // FRAMES_PER_FILE for i in outcome.index}
     some = [part.path for n, part in enumerate(parts) if n in used]  # HDF5Data wants no file without rows
-    dataset.replace_text(out / f"{frames.split}.txt", dataset.list_text(some))
+    atomic.replace_text(out / f"{frames.split}.txt", dataset.list_text(some))
     return outcome
 
 
@@ -175,7 +184,7 @@ def _report(frames: Annotated, outcome: Outcome) -> str:
     counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
     bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"
     head = f"{frames.split}: {len(outcome.index)} frames ({frames.made_from}){bad}"
-    return f"{head}\n{frames.split}: {dataset.statistics(frames, outcome.index)}"
+    return f"{head}\n{frames.split}: {statistics(frames, outcome.index)}"
 
 
 if __name__ == "__main__":

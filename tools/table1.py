@@ -30,7 +30,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import angles, dataset, draw, fit, fit_data, metrics, nyu
+from handpose import angles, atomic, dataset, draw, fit, fit_data, metrics, nyu
 from handpose.evaluation import Predictions, data_layer, predict, score
 from handpose.published import nyu_benchmark
 from handpose.published import score as curves_of
@@ -139,7 +139,7 @@ def fit_angles(files: dict[str, list[Path]], skeleton: kinematics.Skeleton) -> A
         begun, residuals = time.perf_counter(), []
         for path, target in zip(paths, targets):
             residuals.append(fit_data.fit_file(path, target, skeleton, ridge=RIDGE))
-        dataset.replace_text(ANGLES / f"{split}.txt", dataset.list_text(targets))
+        atomic.replace_text(ANGLES / f"{split}.txt", dataset.list_text(targets))
         mean, took = float(np.nanmean(np.concatenate(residuals))), duration(time.perf_counter() - begun)
         _say(f"{split}: the hand fitted to {sum(map(len, residuals))} frames, {mean:.2f} mm left, {took}")
         if split == "test":
@@ -157,7 +157,7 @@ def trained(network: Network, files: Sequence[Path], args: argparse.Namespace) -
     if final.is_file():
         return final, DONE
     solver = Path(f"{prefix}.prototxt")
-    dataset.replace_text(solver, solver_text(network, prefix, args.iterations, args.seed))
+    atomic.replace_text(solver, solver_text(network, prefix, args.iterations, args.seed))
     argv = [str(solver), "--log", f"{prefix}.log"]
     states = list(args.work.glob(f"{prefix.name}_iter_*.solverstate.h5"))  # the last file of a snapshot to be written
     if states:
@@ -210,7 +210,7 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
         with h5py.File(temporary, "w") as file:
             file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)
 
-    dataset.replace(path, fill)
+    atomic.replace(path, fill)
 
 
 def angles_of(network: Network, predictions: Predictions, skeleton: kinematics.Skeleton) -> Array:
@@ -258,10 +258,10 @@ def write(
     plot_angles(errors_deg, skeleton, args.out / "table1_angles.png")
     write_overlays(args.out / "table1_hands.jpg", found, skeleton)
     text = report(args, {name: n for name, (n, _, _) in found.items()}, results, made_from, frames)
-    dataset.replace_text(args.out / "table1.md", text)
+    atomic.replace_text(args.out / "table1.md", text)
     figures = {"iterations": args.iterations, "seed": args.seed, "data": made_from, "frames": frames,
                "networks": {name: asdict(r) for name, r in results.items()}}  # fmt: skip
-    dataset.replace_text(args.out / "table1.json", json.dumps(figures, indent=2) + "\n")
+    atomic.replace_text(args.out / "table1.json", json.dumps(figures, indent=2) + "\n")
     print(text)
 
 

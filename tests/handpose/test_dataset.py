@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import h5py
 import numpy as np
 import pytest
 
-from handpose import dataset, nyu
-from handpose.camera import NYU
-from handpose.dataset import Annotated, BadFrameError, Part
+from handpose import dataset
+from handpose.dataset import Part
 from netlib.errors import DataError
 
 COLUMNS = {"a": np.zeros((0, 200, 5), np.float32), "b": np.zeros((0,), np.int64)}
@@ -55,94 +53,3 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
         dataset.write_part(Part(tmp_path / "part.h5", 60, ""), COLUMNS, failing(), dict)
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
     assert (tmp_path / "part.h5").read_text() == "before"
-
-
-def test_png_that_is_not_whole(tmp_path: Path) -> None:
-    """Wherever a PNG file is cut, and whatever byte of it is wrong, it is refused before it is decoded."""
-    image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
-    raw = cv2.imencode(".png", image)[1].tobytes()
-    path = tmp_path / "image.png"
-    path.write_bytes(raw + b"more")
-    np.testing.assert_array_equal(dataset.read_png(path), image)
-    broken = [raw[:cut] for cut in (0, 7, 8, 20, 100, len(raw) // 2, len(raw) - 12, len(raw) - 1)]
-    for at in (3, 20, 60, len(raw) // 2, len(raw) - 5):
-        broken.append(raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])
-    for data in broken:
-        path.write_bytes(data)
-        with pytest.raises(BadFrameError, match="truncated, damaged or no PNG"):
-            dataset.read_png(path)
-    with pytest.raises(BadFrameError, match="no such file"):
-        dataset.read_png(tmp_path / "other.png")
-    with pytest.raises(BadFrameError, match="truncated, damaged or no PNG"):
-        dataset.read_png(tmp_path)
-
-
-def frames(**changes: object) -> Annotated:
-    """Two frames of a plate."""
-    facts: dict[str, object] = {
-        "split": "test",
-        "files": [Path("0.png"), Path("1.png")],
-        "center_uvd": np.array([[320.0, 240, 800], [300, 200, 700]]),
-        "joints": np.zeros((2, 4, 3)) + (0, 0, 800),
-        "cube_mm": np.array([300.0, 261.0]),
-        "camera": NYU,
-        "read": lambda path: np.full((480, 640), 780.0),
-        "made_from": "plates",
-        "centre": "the middle",
-    }
-    return Annotated(**{**facts, **changes})  # type: ignore[arg-type]
-
-
-def test_rows() -> None:
-    """A frame becomes a row; each kind of bad frame is told."""
-    arrays, bad = frames().rows(0, 2)
-    assert not bad
-    np.testing.assert_allclose(arrays["depth"][0, 0, 64, 64], -20 / 150, rtol=1e-6)
-    np.testing.assert_array_equal(arrays["joint"][0], 0)
-    assert arrays["joint"][1].max() == pytest.approx(100 / 130.5)
-    nan = np.zeros((2, 4, 3)) * np.nan
-    for changes, kind in (
-        ({"joints": nan}, dataset.UNLABELLED),
-        ({"center_uvd": np.array([[320, 240, 0.0]] * 2)}, dataset.UNLABELLED),
-        ({"center_uvd": np.array([[9999, 240, 800.0]] * 2)}, dataset.OUTSIDE),
-        ({"read": lambda path: np.full((480, 640), 2000.0)}, dataset.EMPTY),
-        ({"read": lambda path: np.zeros((480, 640))}, dataset.EMPTY),
-        ({"read": lambda path: np.full((640, 480), 780.0)}, dataset.WRONG_SIZE),
-    ):
-        arrays, bad = frames(**changes).rows(0, 2)
-        assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]
-        assert all(
-            len(array) == 0 and array.shape[1:] == frames().columns()[name].shape[1:] for name, array in arrays.items()
-        )
-
-
-def test_recipe(tmp_path: Path) -> None:
-    """A recipe changes with the labels, the centres, the cube and the size of an image, and with nothing else."""
-    first = frames().recipe(0, 2)
-    assert frames().recipe(0, 2) == first
-    some = tmp_path / "0.png"
-    some.write_text("image")
-    others = [
-        frames(center_uvd=np.zeros((2, 3))),
-        frames(joints=np.ones((2, 4, 3))),
-        frames(cube_mm=np.full(2, 300.0)),
-        frames(centre="elsewhere"),
-        frames(files=[some, Path("1.png")]),
-    ]
-    assert len({first, frames().recipe(0, 1), *(other.recipe(0, 2) for other in others)}) == 7
-
-
-def test_statistics() -> None:
-    """Millimetre figures say their centre and cube."""
-    told = dataset.statistics(frames(), [0, 1])
-    assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in told
-    assert "0.0% of the frames have a joint outside the cube" in told
-
-
-def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> None:
-    """Of NYU's test frames a fifth have an annotated joint outside the cube about joint 34."""
-    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
-    (tmp_path / "test").mkdir()
-    nyu.write_labels(tmp_path / "test" / nyu.LABELS, NYU.unproject(uvd), "NYU")
-    told = dataset.statistics(nyu.annotated(tmp_path, "test"), range(nyu.TEST_FRAMES))
-    assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in told

@@ -1,0 +1,73 @@
+"""handpose/atomic.py"""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from handpose import atomic
+from netlib.errors import DataError
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+    """While it is written the old one is there; after it nothing else is."""
+    path = tmp_path / "list.txt"
+    atomic.replace_text(path, "old")
+
+    def fill(temporary: Path) -> None:
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+
+    for sync in (True, False):
+        path.write_text("old")
+        atomic.replace(path, fill, sync)
+        assert path.read_text() == "new"
+        assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
+    """And no temporary file."""
+    path = tmp_path / "list.txt"
+    path.write_text("old")
+
+    def failing(temporary: Path) -> None:
+        temporary.write_text("half")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        atomic.replace(path, failing)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_text_of(tmp_path: Path) -> None:
+    """A missing file is no mistake, an unreadable one is."""
+    assert atomic.text_of(tmp_path / "none.txt") is None
+    (tmp_path / "list.txt").write_text("ä")
+    assert atomic.text_of(tmp_path / "list.txt") == "ä"
+    (tmp_path / "list.txt").write_bytes(b"\xff")
+    with pytest.raises(DataError, match="not a text file"):
+        atomic.text_of(tmp_path / "list.txt")
+
+
+def test_room(tmp_path: Path) -> None:
+    """Less than is needed is said in MB."""
+    atomic.check_room(tmp_path, 1)
+    with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
+        atomic.check_room(tmp_path, 10**18)
+
+
+def test_the_first_signal_is_noted_the_second_hits() -> None:
+    """Between the two, ``check`` ends the run where it is safe; after it signals are what they were."""
+    before = signal.getsignal(signal.SIGINT)
+    with atomic.Stopper() as stopper:
+        stopper.check()
+        signal.raise_signal(signal.SIGINT)
+        assert stopper.signum == signal.SIGINT
+        with pytest.raises(atomic.StoppedError):
+            stopper.check()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
