@@ -26,11 +26,11 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
-from handpose import atomic, dataset, synthetic, workers
+from handpose import dataset, synthetic, workers
 from handpose.evaluation import predict, score
 from handpose.synthetic import Generator, HandShape, PosePrior
 from layers import kinematics
-from netlib import parallel
+from netlib import atomic, parallel
 from netlib.net import Net
 from tools import train
 from tools.console import DONE, guarded, positive
@@ -96,7 +96,11 @@ STUDIES = (
     Study("few", "5,000 frames instead of 50,000", frames=5000),
     Study("few_plain", "5,000 frames, no augmentation", frames=5000, net=_without_augmentation),
     Study("plain", "no augmentation", net=_without_augmentation),
-    Study("on_bones", "flesh about the bones, not before them", options={"shape": HandShape(towards_palm=())}),
+    Study(
+        "on_bones",
+        "flesh about the bones, not on the palm's side of them",
+        options={"shape": HandShape(towards_palm=(), forearm_towards_palm=0.0)},
+    ),
     Study("clean", "no sensor noise", options={"sensor": None}),
     Study("armless", "no forearm", options={"shape": HandShape(forearm_radius=(1.0, 1.0), forearm_length=1.0)}),
     Study("narrow", "narrow rotations of the palm", options={"prior": NARROW}),

@@ -393,10 +393,3 @@ def _some(folder: Path) -> list[str]:
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         found += [entry.name for entry, _ in zip(entries, range(1000))]
     return found
-
-
-def names_in(folder: Path) -> set[str]:
-    """The names of all that a folder holds; of what is not there or cannot be read, nothing."""
-    with contextlib.suppress(OSError), os.scandir(folder) as entries:
-        return {entry.name for entry in entries}
-    return set()

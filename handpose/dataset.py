@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import atomic
+from netlib import atomic
 from netlib.errors import DataError
 
 Array = NDArray[Any]
@@ -83,7 +84,14 @@ def row_bytes(columns: Columns) -> int:
 def check_space(out: Path, parts: Sequence[Part], columns: Columns) -> None:
     """Raise DataError at once rather than after a minute if the disk is too small."""
     replaced = sum(part.path.stat().st_size for part in parts if part.path.is_file())
-    atomic.check_room(out, sum(part.rows * row_bytes(columns) + _PAGE for part in parts) - replaced)
+    check_room(out, sum(part.rows * row_bytes(columns) + _PAGE for part in parts) - replaced)
+
+
+def check_room(out: Path, need: int) -> None:
+    """Raise DataError if a folder's disk has fewer than ``need`` bytes left."""
+    free = shutil.disk_usage(out).free
+    if need > free:
+        raise DataError(f"{out}: needs {need / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
 
 
 def write_part(

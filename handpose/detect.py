@@ -17,8 +17,8 @@ from netlib.errors import DataError
 
 Array = NDArray[np.float64]
 
-# Tuned on synthetic frames in NYU's format (tools/make_synthetic.py --raw): half of the centres are within 30 mm of the
-# true one, nine of ten within 48 mm.
+# Tuned on synthetic frames in NYU's format (tools/make_synthetic.py --raw): half of the centres are within 31 mm of the
+# true one, nine of ten within 55 mm.
 FRONT_MM2 = 1500.0  # of surface that the nearest thing must show, else it is noise
 SLAB_MM = 160.0  # behind its front, where the rest of a hand is
 REACH_MM = 125.0  # from its centre of mass: the hand, and not much of the forearm

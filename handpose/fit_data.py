@@ -21,8 +21,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import atomic, dataset, fit, labels
+from handpose import dataset, fit, labels
 from layers.kinematics import Skeleton
+from netlib import atomic
 from netlib.errors import DataError, reason_of
 
 Array = NDArray[np.float64]

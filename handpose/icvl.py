@@ -22,7 +22,6 @@ from handpose.annotated import (
     Annotated,
     BadFrameError,
     Problem,
-    names_in,
     read_centers,
     read_png,
     recognise,
@@ -30,6 +29,7 @@ from handpose.annotated import (
 from handpose.camera import ICVL
 from layers import kinematics
 from netlib.errors import DataError, reason_of
+from netlib.paths import names_in
 
 Array = NDArray[np.float64]
 

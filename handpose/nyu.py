@@ -15,19 +15,19 @@ import numpy as np
 import scipy.io
 from numpy.typing import ArrayLike, NDArray
 
-from handpose import atomic
 from handpose.annotated import (
     WRONG_SIZE,
     Annotated,
     BadFrameError,
     Problem,
-    names_in,
     read_centers,
     read_png,
     recognise,
 )
 from handpose.camera import NYU
+from netlib import atomic
 from netlib.errors import DataError, NetlibError
+from netlib.paths import names_in
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,8 @@
     sense(rng, depth, far, Sensor(), camera)
 
 Three faults in the order in which they arise: matching takes the depth of a neighbour (``_shift``), the disparity is
-noisy and rounded (``_measure``), pixels at depth steps are not read at all (``_drop``).
+noisy and rounded (``_measure``), some pixels at depth steps are not read at all (``_drop``). A change of this code
+changes synthetic frames: raise ``handpose.synthetic.VERSION``.
 """
 
 from __future__ import annotations
@@ -35,9 +36,6 @@ class Sensor:
     edge: float = 15.0  # mm between neighbours that make an edge
     dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
-
-
-KINECT_V1 = Sensor()
 
 
 def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera) -> Floats:

@@ -3,7 +3,7 @@
 A frame is made in four steps, each described by one dataclass of numbers:
 
     PosePrior    how hands are held: rotations, curled fingers, place, bone lengths
-    HandShape    flesh: capsules along the bones, a solid palm, a forearm
+    HandShape    flesh: capsules along the bones, a palm on its own side of them, a forearm
     render       the depth image, along the rays that the NYU crop picks (``handpose.render``)
     Sensor       what a Kinect makes of it (``handpose.sensor``)
 
@@ -31,7 +31,7 @@ from handpose.camera import NYU, Camera
 from handpose.crop import SIZE, window
 from handpose.nyu import CUBE_MM
 from handpose.render import Capsules, Floats, normalise_depth, render_crop
-from handpose.sensor import KINECT_V1, Sensor, sense
+from handpose.sensor import Sensor, sense
 from handpose.workers import no_interrupt, processes
 from layers import kinematics
 from netlib.errors import DataError
@@ -40,8 +40,11 @@ Array = NDArray[np.float64]
 Split = Literal["train", "test"]
 
 _AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
+_KINECT = Sensor()
 BLOCK = 64  # frames that share a random generator
-VERSION = 3  # to be raised when a change of the code, not of the numbers below, changes the frames
+VERSION = (
+    3  # to be raised when a change of the code (here, in sensor, render, crop), not of the numbers, changes frames
+)
 FINGERS = ("little", "ring", "middle", "index")
 
 # ------------------------------------------------------------------------------------------- the numbers
@@ -124,8 +127,8 @@ class HandShape:
     )
     thickness_std: float = 0.08  # all radii of a hand together
 
-    # A palm's flesh lies before its bones, the more the nearer to the wrist: mm that capsules' ends are before their
-    # joints. On two real crops the surface was 8 mm off without, 5 mm with it.
+    # Flesh lies on the palm's side of its bones, most at the wrist: mm that capsules end on that side of their joints.
+    # On two real crops the surface was 8 mm off without, 5 mm with it.
     towards_palm: tuple[tuple[str, float], ...] = (
         ("wrist_left", 9.0),
         ("wrist_middle", 9.0),
@@ -136,7 +139,7 @@ class HandShape:
         *_all_fingers("base", 2.0),
     )
 
-    forearm_towards_palm: float = 5.0  # mm, of its axis, so that neither side of the wrist has a step
+    forearm_towards_palm: float = 5.0  # mm, of its axis: between the bones of the wrist and their flesh
     forearm_radius: tuple[float, float] = (25.0, 38.0)  # mm at the wrist and at the elbow's end
     forearm_length: float = 260.0  # mm
     forearm_flexion_std: float = 25.0  # degrees, normal: bending towards and away from the palm
@@ -185,7 +188,7 @@ class Generator:
         split: Split = "train",
         prior: PosePrior = PosePrior(),
         shape: HandShape = HandShape(),
-        sensor: Sensor | None = KINECT_V1,
+        sensor: Sensor | None = _KINECT,
         camera: Camera = NYU,
         cube_mm: float = CUBE_MM,
     ) -> None:
@@ -322,8 +325,8 @@ class Generator:
 
     def _penetration(self, joints: Array, scale: Array) -> Array:
         """How deep in mm (N,) two parts of a hand that should not meet are in each other; joints (N, 31, 3) in mm."""
-        axes = self._capsule_ends(joints, scale)
-        a, b = axes[:, self._from].transpose(2, 1, 0), axes[:, self._to].transpose(2, 1, 0)
+        ends = self._capsule_ends(joints, scale)
+        a, b = ends[:, self._from].transpose(2, 1, 0), ends[:, self._to].transpose(2, 1, 0)
         radii = self._radii[:, :, None] * scale
         i, j = self._pairs
         s, t, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
@@ -442,9 +445,9 @@ def generate(
 ) -> Iterator[Frames]:
     """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``. Raises DataError.
 
-    ``workers`` is a number of processes, or a pool made by ``workers.processes`` for several calls. The frames and
-    their order do not depend on it. Processes are spawned, so a script that asks for more than one needs the
-    usual ``if __name__ == "__main__":``.
+    ``workers`` is a number of processes, or a pool made by ``handpose.workers.processes`` for several calls. The
+    frames and their order do not depend on it. Processes are spawned, so a script that asks for more than one
+    needs the usual ``if __name__ == "__main__":``.
     """
     if count < 0 or start < 0:
         raise DataError(f"{count} frames from number {start}, expected 0 or more of both")

@@ -1,4 +1,4 @@
-"""Processes that draw frames: they end when their parent does, and leave Ctrl-C to it."""
+"""Processes that end when their parent does, and that leave Ctrl-C to it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from netlib.errors import DataError
 
 @contextlib.contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool. Ctrl-C and the death of their parent end its processes quietly. Raises DataError."""
+    """A pool whose processes end with their parent. Submit within ``no_interrupt``, or Ctrl-C hits them, too."""
     if workers < 1:
         raise DataError(f"{workers} worker processes, expected at least one")
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)

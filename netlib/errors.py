@@ -49,6 +49,6 @@ def reason_of(error: BaseException | None) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    if wrapped := re.search(r"error message = '([^']*)'", text):  # HDF5 says it last, after a long tale
+    if wrapped := re.search(r"error message = '([^']*)'", text):  # HDF5 hides it in a long tale
         text = wrapped.group(1)
     return " ".join((text or type(error).__name__).split())

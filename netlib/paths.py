@@ -1,7 +1,9 @@
-"""Find a file that a prototxt names."""
+"""Files by name: those that a prototxt names, those that a folder holds."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 
 
@@ -23,3 +25,10 @@ def exists(path: Path) -> bool:
         return path.exists()
     except (OSError, ValueError):  # too long, or with characters that no file name has
         return False
+
+
+def names_in(folder: Path) -> set[str]:
+    """The names of all that a folder holds; of what is not there or cannot be read, nothing."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        return {entry.name for entry in entries}
+    return set()

@@ -24,6 +24,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from netlib.atomic import beside, sync_directory
 from netlib.errors import WeightsError, reason_of
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
     An old last file (the state) is put aside before the others change: it never stands beside weights not its own.
     """
     current = files[0][0]
-    fresh = {path: _beside(path, "tmp") for path, _ in files}
+    fresh = {path: beside(path, "tmp") for path, _ in files}
     aside: dict[Path, Path] = {}
     try:
         for path, content in files:
@@ -125,13 +126,13 @@ def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
         for path, _ in reversed(files):
             current = path
             if path.exists():
-                old = _beside(path, "old")
+                old = beside(path, "old")
                 os.replace(path, old)
                 aside[path] = old
         for path, _ in files:
             current = path
             os.replace(fresh[path], path)
-            _sync_directory(path.parent)
+            sync_directory(path.parent)
     except BaseException as error:
         for path, old in aside.items():
             os.replace(old, path)
@@ -142,20 +143,6 @@ def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
         for leftover in [*fresh.values(), *aside.values()]:
             with contextlib.suppress(OSError):
                 leftover.unlink(missing_ok=True)
-
-
-def _beside(path: Path, suffix: str) -> Path:
-    """A hidden name in the same directory, so that renaming is atomic."""
-    return path.with_name(f".{path.name}.{os.getpid()}.{suffix}")
-
-
-def _sync_directory(directory: Path) -> None:
-    with contextlib.suppress(OSError):  # not every file system can
-        descriptor = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def probe_directory(prefix: str | Path) -> None:

@@ -30,7 +30,6 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 import numpy as np
 
 from handpose.angles import rotations
-from handpose.atomic import replace_text
 from handpose.calibrate import (
     FEWEST_FRAMES,
     Annotation,
@@ -42,6 +41,7 @@ from handpose.calibrate import (
 from handpose.nyu import CUBE_MM
 from layers import kinematics
 from layers.kinematics import Skeleton
+from netlib.atomic import replace_text
 from netlib.errors import NetlibError, reason_of
 from tools.console import DONE, duration, guarded, natural, positive, progress_bar
 

@@ -29,11 +29,12 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 import h5py
 import numpy as np
 
-from handpose import atomic, dataset, fit, fit_data, metrics, nyu
+from handpose import dataset, fit, fit_data, metrics, nyu
 from handpose.camera import NYU
 from handpose.published import FORMATS, read_joints
 from layers import kinematics
 from layers.hdf5_data import read_list
+from netlib import atomic
 from netlib.errors import DataError, NetlibError, reason_of
 from tools.console import DONE, duration, guarded, positive, progress_bar
 

@@ -31,13 +31,15 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import atomic, dataset, nyu
-from handpose.annotated import names_in
+from handpose import dataset, nyu
 from handpose.crop import restore_joints, window
 from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate
 from handpose.workers import no_interrupt, processes
+from netlib import atomic
 from netlib.errors import NetlibError, reason_of
+from netlib.paths import names_in
 from tools.console import duration, guarded, progress_bar
+from tools.stopper import StoppedError, Stopper
 
 FRAMES_PER_FILE = 2500
 RAW_BYTES = 60_000  # of a frame of NYU's format, more than it takes
@@ -79,7 +81,7 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
         print(f"{out}: {_summary(counts, seed)} are already there, kept")
         return 0
 
-    def work(stopper: atomic.Stopper) -> None:
+    def work(stopper: Stopper) -> None:
         out.mkdir(parents=True, exist_ok=True)
         for path in lists if missing else ():
             path.unlink(missing_ok=True)  # no list may name files of two kinds
@@ -92,13 +94,13 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
     return _stoppable(out, work, "whole files are", f"{_summary(counts, seed)}; made {made} of them")
 
 
-def _stoppable(out: Path, work: Callable[[atomic.Stopper], None], kept: str, done: str) -> int:
+def _stoppable(out: Path, work: Callable[[Stopper], None], kept: str, done: str) -> int:
     """Do the work; a signal ends it with status 130 or 143. Raises NetlibError."""
     begun = time.perf_counter()
     try:
-        with atomic.Stopper() as stopper:
+        with Stopper() as stopper:
             work(stopper)
-    except atomic.StoppedError:
+    except StoppedError:
         print(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
@@ -148,7 +150,7 @@ def _pieces(out: Path, generator: Generator, count: int) -> list[Piece]:
 # --------------------------------------------------------------------------------------------- writing
 
 
-def _write_all(pieces: list[Piece], workers: int, stopper: atomic.Stopper) -> None:
+def _write_all(pieces: list[Piece], workers: int, stopper: Stopper) -> None:
     bar = progress_bar(sum(piece.part.rows for piece in pieces), 0, " frames") if pieces else None
     columns = empty_frames().arrays()
     with contextlib.ExitStack() as stack:
@@ -198,10 +200,10 @@ def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force:
         print(f"{out}: {_summary(counts, seed)} are already there in NYU's format, kept")
         return 0
 
-    def work(stopper: atomic.Stopper) -> None:
+    def work(stopper: Stopper) -> None:
         out.mkdir(parents=True, exist_ok=True)
         need = sum(counts[g.split] for g in missing) * RAW_BYTES
-        atomic.check_room(out, need)
+        dataset.check_room(out, need)
         bar = progress_bar(sum(counts[g.split] for g in missing), 0, " frames")
         with contextlib.ExitStack() as stack:
             if bar:

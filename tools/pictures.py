@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import atomic
+from netlib import atomic
 from netlib.errors import NetlibError, reason_of
 
 JPEG_QUALITY = 90

@@ -29,7 +29,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import atomic, dataset, nyu
+from handpose import dataset, nyu
 from handpose.annotated import (
     Annotated,
     BadFrameError,
@@ -40,8 +40,10 @@ from handpose.annotated import (
     write_annotated,
 )
 from handpose.dataset import Part
+from netlib import atomic
 from netlib.errors import DataError, NetlibError, reason_of
 from tools.console import DONE, FAILED, duration, guarded, positive, progress_bar
+from tools.stopper import StoppedError, Stopper
 
 FRAMES_PER_FILE = 2500
 NAMED = 10  # bad frames of a split that are named on the screen; the file bad_SPLIT.txt names all
@@ -115,7 +117,7 @@ def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, 
     begun = time.perf_counter()
     outcomes: list[Outcome] = []
     try:
-        with atomic.Stopper() as stopper, contextlib.ExitStack() as stack:
+        with Stopper() as stopper, contextlib.ExitStack() as stack:
             out.mkdir(parents=True, exist_ok=True)
             dataset.check_space(out, missing, splits[0].columns())
             bar = progress_bar(sum(part.rows for part in missing), 0, " frames") if missing else None
@@ -132,7 +134,7 @@ def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, 
                     stopper.check()
 
                 outcomes.append(_write(frames, some, out, workers, strict, force, advance))
-    except atomic.StoppedError:
+    except StoppedError:
         print("stopped; whole files are kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:

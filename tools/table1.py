@@ -30,12 +30,13 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import angles, atomic, dataset, draw, fit, fit_data, metrics, nyu
+from handpose import angles, dataset, draw, fit, fit_data, metrics, nyu
 from handpose.evaluation import Predictions, data_layer, predict, score
 from handpose.published import nyu_benchmark
 from handpose.published import score as curves_of
 from layers import kinematics
 from layers.hdf5_data import read_list
+from netlib import atomic
 from netlib.errors import NetlibError, reason_of
 from netlib.net import Net
 from tools import evaluate, pictures, train

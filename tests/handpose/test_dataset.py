@@ -53,3 +53,10 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
         dataset.write_part(Part(tmp_path / "part.h5", 60, ""), COLUMNS, failing(), dict)
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
     assert (tmp_path / "part.h5").read_text() == "before"
+
+
+def test_room(tmp_path: Path) -> None:
+    """Less than is needed is said in MB."""
+    dataset.check_room(tmp_path, 1)
+    with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
+        dataset.check_room(tmp_path, 10**18)

@@ -135,14 +135,17 @@ def test_flesh_lies_towards_the_palm(generator: Generator) -> None:
     flesh = generator.flesh(np.random.default_rng(0), joints, np.ones(2))
     hand = Capsules(*(values[:, :-1] for values in flesh))  # a forearm would hide the wrist
     at = NYU.project(joints)
-    for joint, least in (("wrist_middle", 15), ("ring_mcp", 8), ("ring_tip", -3)):
+    for joint, least, most in (("wrist_middle", 14, 24), ("ring_mcp", 8, 18), ("ring_tip", -3, 3)):
         k = skeleton.joint_names.index(joint)
         palm, back = (
             joints[n, k, 2] - image[round(at[n, k, 1]), round(at[n, k, 0])]
             for n, image in enumerate(render_image(hand, NYU))
         )
-        assert palm - back > least
-        assert (palm - back < 3) == (joint == "ring_tip")
+        assert least < palm - back < most
+    wrist = joints[:, generator._wrist].mean(axis=1)
+    back_of_hand = generator._palm_axes(joints)[2]
+    shift = ((flesh.a[:, -1] - wrist) * back_of_hand).sum(axis=1)
+    np.testing.assert_allclose(shift, -HandShape().forearm_towards_palm)
 
 
 def test_rendered_hand_equals_its_cropped_image(generator: Generator) -> None:

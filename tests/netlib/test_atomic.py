@@ -1,13 +1,12 @@
-"""handpose/atomic.py"""
+"""netlib/atomic.py; snapshots, which replace two files together, have tests of their own"""
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import pytest
 
-from handpose import atomic
+from netlib import atomic
 from netlib.errors import DataError
 
 
@@ -50,24 +49,3 @@ def test_text_of(tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_bytes(b"\xff")
     with pytest.raises(DataError, match="not a text file"):
         atomic.text_of(tmp_path / "list.txt")
-
-
-def test_room(tmp_path: Path) -> None:
-    """Less than is needed is said in MB."""
-    atomic.check_room(tmp_path, 1)
-    with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
-        atomic.check_room(tmp_path, 10**18)
-
-
-def test_the_first_signal_is_noted_the_second_hits() -> None:
-    """Between the two, ``check`` ends the run where it is safe; after it signals are what they were."""
-    before = signal.getsignal(signal.SIGINT)
-    with atomic.Stopper() as stopper:
-        stopper.check()
-        signal.raise_signal(signal.SIGINT)
-        assert stopper.signum == signal.SIGINT
-        with pytest.raises(atomic.StoppedError):
-            stopper.check()
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is before
