@@ -42,9 +42,7 @@ Split = Literal["train", "test"]
 _AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
 _KINECT = Sensor()
 BLOCK = 64  # frames that share a random generator
-VERSION = (
-    3  # to be raised when a change of the code (here, in sensor, render, crop), not of the numbers, changes frames
-)
+VERSION = 3  # to be raised when the code (here, in sensor, render, crop), not a number of a recipe, changes frames
 FINGERS = ("little", "ring", "middle", "index")
 
 # ------------------------------------------------------------------------------------------- the numbers
@@ -325,7 +323,8 @@ class Generator:
 
     def _penetration(self, joints: Array, scale: Array) -> Array:
         """How deep in mm (N,) two parts of a hand that should not meet are in each other; joints (N, 31, 3) in mm."""
-        ends = self._capsule_ends(joints, scale)
+        _, _, back = self._palm_axes(joints)
+        ends = self._capsule_ends(joints, scale, back)
         a, b = ends[:, self._from].transpose(2, 1, 0), ends[:, self._to].transpose(2, 1, 0)
         radii = self._radii[:, :, None] * scale
         i, j = self._pairs
@@ -357,7 +356,7 @@ class Generator:
         radii = np.concatenate([self._radii, [h.forearm_radius]]) * thickness[:, None, None]
         wrist = joints[:, self._wrist].mean(axis=1) - h.forearm_towards_palm * scale[:, None] * back
         elbow = wrist + h.forearm_length * scale[:, None] * arm
-        ends = self._capsule_ends(joints, scale)
+        ends = self._capsule_ends(joints, scale, back)
         return Capsules(
             np.concatenate([ends[:, self._from], wrist[:, None]], axis=1),
             np.concatenate([ends[:, self._to], elbow[:, None]], axis=1),
@@ -365,9 +364,8 @@ class Generator:
             radii[:, :, 1],
         )
 
-    def _capsule_ends(self, joints: Array, scale: Array) -> Array:
+    def _capsule_ends(self, joints: Array, scale: Array, back: Array) -> Array:
         """Where the capsules of each joint end, (N, 31, 3) in mm: some way from it towards the palm."""
-        _, _, back = self._palm_axes(joints)
         return np.asarray(joints - np.einsum("n,j,nk->njk", scale, self._towards_palm, back))
 
     def _palm_axes(self, joints: Array) -> tuple[Array, Array, Array]:

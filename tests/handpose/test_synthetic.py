@@ -216,6 +216,7 @@ def test_mistakes() -> None:
         (lambda: Generator(-1), "seed -1"),
         (lambda: Generator(0, "tset"), "'tset', expected one of train, test"),  # type: ignore[arg-type]
         (lambda: list(generate(-1, Generator())), "-1 frames"),
+        (lambda: list(generate(1, Generator(), workers=0)), "0 worker processes"),
     ):
         with pytest.raises(DataError, match=message):
             make()
