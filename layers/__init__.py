@@ -1,32 +1,35 @@
-"""The layers, and the table that gives each type name its class."""
+"""The layers, and the table that gives each type name its class.
 
-from layers.accuracy import Accuracy
-from layers.augment import HandAugment
-from layers.concat import Concat
-from layers.convolution import Convolution
-from layers.dropout import Dropout
-from layers.dummy_data import DummyData
-from layers.eltwise import Eltwise
-from layers.euclidean_loss import EuclideanLoss
-from layers.flatten import Flatten
-from layers.hand_model import HandModel
-from layers.hdf5_data import HDF5Data
-from layers.inner_product import InnerProduct
-from layers.input import Input
-from layers.phys_limit import PhysLimit, ReleasedPhysLimit
-from layers.pooling import Pooling
-from layers.power import Power
-from layers.relu import ReLU
-from layers.reshape import Reshape
-from layers.scale import Scale
-from layers.sigmoid import Sigmoid
-from layers.silence import Silence
-from layers.slice import Slice
-from layers.smooth_l1_loss import SmoothL1Loss
-from layers.softmax import Softmax
-from layers.softmax_loss import SoftmaxWithLoss
-from layers.split import Split
-from layers.tanh import TanH
+They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for this project's.
+"""
+
+from layers.activation.power import Power
+from layers.activation.relu import ReLU
+from layers.activation.scale import Scale
+from layers.activation.sigmoid import Sigmoid
+from layers.activation.tanh import TanH
+from layers.common.concat import Concat
+from layers.common.dropout import Dropout
+from layers.common.eltwise import Eltwise
+from layers.common.flatten import Flatten
+from layers.common.inner_product import InnerProduct
+from layers.common.reshape import Reshape
+from layers.common.silence import Silence
+from layers.common.slice import Slice
+from layers.common.softmax import Softmax
+from layers.common.split import Split
+from layers.data.dummy_data import DummyData
+from layers.data.hdf5_data import HDF5Data
+from layers.data.input import Input
+from layers.hand.augment import HandAugment
+from layers.hand.hand_model import HandModel
+from layers.hand.phys_limit import PhysLimit, ReleasedPhysLimit
+from layers.loss.accuracy import Accuracy
+from layers.loss.euclidean_loss import EuclideanLoss
+from layers.loss.smooth_l1_loss import SmoothL1Loss
+from layers.loss.softmax_loss import SoftmaxWithLoss
+from layers.vision.convolution import Convolution
+from layers.vision.pooling import Pooling
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {

@@ -1,15 +1,15 @@
 """A Caffe-style layer graph on NumPy: prototxt in, layers, a solver, snapshots. The interface is pycaffe's.
 
 net = netlib.Net("prototxt/nyu_deploy.prototxt", "weights.caffemodel.h5", netlib.TEST)
-joints = net.forward(depth=crop)["joint_xyz"]
+joints = net.forward(depth=crop)["pred"]
 
 solver = netlib.get_solver("prototxt/nyu_solver.prototxt")
 solver.step(10)
 """
 
-from netlib import blas
+from netlib import engine
 
-BLAS_NOTE = blas.configure()  # before anything imports NumPy
+BLAS_NOTE = engine.prepare()  # before anything imports NumPy
 
 from netlib.blob import Blob, Blobs  # noqa: E402
 from netlib.errors import (  # noqa: E402
@@ -20,12 +20,12 @@ from netlib.errors import (  # noqa: E402
     PrototxtError,
     WeightsError,
 )
-from netlib.layer import PHASES, Layer, layer_types  # noqa: E402
+from netlib.create import layer_types  # noqa: E402
+from netlib.layer import PHASES, Layer  # noqa: E402
 
 TRAIN, TEST = PHASES["TRAIN"], PHASES["TEST"]
 
 from netlib.net import Net, set_random_seed  # noqa: E402
-from netlib.parallel import set_threads, threads  # noqa: E402
 from netlib.solver import Solver, get_solver  # noqa: E402
 
 __all__ = [
@@ -38,6 +38,16 @@ __all__ = [
 def layer_type_list() -> list[str]:
     """The names of all layer types."""
     return sorted([*layer_types(), "Python"])
+
+
+def threads() -> int:
+    """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one per processor."""
+    return engine.get().threads()
+
+
+def set_threads(count: int) -> None:
+    """Use ``count`` threads from now on. Results do not depend on it, not in one bit."""
+    engine.get().set_threads(count)
 
 
 def set_mode_cpu() -> None:

@@ -16,16 +16,16 @@ parameter diffs as ones, so that a backward that forgets an element, or overwrit
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from netlib import prototxt, schema
+from netlib import engine, prototxt, schema
 from netlib.blob import Blob, Blobs
-from netlib.layer import Layer, create
+from netlib.create import create
+from netlib.layer import Layer
 from netlib.schema import LayerParameter, Phase
 
 Array = NDArray[Any]
@@ -44,10 +44,8 @@ def make_layer(text: str, bottoms: Sequence[ArrayLike], tops: int = 1, phase: Ph
         "bottom": tuple(names),
         "top": tuple(f"top{i}" for i in range(tops)),
     }
-    tree = schema.tree_of(spec)
-    spec = dataclasses.replace(spec, **changes)
-    object.__setattr__(spec, "_tree", tree)
-    layer = create(spec, phase, np.random.default_rng(seed), np.float64)
+    spec = schema.changed(spec, **changes)
+    layer = create(spec, phase, np.random.default_rng(seed), np.float64, engine.get().twin)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
 

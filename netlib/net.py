@@ -1,35 +1,30 @@
 """Net: a list of layers. Build in file order, run forwards, run backwards.
 
 The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``net.backward()``, ``net.save()``.
-``net.blobs[name].data`` is always true: a blob that slices.py keeps hidden is computed when somebody first looks
-at it, and is stored from then on. A first look shows the last pass, as long as its inputs have not been overwritten
-and, for a diff, until the next forward.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import weakref
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from netlib import layer as layers
-from netlib import parallel, prototxt, schema, slices, snapshot
+from netlib import create, schema, snapshot
+from netlib import engine as engines
+from netlib import weights as weights_of
 from netlib.blob import Blob, Blobs
-from netlib.errors import LayerError, NetlibError, PrototxtError, WeightsError, did_you_mean
+from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.layer import PHASES, Layer
-from netlib.prototxt import Field, Message, Scalar
-from netlib.schema import LayerParameter, NetParameter, NetState, NetStateRule, ParamSpec
-from netlib.slices import Connection, SlicedRun, WholeStep
+from netlib.net_parameter import load_parameter, select_layers
+from netlib.plain import Connection, guarded
+from netlib.prototxt import Message
+from netlib.schema import LayerParameter, NetParameter, NetState
+from netlib.sharing import Parameters
 from netlib.splits import insert_splits
 
-TRAIN, TEST = PHASES["TRAIN"], PHASES["TEST"]
 _seed: int | None = None
 
 
@@ -39,32 +34,20 @@ def set_random_seed(seed: int) -> None:
     _seed = seed
 
 
-@dataclass
-class Param:
-    """One learnable parameter of a net."""
-
-    blob: Blob
-    layer: str  # the layer that owns it
-    index: int  # among that layer's parameters
-    spec: ParamSpec
-
-    @property
-    def label(self) -> str:
-        """``layer/index``."""
-        return f"{self.layer}/{self.index}"
-
-
 class Net:
     """A net of layers.
 
-    ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter.
+    ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
+    is "plain" or "fast" (netlib/engine.py).
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some
     inputs, outputs names of the blobs that come from outside, and of those that no layer reads
     layers          the layers in order; layer_dict by name
-    steps           how they are run: one by one, or several on slices of the batch (slices.py)
+    connections     the same, with the blobs that each reads and writes
+    losses          (blob, loss weight, name) of every loss
     learnable       list of Param, shared ones once
+    executor        what runs the layers
 
     Raises NetlibError (PrototxtError, LayerError, WeightsError) for whatever is wrong with the files.
     """
@@ -80,6 +63,7 @@ class Net:
         stages: Sequence[str] = (),
         state: NetState | None = None,
         seed: int | None = None,
+        engine: str | None = None,
     ) -> None:
         for value in args:
             if isinstance(value, (int, np.integer)):
@@ -96,134 +80,85 @@ class Net:
         self.phase = PHASES[self.state.phase]
         self.name = param.name
         self.seed = _seed if seed is None else seed
-        self.param = dataclasses.replace(param, layer=tuple(select_layers(param, self.state)))
-        self._build(insert_splits(self.param.layer), param.force_backward)
-        self._visible: set[int] = set()
-        self._by_layer = False
-        self._seen = [False, False]  # has forward, has backward run
-        self._plan()
+        self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
+        self.engine = engines.get(engine)
+        self._build(insert_splits(self.param.layer))
+        self._decide_backward(param.force_backward)
+        outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
+        self.executor = self.engine.executor(self.connections, outside)
         if weights is not None:
             self.copy_from(weights, strict=True)
 
     # ------------------------------------------------------------------------------------------ building
 
-    def _build(self, specs: list[LayerParameter], force_backward: bool) -> None:
+    def _build(self, specs: list[LayerParameter]) -> None:
+        """Make the layers one after the other, each with blobs that are there already as bottoms."""
         self.blobs: dict[str, Blob] = {}
         self.params: dict[str, Blobs] = {}
-        self.layers: list[Layer] = []
-        self.learnable: list[Param] = []
         self.connections: list[Connection] = []
         self.losses: list[tuple[Blob, float, str]] = []
         self.inputs: list[str] = []
-        self._writer: dict[str, str] = {}
-        self._named: dict[str, Param] = {}
+        parameters = Parameters()
         seeds = np.random.SeedSequence(self.seed).spawn(len(specs))
-        names: set[str] = set()
-        needs: dict[int, bool] = {}  # blob id -> does somebody below want its gradient
+        self.layer_dict: dict[str, Layer] = {}
+        writers: dict[str, str] = {}  # blob name -> the layer that made it
         unread: dict[str, None] = {}
+        needs: dict[int, bool] = {}  # blob id -> does somebody below want its gradient
         for spec, seed in zip(specs, seeds):
-            if spec.name in names:
+            if spec.name in self.layer_dict:
                 raise LayerError(f"{schema.position_of(spec)}: error: two layers are called {spec.name!r}")
-            names.add(spec.name)
             _check_name(spec)
             rng = np.random.Generator(np.random.SFC64(seed))
-            layer = layers.create(spec, spec.phase or self.state.phase, rng, self.dtype)
-            self._check_counts(layer)
-            bottom = Blobs(self._bottom(layer, i, name, unread) for i, name in enumerate(spec.bottom))
-            top = Blobs(self._top(layer, name, unread) for name in spec.top)
-            layer.guarded("setup", bottom, top)
-            layer.guarded("reshape", bottom, top)
-            params = self._share(layer)
+            layer = create.create(spec, spec.phase or self.state.phase, rng, self.dtype, self.engine.twin)
+            _check_counts(layer)
+            bottom = Blobs(self._bottom(layer, i) for i in range(len(spec.bottom)))
+            for name in spec.bottom:
+                unread.pop(name, None)
+            top = Blobs(self._top(layer, name, writers) for name in spec.top)
+            unread.update(dict.fromkeys(spec.top))
+            guarded(layer, "setup", bottom, top)
+            guarded(layer, "reshape", bottom, top)
+            trains = any(p.spec.lr_mult != 0 for p in parameters.enter(layer))
             down = [needs.get(id(b), False) for b in bottom]
             if spec.propagate_down:
                 if len(spec.propagate_down) != len(bottom):
                     raise layer.fail(f"has {len(bottom)} bottoms, but {len(spec.propagate_down)} propagate_down")
                 down = list(spec.propagate_down)
-            trains = any(p.spec.lr_mult != 0 for p in params)
             at = Connection(layer, bottom, top, down, any(down) or trains)
             for blob in top:
                 needs[id(blob)] = needs.get(id(blob), False) or at.needs_backward
             self.connections.append(at)
-            self.layers.append(layer)
+            self.layer_dict[layer.name] = layer
             if layer.blobs:
                 self.params[layer.name] = layer.blobs
             self._weigh(layer, top)
-        self.layer_dict = {layer.name: layer for layer in self.layers}
+        self.layers = list(self.layer_dict.values())
+        self.learnable = parameters.learnable
         self.outputs = list(unread)
-        self._decide_backward(force_backward)
 
-    def _check_counts(self, layer: Layer) -> None:
-        for what, names, (least, most) in (
-            ("bottom", layer.spec.bottom, layer.bottoms),
-            ("top", layer.spec.top, layer.tops),
-        ):
-            if len(names) < least or (most is not None and len(names) > most):
-                wanted = f"{least}" if most == least else f"at least {least}" if most is None else f"{least} to {most}"
-                raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
-        if not layer.in_place:
-            for name in set(layer.spec.bottom) & set(layer.spec.top):
-                raise layer.fail(f"{layer.type} cannot run in place, but {name!r} is both bottom and top")
-
-    def _bottom(self, layer: Layer, index: int, name: str, unread: dict[str, None]) -> Blob:
+    def _bottom(self, layer: Layer, index: int) -> Blob:
+        name = layer.spec.bottom[index]
         if name not in self.blobs:
             later = did_you_mean(name, self.blobs) or (f"; known here: {', '.join(self.blobs)}" if self.blobs else "")
             where = schema.position_of(layer.spec, "bottom", index)
             raise LayerError(f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}{later}")
-        unread.pop(name, None)
         return self.blobs[name]
 
-    def _top(self, layer: Layer, name: str, unread: dict[str, None]) -> Blob:
+    def _top(self, layer: Layer, name: str, writers: dict[str, str]) -> Blob:
         if name in self.blobs and name not in layer.spec.bottom:
             raise layer.fail(
-                f"top blob {name!r} is already written by layer {self._writer[name]!r}; "
+                f"top blob {name!r} is already written by layer {writers[name]!r}; "
                 "give it another name, or the same one as the bottom to run in place"
             )
         if name not in self.blobs:
-            self.blobs[name] = Blob((), self.dtype)
-            self._writer[name] = layer.name
+            self.blobs[name] = self.engine.blob(self.dtype)
+            writers[name] = layer.name
             if layer.is_input:
                 self.inputs.append(name)
-        unread[name] = None
         return self.blobs[name]
 
-    def _share(self, layer: Layer) -> list[Param]:
-        """Enter the layer's parameters; a name seen before makes two of them one. Returns them, or their owners."""
-        if len(layer.spec.param) > len(layer.blobs):
-            raise layer.fail(f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks")
-        entered = []
-        for i, blob in enumerate(layer.blobs):
-            spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
-            owner = self._named.get(spec.name or "")
-            if owner is None:
-                entered.append(Param(blob, layer.name, i, spec))
-                self.learnable.append(entered[-1])
-                if spec.name:
-                    self._named[spec.name] = entered[-1]
-            else:
-                self._check_sharing(layer, i, blob, spec, owner)
-                owner.blob.lazily_cleared &= blob.lazily_cleared
-                blob.share(owner.blob)
-                entered.append(owner)
-        return entered
-
-    def _check_sharing(self, layer: Layer, i: int, blob: Blob, spec: ParamSpec, owner: Param) -> None:
-        same = blob.count == owner.blob.count if spec.share_mode == "PERMISSIVE" else blob.shape == owner.blob.shape
-        if not same:
-            raise layer.fail(
-                f"parameter {i} {blob.shape} cannot share {spec.name!r} with layer {owner.layer!r} "
-                f"parameter {owner.index} {owner.blob.shape}"
-            )
-        for name in ("lr_mult", "decay_mult"):
-            if not _gives(spec, name):
-                continue
-            mine, theirs = getattr(spec, name), getattr(owner.spec, name)
-            if _gives(owner.spec, name) and mine != theirs:
-                raise layer.fail(
-                    f"shared parameter {spec.name!r} has {name} {mine:g}, but {theirs:g} in layer {owner.layer!r}"
-                )
-            owner.spec = dataclasses.replace(owner.spec, **{name: mine})
-
     def _weigh(self, layer: Layer, top: Blobs) -> None:
+        """Enter the layer's losses."""
         weights = layer.spec.loss_weight
         if weights and len(weights) != len(top):
             raise layer.fail(f"has {len(top)} tops, but {len(weights)} loss_weight")
@@ -234,73 +169,25 @@ class Net:
 
     def _decide_backward(self, force: bool) -> None:
         """Caffe's rules: gradients flow only where something below learns and something above is a loss."""
-        loss_ids = {id(blob) for blob, _, _ in self.losses}
-        under_loss, skipped = set(loss_ids), set()
+        under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):
             contributes = any(id(t) in under_loss for t in at.top)
             wanted = any(id(t) not in skipped for t in at.top)
             if not (contributes and wanted):
                 at.needs_backward, at.propagate_down = False, [False] * len(at.bottom)
-            for i, b in enumerate(at.bottom):
+            for blob, down in zip(at.bottom, at.propagate_down):
                 if contributes:
-                    under_loss.add(id(b))
-                if not at.propagate_down[i]:
-                    skipped.add(id(b))
-        for at in self.connections:
-            if force:
+                    under_loss.add(id(blob))
+                if not down:
+                    skipped.add(id(blob))
+        if force:
+            for at in self.connections:
                 at.needs_backward = True
                 at.propagate_down = [
                     down or at.layer.allow_force_backward(i) for i, down in enumerate(at.propagate_down)
                 ]
-            at.layer.needs_backward = at.needs_backward
-            at.layer.needs_bottom_diff = any(at.propagate_down)
 
     # ------------------------------------------------------------------------------------------ running
-
-    def _plan(self) -> None:
-        """Decide what runs in slices, and watch the blobs that are hidden by it."""
-        for blob in self.blobs.values():
-            blob._on_look = None
-        fixed = {id(self.blobs[n]) for n in [*self.inputs, *self.outputs]} | {id(b) for b, _, _ in self.losses}
-        self.steps: list[WholeStep | SlicedRun]
-        if self._by_layer:
-            self.steps = [WholeStep(at) for at in self.connections]
-        else:
-            self.steps = slices.plan(self.connections, lambda b: id(b) in fixed or id(b) in self._visible)
-        for step in self.steps:
-            for blob in step.hidden:
-                blob._on_look = functools.partial(_look, weakref.ref(self), blob)
-
-    def _reveal(self, blob: Blob) -> None:
-        """Somebody looks at a hidden blob: store it from now on, with what the last pass put there."""
-        self._visible.add(id(blob))
-        self._replan()
-
-    def _replan(self) -> None:
-        """Plan anew, and let the new steps know what the old ones knew: values, winners, masks."""
-        runs = [step for step in self.steps if isinstance(step, SlicedRun)]
-        self._plan()
-        for run in runs:
-            self._repeat(run)
-
-    def _repeat(self, run: SlicedRun) -> None:
-        """Compute again what ``run`` computed in the last pass; whatever others can see stays as it is."""
-        inside = {id(at) for at in run.connections}
-        steps = [step for step in self.steps if id(step.connections[0]) in inside]
-        params = [p for at in run.connections for p in at.layer.blobs]
-        now = [(p.data, p.data.copy()) for p in params]
-        _put_back(run.weights)
-        if self._seen[0]:
-            kept = [(b.data, b.data.copy()) for b in run.outside("top")]
-            for step in steps:
-                step.forward()
-            _put_back(kept)
-        if self._seen[1]:
-            kept = [(b.diff, b.diff.copy()) for b in [*run.outside("bottom"), *params]]
-            for step in reversed(steps):
-                step.backward()
-            _put_back(kept)
-        _put_back(now)
 
     def forward(
         self, blobs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **inputs: Any
@@ -310,19 +197,13 @@ class Net:
         ``inputs`` are arrays for input blobs; a new shape reshapes the net. ``blobs`` names more blobs to return.
         """
         self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
-        if start is None and end is None:
-            self.run_forward()
-        else:
-            for step in self._part(start, end):
-                step.forward()
+        self.executor.forward(*self._part(start, end))
         names = [end] if end in self.blobs else self.outputs
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
     def run_forward(self) -> float:
         """Run all layers; returns the loss, the sum of loss_weight x top over all losses."""
-        for step in self.steps:
-            step.forward()
-        self._seen = [True, False]
+        self.executor.forward()
         return self.loss()
 
     def loss(self) -> float:
@@ -336,38 +217,30 @@ class Net:
 
         ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more blobs whose diff to return.
         """
-        steps = self.steps if start is None and end is None else self._part(end, start)
+        part = self._part(end, start)
         self._seed_losses()
         for name, array in tops.items():
             self._blob(name).diff[...] = array
-        for step in reversed(steps):
-            step.backward()
-        self._seen[1] = True
+        self.executor.backward(*part)
         return {name: self._blob(name).diff for name in [*self.inputs, *(diffs or [])]}
 
     def run_backward(self) -> None:
         """Run all layers backwards; the diffs of the parameters are added to."""
         self._seed_losses()
-        for step in reversed(self.steps):
-            step.backward()
-        self._seen[1] = True
+        self.executor.backward()
 
     def _seed_losses(self) -> None:
+        """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight."""
         for blob, weight, _ in self.losses:
             blob.diff[...] = weight
 
-    def _part(self, first: str | None, last: str | None) -> list[WholeStep | SlicedRun]:
-        """The steps of some layers. A net that is run in parts runs layer by layer from then on."""
-        if not self._by_layer:
-            self._by_layer = True
-            self._replan()
-        names = [layer.name for layer in self.layers]
+    def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
+        """Where the layers from ``first`` to ``last`` stand."""
+        names = list(self.layer_dict)
         for name in (first, last):
-            if name is not None and name not in names:
+            if name is not None and name not in self.layer_dict:
                 raise NetlibError(f"net {self.name!r} has no layer {name!r}{did_you_mean(name, names)}")
-        begin = 0 if first is None else names.index(first)
-        stop = len(names) if last is None else names.index(last) + 1
-        return self.steps[begin:stop]
+        return 0 if first is None else names.index(first), None if last is None else names.index(last) + 1
 
     def _set_inputs(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write input blobs; new shapes reshape the net, once."""
@@ -387,7 +260,7 @@ class Net:
         if reshaped:
             self.reshape()
         for name, array in arrays.items():
-            _copy(array, self.blobs[name].data)
+            self.engine.copy(array, self.blobs[name].data)
 
     def _blob(self, name: str | None) -> Blob:
         if name not in self.blobs:
@@ -396,15 +269,11 @@ class Net:
 
     def reshape(self) -> None:
         """Shape all blobs anew, after an input blob was reshaped."""
-        for at in self.connections:
-            at.layer.reshape(at.bottom, at.top)
-        self._seen = [False, False]
-        self._plan()
+        self.executor.reshape()
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
-        for param in self.learnable:
-            param.blob.clear_diff()
+        self.executor.clear_diffs([param.blob for param in self.learnable])
 
     def first_not_finite(self) -> str | None:
         """Where in the net NaN or infinity first appears, in words; None if nowhere."""
@@ -417,7 +286,7 @@ class Net:
                     return f"top blob {name!r} of layer {at.layer.name!r}"
         return None
 
-    # ------------------------------------------------------------------------------------------ weights
+    # ------------------------------------------------------------------------------------------ weights and states
 
     def copy_from(self, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
         """Copy weights by layer name from a snapshot or another net.
@@ -426,54 +295,11 @@ class Net:
         and keep their values. Raises WeightsError if a shape does not fit, if no layer fits at all, or, if
         ``strict``, if a layer of this net is not in the source.
         """
-        if isinstance(source, Net):
-            what, found = (
-                f"net {source.name!r}",
-                {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()},
-            )
-        else:
-            what, found = str(source), snapshot.read_weights(source)
-        ignored = [name for name, arrays in found.items() if name not in self.layer_dict and arrays]
-        shared = [name for name, arrays in found.items() if name in self.layer_dict and arrays]
-        if not shared and self.params:
-            raise WeightsError(f"{what}: no layer of net {self.name!r} is in it; it has {_some(found)}, "
-                               f"the net has {_some(self.params)}")  # fmt: skip
-        missing_layers = [n for n in dict.fromkeys(p.layer for p in self.learnable) if n not in shared]
-        if strict and missing_layers:
-            raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {self.name!r}; "
-                               f"it has {_some(found)}")  # fmt: skip
-        writes = []
-        for name in shared:
-            target = self.layer_dict[name].blobs
-            for i, array in found[name].items():
-                if i >= len(target):
-                    raise WeightsError(f"{what}: layer {name!r} has {len(found[name])} parameters, "
-                                       f"the net expects {len(target)}")  # fmt: skip
-                if array.shape != target[i].shape:
-                    array = _legacy_shape(array, target[i].shape)
-                if array.shape != target[i].shape:
-                    raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
-                                       f"the net expects {target[i].shape}")  # fmt: skip
-                writes.append((target[i], array))
-            own = [p.index for p in self.learnable if p.layer == name]
-            missing = [i for i in own if i not in found[name]]
-            if missing:
-                raise WeightsError(f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}")
-        for blob, array in writes:  # only after every check: a net is never half copied
-            blob.data[...] = array
-        return ignored, missing_layers
+        return weights_of.copy(self, source, strict)
 
     def share_params(self, other: Net) -> None:
         """Use the other net's parameters, by layer name (a test net those of the training net)."""
-        for name, theirs in other.params.items():
-            mine = self.params.get(name)
-            if mine is None:
-                continue
-            if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
-                raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {self.source}, "
-                                 f"{[b.shape for b in theirs]} in {other.source}")  # fmt: skip
-            for blob, owner in zip(mine, theirs):
-                blob.share(owner)
+        weights_of.share(self, other)
 
     def save(self, path: str | Path) -> None:
         """Write the weights as Caffe's HDF5, atomically."""
@@ -490,18 +316,6 @@ class Net:
                 self.layer_dict[name].restore(state)
 
 
-def _gives(spec: ParamSpec, name: str) -> bool:
-    """Does the prototxt say this field?"""
-    tree = schema.tree_of(spec)
-    return tree is not None and bool(tree.values(name))
-
-
-def _look(net: weakref.ref[Net], blob: Blob) -> None:
-    """Tell the net, if it is still there, that somebody looks at a hidden blob."""
-    if (owner := net()) is not None:
-        owner._reveal(blob)
-
-
 def _check_name(spec: LayerParameter) -> None:
     """A layer's name becomes a group of the HDF5 snapshots. Raises LayerError for one that cannot."""
     parts = spec.name.split("/")
@@ -513,98 +327,15 @@ def _check_name(spec: LayerParameter) -> None:
                          "slash must not be a number, or snapshots could not tell it from a parameter")  # fmt: skip
 
 
-def _copy(source: NDArray[Any], target: NDArray[Any]) -> None:
-    """Copy a batch, on all threads if it is large."""
-    if target.nbytes < 1 << 20:
-        target[...] = source
-        return
-
-    def job(rows: slice) -> None:
-        target[rows] = source[rows]
-
-    parallel.run([functools.partial(job, rows) for rows in parallel.blocks(len(target), -(-len(target) // 16))])
-
-
-def _put_back(kept: list[tuple[NDArray[Any], NDArray[Any]]]) -> None:
-    for array, values in kept:
-        array[...] = values
-
-
-def _legacy_shape(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Weights of Caffe before N-d blobs are 4-d, with leading ones."""
-    if array.ndim == 4 and len(shape) < 4 and array.shape == (1,) * (4 - len(shape)) + shape:
-        return array.reshape(shape)
-    return array
-
-
-def _some(names: Iterable[str]) -> str:
-    names = list(names)
-    return ", ".join(names[:8]) + (" ..." if len(names) > 8 else "") or "no layers"
-
-
-# ---------------------------------------------------------------------------------------------- reading nets
-
-
-def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
-    """Read a net. Raises PrototxtError for mistakes, and for a file without layers."""
-    if isinstance(model, NetParameter):
-        return model
-    tree = model if isinstance(model, Message) else prototxt.parse_file(model)
-    for item in tree.fields:
-        if item.name == "layers":
-            raise PrototxtError(
-                item.position,
-                "'layers' is Caffe's V1 format; expected 'layer' (Caffe's upgrade_net_proto_text converts)",
-            )
-    param = schema.read(tree, NetParameter, "net")
-    if not param.layer and not param.input:
-        raise PrototxtError(tree.position, "no layer in this file; expected a net")
-    return param
-
-
-def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
-    """The layers that a net in this state has; old-style inputs become an Input layer."""
-    chosen = [_input_layer(param)] if param.input else []
-    for spec in param.layer:
-        if spec.include and spec.exclude:
-            raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")
-        if spec.include:
-            wanted = any(meets(state, rule) for rule in spec.include)
-        else:
-            wanted = not any(meets(state, rule) for rule in spec.exclude)
-        if wanted:
-            chosen.append(spec)
-    return chosen
-
-
-def meets(state: NetState, rule: NetStateRule) -> bool:
-    """Does a state meet every condition of a rule?"""
-    return (
-        (rule.phase is None or rule.phase == state.phase)
-        and (rule.min_level is None or state.level >= rule.min_level)
-        and (rule.max_level is None or state.level <= rule.max_level)
-        and all(stage in state.stage for stage in rule.stage)
-        and not any(stage in state.stage for stage in rule.not_stage)
-    )
-
-
-def _input_layer(param: NetParameter) -> LayerParameter:
-    """``input: "x" input_dim: 1 ...`` or ``input_shape { ... }`` as the Input layer it stands for."""
-    where = schema.position_of(param, "input")
-    dims: list[Sequence[int]]
-    if param.input_shape:
-        dims = [shape.dim for shape in param.input_shape]
-    else:
-        dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
-    if len(dims) not in (1, len(param.input)) or len(param.input_dim) % 4:
-        raise PrototxtError(where, f"{len(param.input)} inputs need as many input_shape, found {len(dims)}")
-    shapes = [
-        Field(
-            "shape",
-            Message([Field("dim", Scalar("number", str(n), where), where) for n in d], where),
-            where,
-        )
-        for d in dims
-    ]
-    block = Message(shapes, where)
-    return LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})
+def _check_counts(layer: Layer) -> None:
+    """Numbers of bottoms and tops that the type takes. Raises LayerError."""
+    for what, names, (least, most) in (
+        ("bottom", layer.spec.bottom, layer.bottoms),
+        ("top", layer.spec.top, layer.tops),
+    ):
+        if len(names) < least or (most is not None and len(names) > most):
+            wanted = f"{least}" if most == least else f"at least {least}" if most is None else f"{least} to {most}"
+            raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
+    if not layer.in_place:
+        for name in set(layer.spec.bottom) & set(layer.spec.top):
+            raise layer.fail(f"{layer.type} cannot run in place, but {name!r} is both bottom and top")

@@ -73,6 +73,15 @@ class ParamSpec:
 
 
 @dataclass(frozen=True)
+class LossParameter:
+    """The ``loss_param { ... }`` of loss layers that normalise over labels."""
+
+    ignore_label: int | None = None  # items with this label do not count
+    normalization: Literal["FULL", "VALID", "BATCH_SIZE", "NONE"] = "VALID"
+    normalize: bool | None = None  # older: true is VALID, false is BATCH_SIZE
+
+
+@dataclass(frozen=True)
 class LayerParameter:
     """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
 
@@ -194,9 +203,26 @@ def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
+def changed(message: T, **changes: Any) -> T:
+    """The message with some fields changed; it still knows where it stands in its file."""
+    return placed(dataclasses.replace(message, **changes), message)  # type: ignore[type-var]
+
+
+def placed(made: T, origin: object) -> T:
+    """``made``, which from now on stands where ``origin`` stands in its file."""
+    object.__setattr__(made, "_tree", tree_of(origin))
+    return made
+
+
 def tree_of(message: object) -> Message | None:
     """The tree that a typed message was read from."""
     return getattr(message, "_tree", None)
+
+
+def gives(message: object, name: str) -> bool:
+    """Does the file say this field?"""
+    tree = tree_of(message)
+    return tree is not None and bool(tree.values(name))
 
 
 def position_of(message: object, name: str | None = None, index: int = 0) -> Position:

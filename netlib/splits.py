@@ -6,7 +6,6 @@ we, with Caffe's names. A loss weight on such a top counts as one more reader.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 from netlib import schema
@@ -54,17 +53,11 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
                 top=tuple(_split_top(layer.name, name, j, k) for k in range(count)),
                 loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
             )
-            splits.append(_at(split, layer))
-        changed = dataclasses.replace(layer, bottom=tuple(bottoms), loss_weight=tuple(weights))
-        result += [_at(changed, layer), *splits]
+            splits.append(schema.placed(split, layer))
+        result += [schema.changed(layer, bottom=tuple(bottoms), loss_weight=tuple(weights)), *splits]
     return result
 
 
 def _split_top(layer: str, blob: str, top: int, k: int) -> str:
     return f"{blob}_{layer}_{top}_split_{k}"
 
-
-def _at(made: LayerParameter, origin: LayerParameter) -> LayerParameter:
-    """Let ``made`` stand where ``origin`` stands in its file."""
-    object.__setattr__(made, "_tree", schema.tree_of(origin))
-    return made

@@ -14,75 +14,63 @@ policy's times the parameter's lr_mult), its history h, and t, the number of thi
 
 m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. In SGD the learning rate is inside the
 history, as in Caffe. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
+
+A rule writes into w and the histories; g is not needed after it, and may be written over.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from netlib.blob import Array
 from netlib.schema import SolverParameter
 
-Array = NDArray[Any]
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 
 
-def _sgd(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
-    h[0][...] *= p.momentum
-    g *= rate
-    h[0][...] += g
-    w -= h[0]
+def _sgd(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    [h] = history
+    h[...] = p.momentum * h + rate * g
+    w -= h
 
 
-def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
-    old = h[0].copy()
-    h[0][...] *= p.momentum
-    g *= rate
-    h[0][...] += g
-    w -= (1 + p.momentum) * h[0] - p.momentum * old
+def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    [h] = history
+    before = h.copy()
+    h[...] = p.momentum * h + rate * g
+    w -= (1 + p.momentum) * h - p.momentum * before
 
 
-def _adagrad(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
-    h[0][...] += g * g
-    w -= rate * g / (np.sqrt(h[0]) + p.delta)
+def _adagrad(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    [h] = history
+    h += g * g
+    w -= rate * g / (np.sqrt(h) + p.delta)
 
 
-def _rmsprop(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
-    _average(h[0], g * g, p.rms_decay)
-    w -= rate * g / (np.sqrt(h[0]) + p.delta)
+def _rmsprop(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    [h] = history
+    h[...] = p.rms_decay * h + (1 - p.rms_decay) * g * g
+    w -= rate * g / (np.sqrt(h) + p.delta)
 
 
-def _adadelta(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
-    _average(h[0], g * g, p.momentum)
-    update = g * np.sqrt((h[1] + p.delta) / (h[0] + p.delta))
-    _average(h[1], update * update, p.momentum)
-    w -= rate * update
+def _adadelta(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    h, q = history
+    h[...] = p.momentum * h + (1 - p.momentum) * g * g
+    u = g * np.sqrt((q + p.delta) / (h + p.delta))
+    q[...] = p.momentum * q + (1 - p.momentum) * u * u
+    w -= rate * u
 
 
-def _adam(p: SolverParameter, w: Array, g: Array, rate: float, h: Sequence[Array], t: int) -> None:
+def _adam(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    m, v = history
+    m[...] = p.momentum * m + (1 - p.momentum) * g
+    v[...] = p.momentum2 * v + (1 - p.momentum2) * g * g
     correction = math.sqrt(1 - p.momentum2**t) / (1 - p.momentum**t)
-    step = g * (1 - p.momentum)  # one array for all that is passing: large ones are slow to get
-    h[0][...] *= p.momentum
-    h[0][...] += step
-    np.multiply(g, g, out=step)
-    step *= 1 - p.momentum2
-    h[1][...] *= p.momentum2
-    h[1][...] += step
-    np.sqrt(h[1], out=step)
-    step += p.delta
-    np.divide(h[0], step, out=step)
-    step *= rate * correction
-    w -= step
-
-
-def _average(h: Array, value: Array, keep: float) -> None:
-    h *= keep
-    h += (1 - keep) * value
+    w -= rate * correction * m / (np.sqrt(v) + p.delta)
 
 
 RULES: dict[str, tuple[Rule, int]] = {  # the rule, and how many histories a parameter has
@@ -106,7 +94,7 @@ def steps_taken(p: SolverParameter, iteration: int) -> int:
     if p.lr_policy != "multistep":
         return 0
     taken, due = 0, -1
-    for value in p.stepvalue:  # at most one step an iteration
+    for value in p.stepvalue:  # at most one step per iteration
         due = max(value, due + 1)
         taken += due <= iteration
     return taken

@@ -16,10 +16,33 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 import netlib  # noqa: E402  before NumPy: it chooses the BLAS threads
-from netlib import prototxt  # noqa: E402
+from netlib import engine, prototxt  # noqa: E402
+
+ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
+# What runs under both engines: whole folders, and single files of others.
+UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_solver", "test_snapshot", "test_updates", "test_splits",
+              "test_gradcheck", "test_layer", "test_python_layer", "test_own_layers", "test_train", "test_test",
+              "test_time", "test_kinematics")  # fmt: skip
 
 settings.register_profile("deterministic", derandomize=True, deadline=None, database=None, max_examples=60)
 settings.load_profile("deterministic")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Tests of nets, layers, solvers and resuming run under every engine there is."""
+    path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
+    if {path.stem, *path.parts} & set(UNDER_BOTH):
+        metafunc.parametrize("engine_in_use", ENGINES, indirect=True, scope="module")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def engine_in_use(request: pytest.FixtureRequest) -> Iterator[str | None]:
+    """The engine of this run of the test, for child processes too."""
+    name = getattr(request, "param", None)
+    with pytest.MonkeyPatch.context() as patch:
+        if name is not None:
+            patch.setenv("NETLIB_ENGINE", name)
+        yield name
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ import pytest
 
 import netlib
 from netlib import snapshot
-from netlib.net import load_parameter
+from netlib.net_parameter import load_parameter
 from netlib.updates import learning_rate
 
 Recorded = dict[str, np.ndarray]

@@ -12,7 +12,8 @@ import pytest
 import netlib
 from netlib import gradcheck
 from netlib.blob import Blob
-from netlib.layer import block_name, layer_types
+from netlib.create import layer_types
+from netlib.layer import block_name
 
 MakeNet = Callable[..., netlib.Net]
 
@@ -141,15 +142,11 @@ def test_layer_type_list() -> None:
 
 
 def test_helpers_for_layer_authors() -> None:
-    """Negative axes, buffers that keep their memory, errors with a place."""
+    """Negative axes, errors with a place."""
     layer = gradcheck.make_layer('name: "p" type: "Power" power_param { scale: 2 }', [np.zeros(3)])
     assert [layer.canonical_axis(a, Blob((2, 3, 4))) for a in (0, 2, -1, -3)] == [0, 2, 2, 0]
     with pytest.raises(netlib.LayerError, match=r"layer 'p': axis 3 is out of range for a blob of 3 axes \(2, 3, 4\)"):
         layer.canonical_axis(3, Blob((2, 3, 4)))
-    buffer = layer.buffer("b", (2, 3))
-    assert not buffer.any()
-    assert layer.buffer("b", (2, 3)) is buffer
-    assert layer.buffer("b", (4,)).shape == (4,)
     assert str(layer.fail("says", "scale")) == "<gradcheck>:1:39: error: layer 'p': says"
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import netlib
 from netlib import prototxt
-from netlib.net import load_parameter, meets
+from netlib.net_parameter import load_parameter, meets
 from netlib.schema import NetState, NetStateRule
 
 MakeNet = Callable[..., netlib.Net]

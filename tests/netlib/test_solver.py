@@ -12,7 +12,7 @@ import pytest
 
 import netlib
 from netlib import snapshot
-from netlib.solver import _COURSE
+from netlib.resume import COURSE
 
 MakeSolver = Callable[..., netlib.Solver]
 
@@ -403,7 +403,7 @@ def test_a_state_older_than_a_field_was_made_with_its_default(
 ) -> None:
     """So another value is a change, though the state does not name the field."""
     with monkeypatch.context() as before:
-        before.setattr("netlib.solver._COURSE", tuple(n for n in _COURSE if not n.startswith("rampup")))
+        before.setattr("netlib.resume.COURSE", tuple(n for n in COURSE if not n.startswith("rampup")))
         state = solver_of(RANDOM).snapshot()
     caplog.set_level("INFO", "netlib")
     solver_of(RANDOM, "rampup_interval: 8").restore(state)

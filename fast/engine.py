@@ -1,0 +1,94 @@
+"""The fast engine: what it does in its own way, and the table of twins.
+
+A twin is the plain class with its computation replaced. It inherits setup, reshape, options and messages, and leaves
+options that it cannot serve to the plain layer.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
+
+from numpy.typing import DTypeLike
+
+from fast import parallel
+from fast.augment import FastHandAugment
+from fast.convolution import FastConvolution
+from fast.executor import SlicedExecutor
+from fast.hand_model import FastHandModel
+from fast.hdf5_data import FastHDF5Data
+from fast.inner_product import FastInnerProduct
+from fast.kinematics import FastKinematics
+from fast.pooling import FastPooling
+from fast.relu import FastReLU
+from fast.tiles import FastBlob
+from fast.updates import RULES
+from layers.activation.relu import ReLU
+from layers.common.inner_product import InnerProduct
+from layers.data.hdf5_data import HDF5Data
+from layers.hand.augment import HandAugment
+from layers.hand.hand_model import HandModel
+from layers.hand.kinematics import Kinematics
+from layers.vision.convolution import Convolution
+from layers.vision.pooling import Pooling
+from netlib.blob import Array, Blob
+from netlib.plain import Connection, Engine, Executor
+from netlib.updates import Rule
+
+T = TypeVar("T")
+LARGE = 1 << 20  # bytes from which a copy is shared out
+COPIES = 16  # parts of a large copy
+
+TWINS: dict[type, type] = {
+    Convolution: FastConvolution,
+    HandAugment: FastHandAugment,
+    HandModel: FastHandModel,
+    HDF5Data: FastHDF5Data,
+    InnerProduct: FastInnerProduct,
+    Kinematics: FastKinematics,
+    Pooling: FastPooling,
+    ReLU: FastReLU,
+}
+
+
+class FastEngine(Engine):
+    """Slices of the batch on several threads, twins of the layers that cost most."""
+
+    name = "fast"
+    rules: Mapping[str, tuple[Rule, int]] = RULES
+
+    def twin(self, cls: type[T]) -> type[T]:
+        """From the table."""
+        return TWINS.get(cls, cls)
+
+    def blob(self, dtype: DTypeLike) -> Blob:
+        """One that can be hidden."""
+        return FastBlob((), dtype)
+
+    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> Executor:
+        """Slices where that pays."""
+        return SlicedExecutor(connections, outside)
+
+    def run(self, jobs: Sequence[Callable[[], None]]) -> None:
+        """On all threads."""
+        parallel.run(jobs)
+
+    def copy(self, source: Array, target: Array) -> None:
+        """On all threads if it is large."""
+        if target.nbytes < LARGE:
+            target[...] = source
+            return
+
+        def job(rows: slice) -> None:
+            target[rows] = source[rows]
+
+        parallel.run([functools.partial(job, rows) for rows in parallel.blocks(len(target), -(-len(target) // COPIES))])
+
+    def threads(self) -> int:
+        """Of the pool."""
+        return parallel.threads()
+
+    def set_threads(self, count: int) -> None:
+        """Of the pool."""
+        parallel.set_threads(count)

@@ -1,0 +1,73 @@
+"""What the fast engine may know about a layer type: which freedoms it leaves to whoever runs it.
+
+Defaults are always safe, so a type that is not in the table, such as a user's own, simply runs whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fast.twin import Twin
+from layers.activation.power import Power
+from layers.activation.relu import ReLU
+from layers.activation.sigmoid import Sigmoid
+from layers.activation.tanh import TanH
+from layers.common.inner_product import InnerProduct
+from layers.common.split import Split
+from layers.vision.convolution import Convolution
+from layers.vision.pooling import Pooling
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class Facts:
+    """About one layer.
+
+    batchwise      item n of a top depends only on item n of the bottoms, so it may run on a slice of the batch; such a
+                   layer reaches its parameters through self.blobs only, which is another list for every slice
+    elementwise    every value for itself, f(0) finite: tiled blobs are welcome
+    monotone       elementwise, non-decreasing and f(f(x)) = f(x): may as well run after a max pooling
+    takes_maximum  a max pooling: every top value is one of the bottom values
+    reads_bottom   backward reads bottom data
+    reads_top      backward reads top data
+    """
+
+    batchwise: bool = False
+    elementwise: bool = False
+    monotone: bool = False
+    takes_maximum: bool = False
+    reads_bottom: bool = True
+    reads_top: bool = True
+
+
+def _relu(layer: ReLU) -> Facts:
+    keeps_sign = layer.param.negative_slope >= 0  # then the twin's backward reads y, whose sign is that of x
+    return Facts(
+        batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0,
+        reads_bottom=not keeps_sign, reads_top=keeps_sign,
+    )  # fmt: skip
+
+
+def _pooling(layer: Pooling) -> Facts:
+    full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no window without values
+    return Facts(batchwise=True, takes_maximum=layer.is_max and full, reads_bottom=False, reads_top=False)
+
+
+TABLE: dict[type[Layer], Facts | Callable[..., Facts]] = {  # a type, or a function of the layer where options matter
+    Convolution: Facts(batchwise=True, reads_top=False),
+    InnerProduct: Facts(reads_top=False),  # not batchwise: one product for the whole batch beats many small ones
+    Pooling: _pooling,
+    Power: Facts(batchwise=True, reads_bottom=False, reads_top=False),
+    ReLU: _relu,
+    Sigmoid: Facts(batchwise=True, elementwise=True, reads_bottom=False),
+    Split: Facts(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
+    TanH: Facts(batchwise=True, elementwise=True, reads_bottom=False),
+}
+
+
+def facts_of(layer: Layer) -> Facts:
+    """The facts of a layer's type, or of the type that it is a twin of."""
+    lineage = type(layer).__mro__ if isinstance(layer, Twin) else [type(layer)]  # a user's subclass may differ
+    found = next((TABLE[cls] for cls in lineage if cls in TABLE), Facts())
+    return found if isinstance(found, Facts) else found(layer)

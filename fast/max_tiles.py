@@ -1,0 +1,150 @@
+"""MaxTiles: max pooling with T x T windows side by side, on blobs that are stored as tiles (tiles.py).
+
+The T T values of a window then stand in T T slabs, each contiguous over channels, images and the windows of a row. So
+the maximum is taken between long vectors, and a winner is a small integer.
+
+The bottom may be sparse: only some windows are stored, all others hold one value, so it is their maximum too, and their
+first place wins.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from fast.tiles import FastBlob, SparseTiles, pitch_of, sparse_of, tile_into, tile_of, tiles_of, untile
+from fast.twin import Twin
+from netlib.blob import Array, Blob
+
+
+class MaxTiles:
+    """Works for one layer on one pair of blobs, and keeps the winners between forward and backward.
+
+    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: the place that won, row by row
+    """
+
+    def __init__(self, layer: Twin, T: int, bottom: Blob, top: Blob) -> None:
+        self.layer, self.T = layer, T
+        N, C, H, W = bottom.shape
+        self.columns = (pitch_of(bottom) if tile_of(bottom) == T else -(-W // T) * T) // T  # windows stored per row
+        if isinstance(top, FastBlob) and top.tile is not None:
+            top.pitch = -(-self.columns // top.tile) * top.tile
+        self.R, self.L = -(-H // T), C * N * self.columns
+        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]  # the first place ranks highest
+        self.winners = np.empty((self.R, self.L), np.uint8)
+
+    def forward(self, bottom: Blob, top: Blob) -> None:
+        """Write the top's data."""
+        if (sparse := sparse_of(bottom)) is not None:
+            self._forward_sparse(sparse, top)
+            return
+        T, (N, C, H, W) = self.T, bottom.shape
+        storage = (self.R * T, T, C, N, self.columns)
+        out = bottom.data if tile_of(bottom) == T else self.layer.buffer("x", storage)
+        x = tiles_of(bottom, bottom.data, T, self.columns * T, out)
+        self._fill_overhang(x, H, W, -np.inf)  # must never win
+        slabs = x.reshape(self.R, T * T, self.L)
+        y = self._rows(top, top.data)
+        np.max(slabs, axis=1, out=y.reshape(self.R, self.L))
+        if self.layer.needs_backward:
+            self._find_winners(slabs, y.reshape(self.R, 1, self.L), self.winners)
+        self._fill_overhang(x, H, W, 0)  # finite again: a layer in place multiplies by it backwards
+        y[..., -(-W // T) :] = 0  # windows of padding only
+        if not self._is_rows(top):
+            self._from_rows(y, top, top.data)
+
+    def backward(self, top: Blob, bottom: Blob) -> None:
+        """Write the bottom's diff."""
+        if (sparse := sparse_of(bottom)) is not None:
+            self._backward_sparse(top, sparse)
+            return
+        T, (N, C, H, W) = self.T, bottom.shape
+        dy = self._rows(top, top.diff)
+        if not self._is_rows(top):
+            tiles_of(top, top.diff, 1, self.columns, dy[:, None])
+        direct = tile_of(bottom) == T
+        dx = bottom.diff if direct else self.layer.buffer("dx", (self.R * T, T, C, N, self.columns))
+        dx.fill(0)
+        index = self.winners.astype(np.intp)  # where each winner stands in dx
+        index *= self.L
+        index += (np.arange(self.R)[:, None] * (T * T * self.L)) + np.arange(self.L)
+        dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
+        if not direct:
+            bottom.diff[...] = untile(dx, H, W)
+
+    def _fill_overhang(self, x: Array, H: int, W: int, value: float) -> None:
+        """Set what lies beyond the image in the windows that hang over its edge."""
+        x[H:] = value
+        if W % self.T:
+            x[:, W % self.T :, ..., W // self.T] = value
+
+    def _find_winners(self, slabs: Array, maximum: Array, winners: Array) -> None:
+        """Of (..., T T, L) values the first place that holds the maximum."""
+        first = self.layer.buffer("first", slabs.shape, np.uint8)
+        np.equal(slabs, maximum, out=first.view(bool))
+        first *= self.rank
+        np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
+        np.minimum(winners, np.uint8(len(self.rank) - 1), out=winners)  # a NaN equals nothing, not even itself
+
+    # The top as rows of windows, (R, C, N, P): itself if it is stored so, else a buffer.
+
+    def _is_rows(self, top: Blob) -> bool:
+        return tile_of(top) == 1 and pitch_of(top) == self.columns
+
+    def _rows(self, top: Blob, array: Array) -> Array:
+        shape = (self.R, top.shape[1], top.shape[0], self.columns)
+        return array.reshape(shape) if self._is_rows(top) else self.layer.buffer("rows", shape)
+
+    def _from_rows(self, rows: Array, top: Blob, out: Array) -> None:
+        plain = untile(rows[:, None], *top.shape[2:])
+        own = tile_of(top)
+        if own is None:
+            out[...] = plain
+        else:
+            tile_into(plain, own, out)
+
+    # ------------------------------------------------------------------------------------------ sparse
+
+    def _forward_sparse(self, x: SparseTiles, top: Blob) -> None:
+        places, C, A = x.values.shape
+        slabs = x.values.reshape(places, C * A)
+        maximum = slabs.max(axis=0)
+        if self.layer.needs_backward:
+            self.winners = np.empty(C * A, np.uint8)
+            self._find_winners(slabs, maximum, self.winners)
+        maximum.reshape(C, A)[...] += x.bias[:, None]
+        y = self._tiles(top, top.data)
+        y[...] = x.rest[:, None, None]
+        y.reshape(-1)[self._index(y, x, top)] = maximum
+        if tile_of(top) is None:
+            top.data[...] = untile(y, *top.shape[2:])
+
+    def _backward_sparse(self, top: Blob, x: SparseTiles) -> None:
+        dy = self._tiles(top, top.diff)
+        if tile_of(top) is None:
+            tiles_of(top, top.diff, 1, dy.shape[-1], dy)
+        gradient = dy.reshape(-1)[self._index(dy, x, top)].reshape(dy.shape[2], -1)
+        C, A = gradient.shape
+        total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
+        x.rest_diff = total.astype(gradient.dtype)
+        x.diff, x.winner = gradient, self.winners.reshape(C, A)
+
+    def _tiles(self, top: Blob, array: Array) -> Array:
+        """The top as tiles: as it is stored, or a buffer for tiles of 1."""
+        N, C, Ho, Wo = top.shape
+        return array if tile_of(top) else self.layer.buffer("top", (Ho, 1, C, N, Wo))
+
+    def _index(self, tiles: Array, x: SparseTiles, top: Blob) -> Array:
+        """Where every stored window and channel, (C A,), stands in the top as tiles (R, T, C, N, P)."""
+        _, T, C, N, P = tiles.shape
+        first = _places(N, *top.shape[2:], T, C, P)[x.window]
+        return (np.arange(C)[:, None] * (N * P) + first).reshape(-1)
+
+
+@functools.lru_cache(maxsize=16)
+def _places(N: int, rows: int, columns: int, T: int, C: int, P: int) -> Array:
+    """Where the first channel of each window stands in tiles (rows, T, C, N, P)."""
+    image, row, column = np.indices((N, rows, columns)).reshape(3, -1)
+    t, phase = np.divmod(column, T)
+    return np.asarray(((row * T + phase) * (C * N) + image) * P + t)

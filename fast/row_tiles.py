@@ -1,0 +1,161 @@
+r"""RowTiles: T neighbouring outputs of a row of a convolution come from one matrix product.
+
+Im2col copies each value of x kh * kw times and multiplies by a matrix of O rows only, far too flat for a fast
+product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1 inputs x[h + i, T t : T t + J], so
+
+    Y[h]  (T O, L)  =  M (T O, kh J C)  @  X[h : h + kh]  (kh J C, L)        L = N * W / T
+
+M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix): some products with zero, but T
+times the rows, and x copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X that
+an output row needs lie one after the other, so all right factors are one strided view of X, and the
+result is y as tiles of T (tiles.py): what a T x T max pooling wants to read.
+
+The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of x is again such a
+convolution: of dy with the flipped kernel, with kh - 1 rows of zeros above and below and kw - 1 columns on the left.
+Images stand side by side in a row; the zero columns that dy has at the end of every image serve the next one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fast.tiles import pitch_of, tile_into, tile_of, tiles_of, untile
+from fast.twin import Twin
+from netlib.blob import Array, Blob
+
+
+class RowTiles:
+    """A convolution with stride 1, without padding, dilation or groups."""
+
+    def __init__(self) -> None:
+        self._matrices: tuple[Array, int, Array, Array] | None = None
+
+    def tile(self, top_tile: int | None, w: tuple[int, ...]) -> int:
+        """T: what the top is stored in, else a guess: the flatter w is, the more it gains."""
+        if top_tile is not None:
+            return top_tile
+        return 4 if w[1] * w[3] <= 8 else 2 if w[1] * w[3] <= 40 else 1
+
+    def pitch(self, x: Blob, y: Blob, T: int) -> int:
+        """Columns stored per row."""
+        return pitch_of(y) if tile_of(y) else -(-(pitch_of(x) or x.width) // T) * T
+
+    def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
+        """M of the kernel and of the flipped kernel. Made anew when the weights have changed."""
+        found = self._matrices
+        if found is None or found[1] != T or not np.array_equal(found[0], w):
+            flipped = w[:, :, ::-1, ::-1].transpose(1, 0, 2, 3)
+            found = self._matrices = (w.copy(), T, toeplitz(w, T), toeplitz(flipped, T))
+        return found[2], found[3]
+
+    def forward(self, layer: Twin, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
+        """y from x."""
+        T = self.tile(tile_of(y), w.shape)
+        N, O, Ho, Wo = y.shape
+        pitch = self.pitch(x, y, T)
+        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
+        out = y.data if tile_of(y) else layer.buffer("Y", storage)
+        rows = out[:Ho].reshape(Ho, T * O, -1)
+        multiply(self.matrices(w, T)[0], self.lower(layer, x, w.shape, T, pitch), w.shape[2], rows)
+        if bias is not None:
+            rows.reshape(Ho, T, O, -1)[...] += bias[:, None]
+        if tile_of(y) is None:
+            y.data[...] = untile(out, Ho, Wo)
+
+    def lower(self, layer: Twin, x: Blob, w: tuple[int, ...], T: int, pitch: int) -> Array:
+        """X as (H, J C, L): ``stacked_rows`` of it are all right factors."""
+        (N, C, H, _), kw = x.shape, w[3]
+        J, P = T + kw - 1, pitch // T
+        X = layer.buffer("X", (H, J, C, N, P))
+        if tile_of(x) == T and pitch_of(x) == pitch:
+            X[:, :T] = x.data[:H]
+        else:
+            tiles_of(x, x.data, T, pitch, X[:, :T])
+        rows = X.reshape(H, J, C, N * P)
+        for j in range(T, J):  # the last column of an image then comes from the next one; no valid output reads it
+            rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
+        return rows.reshape(H, J * C, N * P)
+
+    def backward(self, layer: Twin, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
+        """Adds to dw and db; writes dx if ``down``."""
+        T = self.tile(tile_of(y), w.shape)
+        (N, O, Ho, _), kh = y.shape, w.shape[2]
+        pitch = self.pitch(x, y, T)
+        storage = (-(-Ho // T) * T, T, O, N, pitch // T)
+        out = y.diff if tile_of(y) else layer.buffer("dY", storage)
+        dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
+        X = self.lower(layer, x, w.shape, T, pitch)
+        inner = kh * X.shape[1]
+        parts = unpacked_parts(inner, dy.shape[1], dy.shape[2])
+        product = layer.buffer("G", (Ho, parts, inner, T * O))
+        np.matmul(stacked_rows(X, kh, parts), stacked_rows(dy, 1, parts).swapaxes(2, 3), out=product)
+        dw += fold(product.sum(axis=(0, 1)).T, w.shape, T)
+        if db is not None:
+            db += dy.reshape(Ho, T, O, -1).sum(axis=(0, 1, 3))
+        if down:
+            self.backward_x(layer, x, dy.reshape(Ho, T, O, -1), w, T, pitch)
+
+    def backward_x(self, layer: Twin, x: Blob, dy: Array, w: Array, T: int, pitch: int) -> None:
+        """dx from dy (Ho, T, O, L)."""
+        (N, C, H, W), (O, _, kh, kw), (Ho, _, _, L) = x.shape, w.shape, dy.shape
+        J = T + kw - 1
+        D = layer.buffer("D", (H + kh - 1, J, O, L))  # zero rows above and below stay zero
+        rows = D[kh - 1 : kh - 1 + Ho]
+        for j in range(J):  # column T t + j - (kw - 1) of dy
+            back, phase = divmod(j - (kw - 1), T)
+            rows[:, j, :, -back if back else None :] = dy[:, phase, :, : L + back]
+        direct = tile_of(x) == T and pitch_of(x) == pitch
+        dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
+        multiply(self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L))
+        if direct:
+            return
+        plain, own = untile(dx, H, W), tile_of(x)
+        if own is None:
+            x.diff[...] = plain
+        else:
+            tile_into(plain, own, x.diff)
+
+
+def toeplitz(w: Array, T: int) -> Array:
+    """M (T O, kh J C) of a kernel w (O, C, kh, kw): the kernel T times, each one column further right."""
+    O, C, kh, kw = w.shape
+    M = np.zeros((T, O, kh, T + kw - 1, C), w.dtype)
+    for p in range(T):
+        M[p, :, :, p : p + kw] = w.transpose(0, 2, 3, 1)
+    return M.reshape(T * O, -1)
+
+
+def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
+    """The adjoint of ``toeplitz``: what M's gradient (T O, kh J C) is for the kernel."""
+    O, C, kh, kw = w
+    M = M.reshape(T, O, kh, T + kw - 1, C)
+    total = np.zeros((O, kh, kw, C), M.dtype)
+    for p in range(T):
+        total += M[p, :, :, p : p + kw]
+    return total.transpose(0, 3, 1, 2)
+
+
+UNPACKED = 1_000_000  # operations of a product up to which OpenBLAS does not copy its factors first
+MOST_PARTS = 4  # beyond, the copies are worth their time
+
+
+def unpacked_parts(rows: int, inner: int, columns: int) -> int:
+    """Into how many parts a product's longest side is cut, so that OpenBLAS takes each without copying."""
+    parts = -(-rows * inner * columns // UNPACKED)
+    return parts if parts <= MOST_PARTS and columns % parts == 0 else 1
+
+
+def stacked_rows(X: Array, kh: int, parts: int) -> Array:
+    """(H, R, L) → (H - kh + 1, parts, kh R, L / parts): every kh rows in a row, the columns in parts; a view.
+
+    X is C-contiguous. NumPy's as_strided would do, and take 3 us for each of the hundreds of views of a batch.
+    """
+    (H, R, L), item = X.shape, X.itemsize
+    shape = (H - kh + 1, parts, kh * R, L // parts)
+    return np.ndarray(shape, X.dtype, X, 0, (R * L * item, L // parts * item, L * item, item))
+
+
+def multiply(M: Array, X: Array, kh: int, out: Array) -> None:
+    """out (H - kh + 1, M rows, L) = M @ X (H, R, L), every kh rows of X in a row."""
+    parts = unpacked_parts(M.shape[0], M.shape[1], X.shape[2])
+    np.matmul(M, stacked_rows(X, kh, parts), out=stacked_rows(out, 1, parts))

@@ -1,0 +1,53 @@
+"""ReLU: cut off what is negative.
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+y  = x where x > 0, slope * x elsewhere
+dx = dy where x > 0, slope * dy elsewhere       (at 0, as in Caffe, the gradient is slope * dy)
+
+In place x is y by the time of backward; its sign tells the same, unless the slope is negative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import Engine
+
+
+@dataclass(frozen=True)
+class ReLUParameter:
+    """The ``relu_param { ... }`` block."""
+
+    negative_slope: float = 0.0  # 0: cut off; small and positive: "leaky"
+    engine: Engine = "DEFAULT"  # Caffe's choice of implementation; accepted, ignored
+
+
+class ReLU(Layer):
+    """Rectified linear unit."""
+
+    param_type = ReLUParameter
+    param_name = "relu_param"
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.slope = self.dtype.type(self.param.negative_slope)
+        if self.slope < 0 and bottom[0] is top[0]:
+            raise self.fail("with a negative negative_slope cannot run in place", "negative_slope")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data
+        top[0].data[...] = np.where(x > 0, x, self.slope * x)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            x, dy = bottom[0].data, top[0].diff
+            bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)

@@ -1,0 +1,91 @@
+"""Scale: multiply by a learned gain (or by a second blob) that is broadcast over some axes, and add a bias.
+
+bottom[0]  x     any shape
+bottom[1]  gain  optional: the factor, instead of a parameter
+params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; by default one a channel; 1 at first
+params[-1] bias  same shape, with ``bias_term: true``
+top[0]     y     shape of x, may be the same blob
+
+y     = gain x + bias
+dx    = gain dy
+dgain = sum of x dy over the other axes,   dbias = sum of dy
+
+Kept for backward: ``x``, because in place the bottom is gone by then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.fillers import Constant, Filler
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class ScaleParameter:
+    """The ``scale_param { ... }`` block."""
+
+    axis: int = 1  # first axis of x that the gain has
+    num_axes: int = 1  # how many axes it has; -1: all that follow; 0: a single number
+    filler: Filler = Constant(1.0)  # initial gains; the identity by default
+    bias_term: bool = False
+    bias_filler: Filler = Filler()
+
+
+class Scale(Layer):
+    """Learned gain and bias."""
+
+    param_type = ScaleParameter
+    bottoms = (1, 2)
+    tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        self.learned = len(bottom) == 1
+        if self.learned:
+            axis = self.canonical_axis(p.axis, bottom[0]) if p.num_axes else 0
+            end = len(bottom[0].shape) if p.num_axes == -1 else axis + p.num_axes
+            if not axis <= end <= len(bottom[0].shape):
+                raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit {bottom[0].shape}", "num_axes")
+            self.new_param("gain", bottom[0].shape[axis:end], p.filler)
+        if p.bias_term:
+            shape = self.blobs[0].shape if self.learned else bottom[1].shape
+            self.new_param("bias", shape, p.bias_filler)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].shape
+        gain = self.blobs[0].shape if self.learned else bottom[1].shape
+        self.axis = self.canonical_axis(self.param.axis, bottom[0]) if gain else 0
+        end = self.axis + len(gain)
+        if x[self.axis : end] != gain:
+            raise self.fail(f"gain {gain} does not fit axes {self.axis} to {end} of bottom "
+                            f"{self.spec.bottom[0]!r} {x}")  # fmt: skip
+        self.trailing = (1,) * (len(x) - end)
+        self.others = tuple(i for i in range(len(x)) if not self.axis <= i < end)
+        top[0].reshape(x)
+
+    def _wide(self, array: Array) -> Array:
+        """The gain or bias, with axes of size 1 for what it is broadcast over."""
+        return array.reshape(array.shape + self.trailing)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        gain = self.blobs[0].data if self.learned else bottom[1].data
+        self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
+        np.multiply(bottom[0].data, self._wide(gain), out=top[0].data)
+        if self.param.bias_term:
+            top[0].data[...] += self._wide(self.blobs[-1].data)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        dy = top[0].diff
+        gain = self.blobs[0].data if self.learned else bottom[1].data
+        if self.param.bias_term:
+            self.blobs[-1].diff[...] += dy.sum(axis=self.others)
+        if self.learned:
+            self.blobs[0].diff[...] += (self.x * dy).sum(axis=self.others)
+        elif propagate_down[1]:
+            bottom[1].diff[...] = (self.x * dy).sum(axis=self.others)
+        if propagate_down[0]:
+            np.multiply(dy, self._wide(gain), out=bottom[0].diff)

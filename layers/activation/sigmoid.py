@@ -1,0 +1,43 @@
+"""Sigmoid: squash to (0, 1).
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+y  = 1 / (1 + exp(-x))
+dx = dy y (1 - y)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.special import expit
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import Engine
+
+
+@dataclass(frozen=True)
+class SigmoidParameter:
+    """The ``sigmoid_param { ... }`` block."""
+
+    engine: Engine = "DEFAULT"  # accepted, ignored
+
+
+class Sigmoid(Layer):
+    """Logistic function."""
+
+    param_type = SigmoidParameter
+    bottoms = tops = (1, 1)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        expit(bottom[0].data, out=top[0].data)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            y, dy = top[0].data, top[0].diff
+            bottom[0].diff[...] = dy * y * (1 - y)

@@ -1,0 +1,1 @@
+"""Layers of every net: products, copies, shapes."""

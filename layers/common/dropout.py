@@ -1,0 +1,54 @@
+"""Dropout: while training, set a random part of the values to zero, so that no unit relies on another.
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probability 1 - p, else 0
+TEST   y = x,                  dx = dy
+
+Kept for backward: ``factor`` = keep / (1 - p). Scaling in TRAIN keeps the mean, so TEST needs no scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib import TRAIN
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class DropoutParameter:
+    """The ``dropout_param { ... }`` block."""
+
+    dropout_ratio: float = 0.5  # p, the part that is dropped
+
+
+class Dropout(Layer):
+    """Dropout."""
+
+    param_type = DropoutParameter
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param.dropout_ratio
+        if not 0 <= p < 1:
+            raise self.fail(f"dropout_ratio {p:g} must be at least 0 and less than 1", "dropout_ratio")
+        self.active = self.phase == TRAIN and p > 0
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        p, self.factor = self.param.dropout_ratio, self.dtype.type(1)
+        if self.active:
+            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)  # fewer bits than a random float
+            self.factor = (drawn >= min(round(p * (1 << 16)), (1 << 16) - 1)) * self.dtype.type(1 / (1 - p))
+        top[0].data[...] = bottom[0].data * self.factor
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            bottom[0].diff[...] = top[0].diff * self.factor

@@ -1,0 +1,48 @@
+"""Flatten: several axes become one.
+
+bottom[0]  x  any shape
+top[0]     y  axes ``axis`` to ``end_axis`` (both included) joined, by default all but the first
+
+y = x,  dx = dy, in the other shape
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class FlattenParameter:
+    """The ``flatten_param { ... }`` block."""
+
+    axis: int = 1
+    end_axis: int = -1
+
+
+class Flatten(Layer):
+    """Join axes."""
+
+    param_type = FlattenParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0]
+        first = self.canonical_axis(self.param.axis, x)
+        last = self.canonical_axis(self.param.end_axis, x, "end_axis")
+        if last < first:
+            raise self.fail(f"end_axis {self.param.end_axis} comes before axis {self.param.axis}", "end_axis")
+        joined = int(np.prod(x.shape[first : last + 1]))
+        top[0].reshape(*x.shape[:first], joined, *x.shape[last + 1 :])
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = bottom[0].data.reshape(top[0].shape)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            bottom[0].diff[...] = top[0].diff.reshape(bottom[0].shape)

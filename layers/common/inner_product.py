@@ -1,0 +1,83 @@
+"""InnerProduct: every output is a weighted sum of all inputs of an item ("fully connected").
+
+bottom[0]  x  (..., I)   axes before ``axis`` count items (M of them), the others are flattened to I inputs
+params[0]  w  (O, I), or (I, O) with ``transpose``
+params[1]  b  (O,)       unless ``bias_term: false``
+top[0]     y  (..., O)
+
+y  = x wᵀ + b
+dx = dy w
+dw = dyᵀ x,   db = sum of dy over the items
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from netlib.blob import Array, Blobs
+from netlib.fillers import Filler
+from netlib.layer import Layer
+from netlib.schema import UInt
+
+
+@dataclass(frozen=True)
+class InnerProductParameter:
+    """The ``inner_product_param { ... }`` block."""
+
+    num_output: UInt
+    bias_term: bool = True
+    weight_filler: Filler = Filler()
+    bias_filler: Filler = Filler()
+    axis: int = 1  # first axis of an item
+    transpose: bool = False  # store w as (I, O)
+
+
+class InnerProduct(Layer):
+    """Fully connected layer."""
+
+    param_type = InnerProductParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        if p.num_output == 0:
+            raise self.fail("num_output must be at least 1", "num_output")
+        self.axis = self.canonical_axis(p.axis, bottom[0])
+        self.inputs = math.prod(bottom[0].shape[self.axis :])
+        shape = (self.inputs, p.num_output) if p.transpose else (p.num_output, self.inputs)
+        self.new_param("weight", shape, p.weight_filler)
+        if p.bias_term:
+            self.new_param("bias", (p.num_output,), p.bias_filler)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        items, item = bottom[0].shape[: self.axis], bottom[0].shape[self.axis :]
+        if math.prod(item) != self.inputs:
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has {math.prod(item)} features {item}, "
+                f"its weights expect {self.inputs}"
+            )
+        top[0].reshape(*items, self.param.num_output)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
+        y[...] = x @ w.T
+        if self.param.bias_term:
+            y += self.blobs[1].data
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.blobs[0].data)
+        self.output_first(self.blobs[0].diff)[...] += dy.T @ x
+        if self.param.bias_term:
+            self.blobs[1].diff[...] += dy.sum(axis=0)
+        if propagate_down[0]:
+            self.rows(bottom[0].diff)[...] = dy @ w
+
+    def rows(self, array: Array) -> Array:
+        """The items as rows, (M, I) or (M, O): a view."""
+        return array.reshape(-1, math.prod(array.shape[self.axis :]))
+
+    def output_first(self, w: Array) -> Array:
+        """w or dw as (O, I): a view."""
+        return w.T if self.param.transpose else w

@@ -1,0 +1,1 @@
+"""Where a net's numbers come from."""

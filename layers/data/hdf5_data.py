@@ -1,0 +1,134 @@
+"""HDF5Data: batches from HDF5 files.
+
+top[i]  the rows of the data set of the same name, (batch_size, ...), converted to the net's type
+
+``source`` is a list, one file per line. Rows are read in order, a batch runs on across the end of a file, and after
+the last file it starts over. With ``shuffle`` every pass takes the files in a new order, and the rows of a file.
+
+The order is a pure function of a *cursor* (pass, file, row) and the layer's seed. So a cursor is all that a snapshot
+needs to go on with the very next row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.errors import DataError
+from netlib.hdf5 import File, read_list
+from netlib.layer import Layer
+from netlib.schema import UInt
+
+Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
+
+
+@dataclass(frozen=True)
+class HDF5DataParameter:
+    """The ``hdf5_data_param { ... }`` block."""
+
+    source: str  # the list of files
+    batch_size: UInt
+    shuffle: bool = False
+
+
+class HDF5Data(Layer):
+    """Reads batches.
+
+    files   the open files
+    rows    in all of them
+    cursor  where the next batch begins
+    notes   lines for the log
+    """
+
+    param_type = HDF5DataParameter
+    param_name = "hdf5_data_param"
+    bottoms = (0, 0)
+    tops = (1, None)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        source, self.batch_size = self.param.source, self.param.batch_size
+        if self.batch_size == 0:
+            raise self.fail("batch_size must be at least 1", "batch_size")
+        self.seed = int(self.rng.integers(2**62))
+        self.cursor: Cursor = (0, 0, 0)
+        self.files = [File(path, self.spec.top) for path in read_list(source, self.source)]
+        self.rows = sum(file.rows for file in self.files)
+        for file in self.files[1:]:
+            for name, first, this in zip(self.spec.top, self.files[0].arrays, file.arrays):
+                if first.shape[1:] != this.shape[1:]:
+                    raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
+                                    f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
+        origin = ", ".join(sorted({file.made_from for file in self.files}))
+        self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
+        if self.batch_size > self.rows:
+            self.notes.insert(0, f"warning: batch_size {self.batch_size} is more than the {self.rows} rows of {source}; "
+                                 "every batch repeats some")  # fmt: skip
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        for blob, array in zip(top, self.files[0].arrays):
+            blob.reshape(self.batch_size, *array.shape[1:])
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        self.cursor = self.read(self.cursor, [blob.data for blob in top])
+
+    def read(self, cursor: Cursor, batch: list[Array]) -> Cursor:
+        """Fill ``batch`` with the rows from ``cursor`` on; returns the cursor after them."""
+        done, size = 0, len(batch[0])
+        while done < size:
+            turn, place, row = cursor
+            file = self.files[self.order(len(self.files), turn, 0)[place]]
+            take = min(size - done, file.rows - row)
+            rows = self.order(file.rows, turn, 1 + place)[row : row + take]
+            file.check_size()
+            for out, array in zip(batch, file.arrays):
+                self.pick(array, rows, out[done : done + take])
+            done += take
+            cursor = (turn, place, row + take)
+            if row + take == file.rows:
+                cursor = (turn, place + 1, 0) if place + 1 < len(self.files) else (turn + 1, 0, 0)
+        return cursor
+
+    def pick(self, array: Array, rows: Array, out: Array) -> None:
+        """Copy some rows."""
+        out[...] = array[rows]
+
+    def order(self, count: int, turn: int, stream: int) -> Array:
+        """In which order a pass takes the files (stream 0), or the rows of its n-th file (stream n)."""
+        if not self.param.shuffle or count == 1:
+            return np.arange(count)
+        return np.random.default_rng([self.seed, turn, stream]).permutation(count)
+
+    # ------------------------------------------------------------------------------------------ for resume and tools
+
+    def state(self) -> dict[str, Any]:
+        return {"seed": self.seed, "cursor": list(self.cursor), "files": self._identity()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        if "seed" not in state:  # of a layer of another type
+            return
+        self.seed = int(state["seed"])
+        if state.get("files") == self._identity():  # with other data there is no such place to go on
+            self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]), int(state["cursor"][2]))
+
+    def _identity(self) -> list[list[Any]]:
+        return [[file.path.name, file.rows, file.made_from] for file in self.files]
+
+    def use_batch_size(self, size: int) -> None:
+        """Read ``size`` rows at a time from now on; the net must be reshaped after it."""
+        self.batch_size = size
+
+    def rewind(self) -> None:
+        """Go on from the first row."""
+        self.cursor = (0, 0, 0)
+
+    def row(self, number: int) -> list[Array]:
+        """One row of every data set, counted over all files in the order of the list."""
+        for file in self.files:
+            if number < file.rows:
+                file.check_size()
+                return [np.asarray(array[number]) for array in file.arrays]
+            number -= file.rows
+        raise IndexError(f"there are {self.rows} rows")

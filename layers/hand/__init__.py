@@ -1,0 +1,1 @@
+"""The hand: augmentation, forward kinematics, physical limits."""

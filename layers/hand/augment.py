@@ -1,0 +1,118 @@
+"""HandAugment: while training, turn, resize and move each depth crop, and its joints with it.
+
+bottom[0]  depth  (N, 1, S, S)  crops in [-1, 1], background 1
+bottom[1]  joint  (N, 3 K)      x y z each, in half-cubes from the crop centre; x right, y UP, z away
+top[0], top[1]    same shapes, may be the same blobs
+
+TRAIN, for every item with its own random angle a (counter-clockwise), factor s, shift (u right, v down) and step d:
+
+    a pixel at (c, r) from the middle goes to   s (c cos a + r sin a, r cos a - c sin a) + (u, v)
+    its depth z becomes                         s z + d             cut to [-1, 1]; background stays background
+    a joint (x, y, z) goes to                   s (x cos a - y sin a, x sin a + y cos a, z) + (u', -v', d)
+
+with u' = u / (S/2), v' = v / (S/2), for S/2 pixels are one half-cube; joints are cut to [-1, 1], as the data's are.
+The factor is a hand that much larger in all three directions, which is the same as a smaller cube around it.
+Pixels are picked, not averaged: a mean of two depths at an edge would be a point in thin air. Where the crop has
+none, its border is repeated, so that a forearm goes on. The view is taken as parallel; over the depth of a hand,
+perspective makes up to a fifth of the shift, below a pixel.
+
+TEST  the tops are the bottoms. There is no gradient: the layer belongs right behind the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from netlib import TRAIN
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+
+_MIDDLE = 0.75  # px from S/2 to where a crop shows its centre: .765, .909 on the mean of NYU's, both roundings are down
+
+
+@dataclass(frozen=True)
+class HandAugmentParameter:
+    """The ``hand_augment_param { ... }`` block: largest changes, each drawn uniformly between minus and plus."""
+
+    rotation: float = 0.0  # degrees
+    scale: float = 0.0  # factor 1 - scale to 1 + scale
+    shift: float = 0.0  # px of the crop, sideways and up or down
+    depth: float = 0.0  # half-cubes: 9 mm are 0.06 in the 300 mm cube
+
+
+class HandAugment(Layer):
+    """Random changes of crops and joints that make another true example of each."""
+
+    param_type = HandAugmentParameter
+    bottoms = tops = (2, 2)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        for name, limit in (("rotation", 180.0), ("scale", 0.9), ("shift", np.inf), ("depth", 2.0)):
+            value = getattr(p, name)
+            if not 0 <= value <= limit:
+                raise self.fail(f"{name} {value:g} must be from 0 to {limit:g}", name)
+        self.warps = p.rotation > 0 or p.scale > 0 or p.shift > 0
+        self.active = self.phase == TRAIN and (self.warps or p.depth > 0)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        depth, joint = bottom
+        N, S = depth.num, depth.width
+        if len(depth.shape) != 4 or depth.channels != 1 or depth.height != S:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {depth.shape}, expected crops (N, 1, S, S)")
+        if joint.num != N or joint.count % max(3 * N, 1):
+            raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {joint.shape}, expected joints ({N}, 3 K)")
+        for x, y in zip(bottom, top):
+            y.reshape(x.shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        if not self.active:
+            for x, y in zip(bottom, top):
+                if y is not x:
+                    y.data[...] = x.data
+            return
+        p, (N, _, S, _) = self.param, bottom[0].shape
+        a, s, u, v, d = self.rng.uniform(-1, 1, (5, N)) * np.array(
+            [[np.deg2rad(p.rotation)], [p.scale], [p.shift], [p.shift], [p.depth]]
+        )
+        s += 1
+        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)  # of columns and rows
+        move = np.stack([u, v], axis=1)
+        self.move_joints(bottom[1].data, top[1].data, turn, s, move / (S / 2), d)
+        self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], _source_of(turn, s, move, S), s, d)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if any(propagate_down):
+            raise self.fail("has no gradient; it belongs right behind the data")
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return False
+
+    def move_joints(self, x: Array, y: Array, turn: Array, s: Array, move: Array, d: Array) -> None:
+        """Joints (n, 3 K) to y."""
+        joints = x.reshape(len(s), -1, 3).astype(np.float64)
+        plane = joints[..., :2] * (1, -1) @ turn.transpose(0, 2, 1)  # as columns and rows
+        moved = np.concatenate([plane * (1, -1), joints[..., 2:]], axis=2) * s[:, None, None]
+        moved += np.stack([move[:, 0], -move[:, 1], d], axis=1)[:, None]
+        y[...] = np.clip(moved, -1, 1).reshape(y.shape)
+
+    def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
+        """Crops (n, S, S) to y: pixels from where ``source`` (n, 2, 3) says, depths times s (n,) plus d (n,)."""
+        S, how = x.shape[-1], cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        old = x.copy()
+        if self.warps:
+            for n in range(len(x)):
+                cv2.warpAffine(x[n], source[n], (S, S), old[n], how, cv2.BORDER_REPLICATE)
+        depth = old * s.astype(self.dtype)[:, None, None] + d.astype(self.dtype)[:, None, None]
+        y[...] = np.where(old >= 1, 1, np.clip(depth, -1, 1))
+
+
+def _source_of(turn: Array, s: Array, move: Array, S: int) -> Array:
+    """For each item the matrix (2, 3) that says of a new pixel (column, row, 1) which old one it shows."""
+    back = turn.transpose(0, 2, 1) / s[:, None, None]
+    middle = np.full(2, S / 2 + _MIDDLE)
+    offset = middle - np.einsum("nij,nj->ni", back, middle + move)
+    return np.concatenate([back, offset[:, :, None]], axis=2)

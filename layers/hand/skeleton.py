@@ -1,0 +1,266 @@
+"""Skeleton: an articulated body as a table, read from a prototxt file and written to one.
+
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Its degrees of freedom (DoF)
+have the value
+
+    theta[d] = input[d] + initial[d]        (a fixed DoF: theta[d] = initial[d])
+
+Each joint starts from its parent's position and frame, and in order
+    translates along a local axis by theta,  for each ``translate``
+    turns about a local axis by theta,       for each ``rotate``, right-handed
+    moves along a local axis,                by its ``bone``
+(kinematics.py says how, and what its gradient is).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from netlib import prototxt, schema
+from netlib.blob import Array
+from netlib.errors import PrototxtError, did_you_mean
+from netlib.paths import find
+from netlib.prototxt import Position, Scalar
+from netlib.schema import Double
+
+Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+NYU_HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
+DECIMALS = 6  # of the numbers in a file, as in the packaged hand
+
+
+# ---------------------------------------------------------------------------------------------- the file
+
+
+@dataclass(frozen=True)
+class DofParameter:
+    """The ``dof { ... }`` of a skeleton file."""
+
+    name: str
+    initial: Double = 0.0  # added to the input
+    lower: Double = -np.inf  # limits of the input
+    upper: Double = np.inf
+    fixed: bool = False  # keeps the initial value, ignores the input
+
+
+@dataclass(frozen=True)
+class MotionParameter:
+    """The ``rotate { ... }`` or ``translate { ... }`` of a joint: a DoF about or along a local axis."""
+
+    axis: Axis
+    dof: str
+
+
+@dataclass(frozen=True)
+class BoneParameter:
+    """The ``bone { ... }`` of a joint."""
+
+    axis: Axis
+    length: Double
+
+
+@dataclass(frozen=True)
+class JointParameter:
+    """The ``joint { ... }`` of a skeleton file."""
+
+    name: str
+    parent: str | None = None  # none: starts at the origin
+    translate: tuple[MotionParameter, ...] = ()
+    rotate: tuple[MotionParameter, ...] = ()
+    bone: BoneParameter | None = None
+
+
+@dataclass(frozen=True)
+class SkeletonParameter:
+    """A whole skeleton file."""
+
+    name: str = ""
+    dof: tuple[DofParameter, ...] = ()
+    joint: tuple[JointParameter, ...] = ()  # in output order
+
+
+# --------------------------------------------------------------------------------------------- the table
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What one DoF does at one joint."""
+
+    kind: Literal["translate", "rotate"]
+    axis: int  # the local axis, 0 1 2 for x y z
+    sign: float  # -1: along or about the negative axis
+    dof: int
+    row: int  # among the free motions, which are the rows of a Jacobian; -1 if the DoF is fixed
+
+
+class Skeleton:
+    """The table of an articulated body, with K joints and D DoFs, of which Q motions are free.
+
+    dof_names, joint_names   names in file order
+    initial, lower, upper    (D,) float64: offset of the input, limits of the input
+    fixed                    (D,) bool: DoFs that ignore their input
+    parents                  (K,) index of the parent joint, -1 for a root
+    order                    (K,) the joints, parents first
+    motions                  per joint its motions in the order in which they are applied
+    bones                    (K,) signed bone lengths along each joint's bone axis
+    bone_axes                (K,) that axis: 0, 1, 2 for x, y, z; -1 without a bone
+    driven                   (Q,) the DoF of each free motion; a DoF may drive several
+    turns                    (Q,) bool: the free motion is a rotation, not a translation
+    carries                  (K, K) bool: is the second joint the first one, or does it hang on it?
+    moves                    (Q, K) bool: does the free motion move the joint?
+    """
+
+    def __init__(self, param: SkeletonParameter) -> None:
+        self.param, self.name = param, param.name
+        if not param.joint:
+            raise PrototxtError(schema.position_of(param), "no joint in this file; expected a skeleton")
+        self.dof_names = _unique([(d.name, d) for d in param.dof], "DoF")
+        self.joint_names = _unique([(j.name, j) for j in param.joint], "joint")
+        self.initial = np.array([d.initial for d in param.dof])
+        self.lower = np.array([d.lower for d in param.dof])
+        self.upper = np.array([d.upper for d in param.dof])
+        self.fixed = np.array([d.fixed for d in param.dof], dtype=bool)
+        self._check_numbers()
+        self.parents = np.array([_index(j.parent, self.joint_names, j, "parent") for j in param.joint], dtype=int)
+        self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
+        self.bone_axes = np.array([_signed(j.bone.axis)[0] if j.bone else -1 for j in param.joint])
+        lineage = [self._lineage(j) for j in range(len(param.joint))]
+        self.order = sorted(range(len(lineage)), key=lambda j: len(lineage[j]))
+        self.motions = self._motions()
+        free = [(j, m) for j, own in enumerate(self.motions) for m in own if m.row >= 0]
+        self.driven = np.array([m.dof for _, m in free], dtype=int)
+        self.turns = np.array([m.kind == "rotate" for _, m in free], dtype=bool)
+        self.carries = np.array([[j in way for way in lineage] for j in range(len(lineage))])
+        self.moves = self.carries[[j for j, _ in free]].reshape(len(free), len(lineage))
+
+    def theta(self, inputs: Array) -> Array:
+        """DoF values (N, D) of the inputs (N, D), float64."""
+        return np.asarray(np.where(self.fixed, 0.0, inputs) + self.initial, dtype=np.float64)
+
+    def with_numbers(self, dofs: Sequence[DofParameter], bones: Array) -> Skeleton:
+        """The same body with other DoFs and signed bone lengths (K,)."""
+        joints = list(self.param.joint)
+        for i, joint in enumerate(joints):
+            if joint.bone:
+                length = _signed(joint.bone.axis)[1] * float(bones[i])
+                joints[i] = replace(joint, bone=replace(joint.bone, length=length))
+        return Skeleton(replace(self.param, dof=tuple(dofs), joint=tuple(joints)))
+
+    def scaled(self, scale: float) -> Skeleton:
+        """The same body ``scale`` times as large: bones, and initial values of translations."""
+        slides = {m.dof for own in self.motions for m in own if m.kind == "translate"}
+        dofs = [replace(d, initial=d.initial * scale) if i in slides else d for i, d in enumerate(self.param.dof)]
+        return self.with_numbers(dofs, self.bones * scale)
+
+    def _check_numbers(self) -> None:
+        for joint in self.param.joint:
+            if joint.bone and not np.isfinite(joint.bone.length):
+                raise PrototxtError(schema.position_of(joint.bone), f"{joint.bone.length} is not a length or an angle")
+        for d in self.param.dof:
+            if not np.isfinite(d.initial):
+                raise PrototxtError(schema.position_of(d), f"{d.initial} is not a length or an angle")
+            if d.lower > d.upper:
+                raise PrototxtError(
+                    schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
+                )
+
+    def _lineage(self, joint: int) -> list[int]:
+        """The joint, its parent, and so on to its root. Raises PrototxtError if there is none."""
+        way = [joint]
+        while self.parents[way[-1]] >= 0:
+            way.append(int(self.parents[way[-1]]))
+            if len(way) > len(self.parents):
+                stuck = self.param.joint[way[-1]]
+                raise PrototxtError(schema.position_of(stuck), f"joint {stuck.name!r} is its own ancestor")
+        return way
+
+    def _motions(self) -> list[tuple[Motion, ...]]:
+        rows, result = 0, []
+        for joint in self.param.joint:
+            own = []
+            for kind, params in (("translate", joint.translate), ("rotate", joint.rotate)):
+                for param in params:
+                    axis, sign = _signed(param.axis)
+                    dof = _index(param.dof, self.dof_names, param, "dof")
+                    row = -1 if self.fixed[dof] else rows
+                    rows += row >= 0
+                    own.append(Motion("translate" if kind == "translate" else "rotate", axis, sign, dof, row))
+            result.append(tuple(own))
+        return result
+
+
+def _index(name: str | None, known: list[str], owner: object, field: str) -> int:
+    """Index of a name; -1 for none."""
+    if name is None:
+        return -1
+    if name not in known:
+        where = schema.position_of(owner, field)
+        raise PrototxtError(where, f"unknown {field} {name!r}{did_you_mean(name, known)}")
+    return known.index(name)
+
+
+def _unique(named: list[tuple[str, object]], what: str) -> list[str]:
+    seen: set[str] = set()
+    for name, param in named:
+        if name in seen:
+            raise PrototxtError(schema.position_of(param), f"{what} {name!r} is defined twice")
+        seen.add(name)
+    return [name for name, _ in named]
+
+
+def _signed(axis: Axis) -> tuple[int, float]:
+    return "XYZ".index(axis[-1]), -1.0 if axis.startswith("NEG_") else 1.0
+
+
+# ------------------------------------------------------------------------------------- reading and writing
+
+
+def load(path: str | Path = NYU_HAND) -> Skeleton:
+    """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
+    return _load(Path(path), Path(path).resolve())
+
+
+@functools.lru_cache(maxsize=16)
+def _load(path: Path, whole_path: Path) -> Skeleton:
+    """``load``; the whole path tells apart files of the same relative name."""
+    return Skeleton(schema.read(prototxt.parse_file(path), SkeletonParameter, f"skeleton {path}"))
+
+
+def load_for(name: str, source: str | None) -> Skeleton:
+    """The skeleton that the prototxt ``source`` names; the NYU hand if it names none."""
+    return load(find(name, source) if name else NYU_HAND)
+
+
+def text_of(skeleton: Skeleton, name: str, comment: str) -> str:
+    """A file like the packaged ones, of this name and with a comment at the top; numbers have ``DECIMALS``."""
+    param = skeleton.param
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    lines += [f"name: {_quoted(name)}", ""]
+    width = max((len(_quoted(d.name)) for d in param.dof), default=0)
+    for i, d in enumerate(param.dof):
+        fields = [f"name: {_quoted(d.name).ljust(width)}", f"initial: {_number(d.initial).rjust(9)}"]
+        fields += ["fixed: true"] if d.fixed else [f"lower: {_number(d.lower)} upper: {_number(d.upper)}"]
+        lines.append(f"dof {{ {'  '.join(fields)} }}  # {i}")
+    lines += ["", f"# Joints in output order: {len(param.joint)} x (x, y, z)."]
+    for i, j in enumerate(param.joint):
+        parent = f" parent: {_quoted(j.parent)}" if j.parent is not None else ""
+        lines += [f"joint {{  # {i}", f"  name: {_quoted(j.name)}{parent}"]
+        for kind, motions in (("translate", j.translate), ("rotate", j.rotate)):
+            lines += [f"  {kind} {{ axis: {motion.axis} dof: {_quoted(motion.dof)} }}" for motion in motions]
+        if j.bone:
+            lines.append(f"  bone {{ axis: {j.bone.axis} length: {_number(j.bone.length)} }}")
+        lines.append("}")
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    return str(Scalar("string", text, Position("", 1, 1)))
+
+
+def _number(number: float) -> str:
+    return str(int(number)) if float(number).is_integer() else f"{number:.{DECIMALS}f}"

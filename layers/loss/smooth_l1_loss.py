@@ -1,0 +1,82 @@
+"""SmoothL1Loss: the distance of each coordinate, squared only where it is small (Faster R-CNN's layer).
+
+bottom[0]  a        (N, ...)
+bottom[1]  b        same number of values, in total and per item
+bottom[2]  inside   as many, optional, together with:
+bottom[3]  outside  as many
+top[0]     L        scalar
+
+d  = inside (a - b)
+L  = 1 / N sum of outside f(d)        f(d) = σ² d² / 2 where |d| < 1 / σ², else |d| - 1 / (2 σ²)
+da =  dL / N inside outside f'(d)     f'(d) = σ² d cut to [-1, 1]
+db = -da                              no gradient for the weights
+
+EuclideanLoss pulls in proportion to the error, so what cannot be known (a hidden finger) pulls most, and ends in the
+mean of all that it could be. Here every error pulls alike: half of the answers lie on either side. With joints in
+half-cubes σ = 10 squares the last 1.5 mm.
+
+Kept for backward: ``slope`` = f'(d).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+@dataclass(frozen=True)
+class SmoothL1LossParameter:
+    """The ``smooth_l1_loss_param { ... }`` block."""
+
+    sigma: float = 1.0  # σ: the square reaches up to 1 / σ²
+
+
+class SmoothL1Loss(Layer):
+    """Sum of absolute values over N, smooth at zero."""
+
+    param_type = SmoothL1LossParameter
+    param_name = "smooth_l1_loss_param"
+    bottoms = (2, 4)
+    tops = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if len(bottom) == 3:
+            raise self.fail("has 3 bottoms, expected 2, or 4 with the inside and the outside weights")
+        with np.errstate(over="ignore"):
+            self.sigma2 = self.dtype.type(self.param.sigma) ** 2
+        if not (self.param.sigma > 0 and 0 < self.sigma2 < np.inf):
+            raise self.fail(f"sigma {self.param.sigma:g} must be above 0, and its square a {self.dtype}", "sigma")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self.slope = np.empty(self.items_and_values(bottom), self.dtype)
+        top[0].reshape(())
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        a, b, *weights = (x.data.reshape(self.slope.shape) for x in bottom)
+        d = a - b
+        if weights:
+            d *= weights[0]
+        np.clip(self.sigma2 * d, -1, 1, out=self.slope)
+        f = self.slope * (d - self.slope / (2 * self.sigma2))  # both parts of f in one
+        if weights:
+            f *= weights[1]
+        top[0].data[...] = f.sum() / len(f)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if any(propagate_down[2:]):
+            raise self.fail("has no gradient for its weights; set propagate_down: false for them")
+        gradient = self.slope * (top[0].diff / self.dtype.type(len(self.slope)))
+        for weight in bottom[2:]:
+            gradient *= weight.data.reshape(gradient.shape)
+        for x, down, sign in zip(bottom[:2], propagate_down, (1, -1)):
+            if down:
+                np.multiply(gradient, sign, out=x.diff.reshape(gradient.shape))
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index < 2

@@ -1,0 +1,149 @@
+"""Pooling: the maximum or the mean of a window that slides over each channel.
+
+bottom[0]  x  (N, C, H, W)
+top[0]     y  (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, same for Wo
+
+MAX   y = max of x over the window             dx[winner] += dy
+AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
+
+Caffe's rules: the output size is rounded **up**, so a last window may hang over the edge; with pad > 0 a last
+window that starts in the padding is dropped. MAX takes the first of equal values and never a pad. The area of
+AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives -FLT_MAX or NaN.
+
+Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.schema import Engine, UInt
+
+NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
+
+
+@dataclass(frozen=True)
+class PoolingParameter:
+    """The ``pooling_param { ... }`` block."""
+
+    pool: Literal["MAX", "AVE", "STOCHASTIC"] = "MAX"
+    kernel_size: UInt | None = None
+    kernel_h: UInt | None = None
+    kernel_w: UInt | None = None
+    pad: UInt = 0
+    pad_h: UInt | None = None
+    pad_w: UInt | None = None
+    stride: UInt = 1
+    stride_h: UInt | None = None
+    stride_w: UInt | None = None
+    global_pooling: bool = False  # one window, the whole map
+    round_mode: Literal["CEIL", "FLOOR"] = "CEIL"
+    engine: Engine = "DEFAULT"  # Caffe's choice of implementation; accepted, ignored
+
+
+class Pooling(Layer):
+    """Spatial pooling."""
+
+    param_type = PoolingParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        if p.pool == "STOCHASTIC":
+            raise self.fail("STOCHASTIC pooling is not supported; expected MAX or AVE", "pool")
+        block = self.spec.blocks.get("pooling_param")
+        for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
+            if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
+                raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
+        if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
+            raise self.fail("global_pooling takes no kernel size", "global_pooling")
+        self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
+        self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
+        self.kernel = (_or(p.kernel_h, p.kernel_size or 0), _or(p.kernel_w, p.kernel_size or 0))
+        if p.global_pooling and (self.pad, self.stride) != ((0, 0), (1, 1)):
+            raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
+        if not p.global_pooling and not all(self.kernel):
+            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
+        if not all(self.stride):
+            raise self.fail("stride must be at least 1", "stride")
+        if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
+            raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
+        self.is_max = p.pool == "MAX"
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        if len(bottom[0].shape) != 4:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+        N, C, H, W = bottom[0].shape
+        if self.param.global_pooling:
+            self.kernel = (H, W)
+        top[0].reshape(N, C, self._outputs(0, H), self._outputs(1, W))
+
+    def _outputs(self, i: int, size: int) -> int:
+        extent = size + 2 * self.pad[i] - self.kernel[i]
+        if extent < 0:
+            raise self.fail(f"kernel {self.kernel[i]} is larger than the padded bottom ({size} + 2 * {self.pad[i]})")
+        count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
+        if self.pad[i] and (count - 1) * self.stride[i] >= size + self.pad[i]:
+            count -= 1
+        return count
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y = bottom[0].data, top[0].data
+        if self.is_max:
+            y[...], self.winners = -np.inf, np.full(y.shape, -1)
+            for place, value in self.places(self.padded(x, y.shape, -np.inf), y.shape):
+                self.winners[value > y] = place
+                np.maximum(y, value, out=y)
+            y[np.isneginf(y)] = NOTHING
+        else:
+            y[...] = 0
+            for _, value in self.places(self.padded(x, y.shape, 0), y.shape):
+                y += value
+            with np.errstate(invalid="ignore", divide="ignore"):  # an empty window is 0 / 0
+                y /= self.area(x.shape, y.shape)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if not propagate_down[0]:
+            return
+        dy, dx = top[0].diff, bottom[0].diff
+        padded = self.padded(np.zeros_like(dx), dy.shape, 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = dy if self.is_max else dy / self.area(dx.shape, dy.shape)
+        for place, gradient in self.places(padded, dy.shape):
+            gradient += share * (self.winners == place) if self.is_max else share
+        dx[...] = padded[:, :, self.pad[0] : self.pad[0] + dx.shape[2], self.pad[1] : self.pad[1] + dx.shape[3]]
+
+    def padded(self, x: Array, y: tuple[int, ...], value: float) -> Array:
+        """x with its padding, and with room for the windows that hang over."""
+        sizes = [
+            max((outputs - 1) * s + k, n + 2 * p)
+            for outputs, s, k, n, p in zip(y[2:], self.stride, self.kernel, x.shape[2:], self.pad)
+        ]
+        padded = np.full((*x.shape[:2], *sizes), value, x.dtype)
+        padded[:, :, self.pad[0] : self.pad[0] + x.shape[2], self.pad[1] : self.pad[1] + x.shape[3]] = x
+        return padded
+
+    def places(self, padded: Array, y: tuple[int, ...]) -> Iterator[tuple[int, Array]]:
+        """For each place of the window, row by row, the values that stand there in all windows: views (N, C, Ho, Wo)."""
+        (Ho, Wo), (sh, sw), (kh, kw) = y[2:], self.stride, self.kernel
+        for place, (i, j) in enumerate(np.ndindex(kh, kw)):
+            yield place, padded[:, :, i : i + (Ho - 1) * sh + 1 : sh, j : j + (Wo - 1) * sw + 1 : sw]
+
+    def area(self, x: tuple[int, ...], y: tuple[int, ...]) -> Array:
+        """(Ho, Wo): size of each window, clipped where the padding ends."""
+        sizes = []
+        for i in range(2):
+            start = np.arange(y[2 + i]) * self.stride[i] - self.pad[i]
+            sizes.append(np.minimum(start + self.kernel[i], x[2 + i] + self.pad[i]) - start)
+        return np.outer(*sizes).astype(self.dtype)
+
+
+def _or(value: int | None, default: int) -> int:
+    return default if value is None else value

@@ -1,0 +1,58 @@
+"""Make a layer from its ``layer { ... }``: find the class, check the option blocks."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from netlib import python_layer, schema
+from netlib.errors import PrototxtError, did_you_mean
+from netlib.layer import Layer, block_name
+from netlib.schema import LayerParameter, Phase
+
+OTHER_BLOCKS = {"python_param", "loss_param", "transform_param"}  # not named after a layer type
+
+
+def layer_types() -> dict[str, type[Layer]]:
+    """Every known layer type by name. The package ``layers`` is loaded here and nowhere else in netlib."""
+    types: dict[str, type[Layer]] = importlib.import_module("layers").LAYER_TYPES
+    return types
+
+
+def create(
+    spec: LayerParameter,
+    phase: Phase,
+    rng: np.random.Generator,
+    dtype: DTypeLike,
+    twin: Callable[[type[Layer]], type[Layer]] = lambda cls: cls,
+) -> Layer:
+    """The layer that ``spec`` describes. Raises PrototxtError or LayerError.
+
+    ``twin`` may choose another class that computes the same (netlib/engine.py).
+    """
+    types = layer_types()
+    where = schema.position_of(spec, "type")
+    if not spec.type:
+        raise PrototxtError(where, f"layer {spec.name!r} has no type")
+    if spec.type == "Python":
+        cls = python_layer.find_class(spec)
+    elif spec.type in types:
+        cls = twin(types[spec.type])
+    else:
+        advice = did_you_mean(spec.type, types)
+        known = ", ".join(sorted([*types, "Python"]))
+        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
+    _check_blocks(spec, types)
+    return cls(spec, phase, rng, dtype)
+
+
+def _check_blocks(spec: LayerParameter, types: dict[str, type[Layer]]) -> None:
+    """An options block must belong to some layer type; Caffe, too, ignores those of other types."""
+    known = {block_name(cls, name) for name, cls in types.items()} | OTHER_BLOCKS
+    tree = schema.tree_of(spec)
+    for item in tree.fields if tree else []:
+        if item.name in spec.blocks and item.name not in known:
+            raise schema.unknown_field(item, sorted(known))

@@ -1,0 +1,64 @@
+"""Two engines, one switch: who computes a net.
+
+    plain   each layer once, on the whole batch, in file order: what stands in layers/ is what runs (netlib/plain.py)
+    fast    the same net and the same results, to rounding, faster: the folder fast/, which is asked for only here
+
+``netlib.Net(..., engine="plain")`` chooses for one net, NETLIB_ENGINE for a whole process; otherwise it is ``fast`` if
+the folder fast/ is there. This file imports nothing at first, because fast/ must set up BLAS before NumPy is loaded.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import os
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from netlib.plain import Engine
+
+NAMES = ("fast", "plain")
+
+
+def available_cpus() -> int:
+    """Number of processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def prepare() -> str:
+    """Set up BLAS, if the fast engine is going to be used; returns a line for the log."""
+    if os.environ.get("NETLIB_ENGINE", NAMES[0]) != "fast" or not has_fast():
+        return "BLAS: as NumPy sets it up"
+    note: str = _fast("blas").configure()
+    return note
+
+
+def has_fast() -> bool:
+    """Is the fast engine there?"""
+    return importlib.util.find_spec("fast.engine") is not None if importlib.util.find_spec("fast") else False
+
+
+def get(name: str | None = None) -> Engine:
+    """The engine of this name, or the default. Raises NetlibError."""
+    return _engine(name or os.environ.get("NETLIB_ENGINE") or ("fast" if has_fast() else "plain"))
+
+
+@functools.cache
+def _engine(name: str) -> Engine:
+    from netlib.errors import NetlibError, did_you_mean
+    from netlib.plain import Engine
+
+    if name == "plain":
+        return Engine()
+    if name != "fast":
+        raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
+    if not has_fast():
+        raise NetlibError("the engine 'fast' is the folder fast/, which is not there; use the engine 'plain'")
+    fast: Engine = _fast("engine").FastEngine()
+    return fast
+
+
+def _fast(module: str) -> ModuleType:
+    return importlib.import_module(f"fast.{module}")

@@ -1,0 +1,76 @@
+"""Read a net's prototxt, and choose the layers that a phase, level and stages have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from netlib import prototxt, schema
+from netlib.errors import PrototxtError
+from netlib.prototxt import Field, Message, Scalar
+from netlib.schema import LayerParameter, NetParameter, NetState, NetStateRule
+
+
+def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
+    """Read a net. Raises PrototxtError for mistakes, and for a file without layers."""
+    if isinstance(model, NetParameter):
+        return model
+    tree = model if isinstance(model, Message) else prototxt.parse_file(model)
+    for item in tree.fields:
+        if item.name == "layers":
+            raise PrototxtError(
+                item.position,
+                "'layers' is Caffe's V1 format; expected 'layer' (Caffe's upgrade_net_proto_text converts)",
+            )
+    param = schema.read(tree, NetParameter, "net")
+    if not param.layer and not param.input:
+        raise PrototxtError(tree.position, "no layer in this file; expected a net")
+    return param
+
+
+def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
+    """The layers that a net in this state has; old-style inputs become an Input layer."""
+    chosen = [_input_layer(param)] if param.input else []
+    for spec in param.layer:
+        if spec.include and spec.exclude:
+            raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")
+        if spec.include:
+            wanted = any(meets(state, rule) for rule in spec.include)
+        else:
+            wanted = not any(meets(state, rule) for rule in spec.exclude)
+        if wanted:
+            chosen.append(spec)
+    return chosen
+
+
+def meets(state: NetState, rule: NetStateRule) -> bool:
+    """Does a state meet every condition of a rule?"""
+    return (
+        (rule.phase is None or rule.phase == state.phase)
+        and (rule.min_level is None or state.level >= rule.min_level)
+        and (rule.max_level is None or state.level <= rule.max_level)
+        and all(stage in state.stage for stage in rule.stage)
+        and not any(stage in state.stage for stage in rule.not_stage)
+    )
+
+
+def _input_layer(param: NetParameter) -> LayerParameter:
+    """``input: "x" input_dim: 1 ...`` or ``input_shape { ... }`` as the Input layer it stands for."""
+    where = schema.position_of(param, "input")
+    dims: list[Sequence[int]]
+    if param.input_shape:
+        dims = [shape.dim for shape in param.input_shape]
+    else:
+        dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
+    if len(dims) not in (1, len(param.input)) or len(param.input_dim) % 4:
+        raise PrototxtError(where, f"{len(param.input)} inputs need as many input_shape, found {len(dims)}")
+    shapes = [
+        Field(
+            "shape",
+            Message([Field("dim", Scalar("number", str(n), where), where) for n in d], where),
+            where,
+        )
+        for d in dims
+    ]
+    block = Message(shapes, where)
+    return LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})

@@ -1,0 +1,140 @@
+"""The plain engine: each layer once, on the whole batch, forwards in file order and backwards in reverse.
+
+An engine decides which class computes a layer type, what kind of blobs a net has, in which order layers run, and how
+independent jobs are done. This is all of it; the fast engine (fast/engine.py) replaces these methods one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numpy.typing import DTypeLike
+
+from netlib.blob import Array, Blob, Blobs
+from netlib.errors import NetlibError
+from netlib.layer import Layer
+from netlib.updates import RULES, Rule
+
+T = TypeVar("T")
+
+
+@dataclass
+class Connection:
+    """A layer of a net with the blobs that it reads and writes."""
+
+    layer: Layer
+    bottom: Blobs
+    top: Blobs
+    propagate_down: list[bool]
+    needs_backward: bool = False
+
+
+class Step:
+    """One layer, run on the whole batch."""
+
+    def __init__(self, at: Connection) -> None:
+        self.at = at
+
+    def forward(self) -> None:
+        """Shape the tops and compute them."""
+        guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
+        guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
+
+    def backward(self) -> None:
+        """Compute the diffs, if somebody needs them."""
+        if self.at.needs_backward:
+            guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
+
+    def pieces(self) -> list[list[Connection]]:
+        """The layers as they run, for a timer: one list for each slice of the batch, and here there is one slice."""
+        return [[self.at]]
+
+
+class Executor:
+    """Runs the layers of a net.
+
+    ``connections`` are its layers in file order; ``outside`` are the blobs that a caller reads or writes: inputs,
+    outputs, losses.
+    """
+
+    def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> None:
+        self.connections = list(connections)
+        self.steps: Sequence[Step] = [Step(at) for at in connections]
+
+    def forward(self, first: int = 0, last: int | None = None) -> None:
+        """Run layers ``first`` to before ``last`` forwards."""
+        for step in self.steps[first:last]:
+            step.forward()
+
+    def backward(self, first: int = 0, last: int | None = None) -> None:
+        """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
+        for step in reversed(self.steps[first:last]):
+            step.backward()
+
+    def reshape(self) -> None:
+        """Shape all blobs anew, after an input was reshaped."""
+        for at in self.connections:
+            guarded(at.layer, "reshape", at.bottom, at.top)
+
+    def clear_diffs(self, params: Iterable[Blob]) -> None:
+        """Set gradients of parameters to zero."""
+        for param in params:
+            param.diff[...] = 0
+
+
+class Engine:
+    """How nets are computed."""
+
+    name = "plain"
+    rules: Mapping[str, tuple[Rule, int]] = RULES  # update rules of solvers
+
+    def twin(self, cls: type[T]) -> type[T]:
+        """The class that takes the place of ``cls``: computes the same, in this engine's way."""
+        return cls
+
+    def blob(self, dtype: DTypeLike) -> Blob:
+        """A blob of a net."""
+        return Blob((), dtype)
+
+    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> Executor:
+        """What runs a net."""
+        return Executor(connections, outside)
+
+    def run(self, jobs: Sequence[Callable[[], None]]) -> None:
+        """Do independent jobs, and return when the last is done."""
+        for job in jobs:
+            job()
+
+    def copy(self, source: Array, target: Array) -> None:
+        """Write the values of one array into another."""
+        target[...] = source
+
+    def threads(self) -> int:
+        """Number of threads in use."""
+        return 1
+
+    def set_threads(self, count: int) -> None:
+        """Use ``count`` threads, where there is more than one."""
+        if count < 1:
+            raise ValueError(f"the number of threads must be at least 1, not {count}")
+
+
+def guarded(layer: Layer, method: str, *args: Any) -> None:
+    """Call one of a layer's four methods; a Python error in it becomes a LayerError that names the layer."""
+    try:
+        getattr(layer, method)(*args)
+    except (NetlibError, KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:
+        raise layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
+
+
+def _place(error: BaseException) -> str:
+    """`` (file:line)`` of the innermost call that failed."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return f" ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})" if trace else ""

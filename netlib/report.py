@@ -1,0 +1,46 @@
+"""The lines of Caffe's log about a training: losses, outputs of nets, debug_info."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from netlib.blob import Array
+from netlib.net import Net
+
+log = logging.getLogger("netlib")
+
+
+def outputs(what: str, net: Net, values_of: Mapping[str, Array]) -> None:
+    """``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)``, a line for each value of each output."""
+    weights = {name: weight for _, weight, name in net.losses}
+    number = 0
+    for name, values in values_of.items():
+        weight = weights.get(name)
+        for value in values.reshape(-1):
+            tail = f" (* {weight:.6g} = {weight * value:.6g} loss)" if weight else ""
+            log.info("    %s net output #%d: %s = %.6g%s", what, number, name, value, tail)
+            number += 1
+
+
+def debug(net: Net) -> None:
+    """Mean absolute values of everything, Caffe's debug_info."""
+    for at in net.connections:
+        for name, blob in zip(at.layer.spec.top, at.top):
+            log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
+    for at in reversed(net.connections):
+        if not at.needs_backward:
+            continue
+        for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
+            if down:
+                log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
+    for p in net.learnable:
+        log.info("    [Update] Layer %s, param %d data: %.6g; diff: %.6g",
+                 p.layer, p.index, _mean(p.blob.data), _mean(p.blob.diff))  # fmt: skip
+
+
+def _mean(array: Any) -> float:
+    return float(np.abs(array).mean()) if array.size else 0.0

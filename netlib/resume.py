@@ -1,0 +1,129 @@
+"""Go on from a solver state exactly: what such a state holds, how it is restored, and what is said about it.
+
+A training goes on bit for bit if the solver state has, besides Caffe's iteration and histories, the random numbers and
+data positions of all layers and the losses that are averaged. States that Caffe wrote have none of these.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from netlib import snapshot
+from netlib.errors import WeightsError
+from netlib.schema import SolverParameter
+from netlib.snapshot import SolverState
+from netlib.updates import steps_taken
+
+if TYPE_CHECKING:
+    from netlib.solver import Solver
+
+log = logging.getLogger("netlib")
+
+# A solver's options that change the course of a training; a resume says which of them are not what they were.
+COURSE = (
+    "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
+    "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
+    "clip_gradients",
+)  # fmt: skip
+
+
+def state_of(solver: Solver, learned_net: Path) -> SolverState:
+    """What a solver state file will hold beside the weights ``learned_net``. Raises TypeError if a layer's cannot."""
+    per_parameter = len(solver.history[0]) if solver.history else 0
+    histories = [h[i] for i in range(per_parameter) for h in solver.history]  # Caffe's order
+    return SolverState(solver.iter, steps_taken(solver.param, solver.iter), str(learned_net), histories, extra_state(solver))
+
+
+def extra_state(solver: Solver) -> dict[str, Any]:
+    """What Caffe has no place for."""
+    return snapshot.as_plain(
+        {
+            "solver": _course(solver),
+            "smoothed": list(solver.smoothed),
+            "layers": [net.layer_states() for net in [solver.net, *solver.test_nets]],
+        }
+    )
+
+
+def _course(solver: Solver) -> dict[str, Any]:
+    """The options of ``COURSE``, and the batch size."""
+    first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
+    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": first[0] if first else 0}
+
+
+def restore_state(solver: Solver, path: str | Path) -> None:
+    """Take back a solver state. Raises WeightsError."""
+    state = snapshot.read_state(path)
+    weights = snapshot.same_file_beside(path, state.learned_net)
+    _check_histories(solver, path, state)
+    if state.extra.get("weights_crc") not in (None, snapshot.checksum(weights)):
+        raise WeightsError(f"{path}: the weights beside it, {weights}, are those of another snapshot")
+    solver.net.copy_from(weights, strict=True)
+    count = len(solver.history)
+    for i, array in enumerate(state.history):
+        solver.history[i % count][i // count][...] = array
+    solver.iter = state.iter
+    solver.smoothed.clear()
+    solver.smoothed.extend(state.extra.get("smoothed", []))
+    try:
+        for net, states in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
+            net.restore_layer_states(states)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise WeightsError(f"{path}: damaged: the state of a layer cannot be restored ({error})") from error
+    log.info("SGDSolver: restoring history")
+    log.info("Resuming at iteration %d: weights from %s, history from %s", solver.iter, weights, path)
+    if not state.extra:
+        log.info("Written by Caffe: data positions and random numbers start anew")
+        return
+    changes = list(_changes(solver, state))
+    exactly = "; the training goes on exactly" if not changes else ""
+    log.info("Restored: data positions, random numbers, averaged loss%s", exactly)
+    for change in changes:
+        log.info("Changed: %s", change)
+
+
+def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> None:
+    """As many as the solver has, in its shapes. Raises WeightsError."""
+    count = len(solver.history)
+    expected = count * len(solver.history[0]) if solver.history else 0
+    if len(state.history) != expected:
+        raise WeightsError(
+            f"{path}: {len(state.history)} histories, but {solver.param.type} on this net has {expected}; "
+            "is it from another solver type or net?"
+        )
+    for i, array in enumerate(state.history):
+        param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
+        if array.shape != target.shape:
+            raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
+                               f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
+
+
+def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
+    """What is not as it was when the state was written, and changes the course of the training."""
+    if not _same_data(solver, state):
+        yield "the data files; they are read from the first row"
+    now = snapshot.as_plain(_course(solver))
+    if solver.param.lr_policy != "poly":
+        now.pop("max_iter")  # training longer changes nothing on the way
+    defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in COURSE})
+    then = {**defaults, **state.extra.get("solver", {})}  # a state may be older than a field
+    for name in now:
+        if now[name] != then.get(name):
+            what = "batch size" if name == "batch" else name
+            yield f"{what} was {_g(then.get(name))}, is now {_g(now[name])}"
+
+
+def _same_data(solver: Solver, state: SolverState) -> bool:
+    """Do all nets read the files that they read when the state was written?"""
+    for net, then in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
+        for name, now in snapshot.as_plain(net.layer_states()).items():
+            if now.get("files") != then.get(name, {}).get("files"):
+                return False
+    return True
+
+
+def _g(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

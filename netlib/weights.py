@@ -1,0 +1,83 @@
+"""Weights from one net or file into another net, by layer name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from netlib import snapshot
+from netlib.blob import Array
+from netlib.errors import LayerError, WeightsError
+
+if TYPE_CHECKING:
+    from netlib.net import Net
+
+
+def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+    """Copy weights by layer name from a snapshot or another net: ``Net.copy_from``."""
+    what, found = _weights_of(source)
+    ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
+    shared = [name for name, arrays in found.items() if name in net.layer_dict and arrays]
+    if not shared and net.params:
+        raise WeightsError(f"{what}: no layer of net {net.name!r} is in it; it has {_some(found)}, "
+                           f"the net has {_some(net.params)}")  # fmt: skip
+    missing_layers = [n for n in dict.fromkeys(p.layer for p in net.learnable) if n not in shared]
+    if strict and missing_layers:
+        raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
+                           f"it has {_some(found)}")  # fmt: skip
+    writes = [write for name in shared for write in _writes(net, name, found[name], what)]
+    for target, array in writes:  # only after every check: a net is never half copied
+        target[...] = array
+    return ignored, missing_layers
+
+
+def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
+    """What the source is, in words, and its arrays: layer name -> parameter index -> array."""
+    if isinstance(source, (str, Path)):
+        return str(source), snapshot.read_weights(source)
+    return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
+
+
+def _writes(net: Net, name: str, found: Mapping[int, Array], what: str) -> list[tuple[Array, Array]]:
+    """For one layer, the net's arrays and what goes into each. Raises WeightsError if it does not fit."""
+    target = net.layer_dict[name].blobs
+    own = [p.index for p in net.learnable if p.layer == name]
+    missing = [i for i in own if i not in found]
+    if missing:
+        raise WeightsError(f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}")
+    writes = []
+    for i, array in found.items():
+        if i >= len(target):
+            raise WeightsError(f"{what}: layer {name!r} has {len(found)} parameters, the net expects {len(target)}")
+        fitting = _legacy_shape(array, target[i].shape)
+        if fitting.shape != target[i].shape:
+            raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
+                               f"the net expects {target[i].shape}")  # fmt: skip
+        writes.append((target[i].data, fitting))
+    return writes
+
+
+def _legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
+    """Weights of Caffe before N-d blobs are 4-d, with leading ones."""
+    if array.ndim == 4 and len(shape) < 4 and array.shape == (1,) * (4 - len(shape)) + shape:
+        return array.reshape(shape)
+    return array
+
+
+def share(net: Net, other: Net) -> None:
+    """Use the other net's parameters, by layer name: ``Net.share_params``."""
+    for name, theirs in other.params.items():
+        mine = net.params.get(name)
+        if mine is None:
+            continue
+        if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
+            raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
+                             f"{[b.shape for b in theirs]} in {other.source}")  # fmt: skip
+        for blob, owner in zip(mine, theirs):
+            blob.share(owner)
+
+
+def _some(names: Iterable[str]) -> str:
+    names = list(names)
+    return ", ".join(names[:8]) + (" ..." if len(names) > 8 else "") or "no layers"

@@ -1,0 +1,407 @@
+"""Running slice by slice: the same numbers as layer by layer, for any number of threads, and no blob that lies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import netlib
+from fast import executor
+from fast.executor import SlicedExecutor, SlicedStep
+from netlib import prototxt
+
+MakeNet = Callable[..., netlib.Net]
+Arrays = dict[str, np.ndarray]
+
+PAPER = """
+    layer { name: "depth" type: "Input" top: "depth" input_param { shape { dim: 2 dim: 1 dim: 128 dim: 128 } } }
+    layer { name: "c1" type: "Convolution" bottom: "depth" top: "c1"
+            convolution_param { num_output: 8 kernel_size: 5
+                                weight_filler { type: "xavier" } bias_filler { type: "uniform" min: -0.1 max: 0.1 } } }
+    layer { name: "r1" type: "ReLU" bottom: "c1" top: "c1" }
+    layer { name: "p1" type: "Pooling" bottom: "c1" top: "p1" pooling_param { kernel_size: 4 stride: 4 } }
+    layer { name: "c2" type: "Convolution" bottom: "p1" top: "c2"
+            convolution_param { num_output: 8 kernel_size: 5
+                                weight_filler { type: "xavier" } bias_filler { type: "uniform" min: -0.1 max: 0.1 } } }
+    layer { name: "r2" type: "ReLU" bottom: "c2" top: "c2" }
+    layer { name: "p2" type: "Pooling" bottom: "c2" top: "p2" pooling_param { kernel_size: 2 stride: 2 } }
+    layer { name: "c3" type: "Convolution" bottom: "p2" top: "c3"
+            convolution_param { num_output: 8 kernel_size: 3
+                                weight_filler { type: "xavier" } bias_filler { type: "uniform" min: -0.1 max: 0.1 } } }
+    layer { name: "r3" type: "ReLU" bottom: "c3" top: "c3" }
+    layer { name: "fc" type: "InnerProduct" bottom: "c3" top: "fc"
+            inner_product_param { num_output: 10 weight_filler { type: "xavier" } } }
+    layer { name: "label" type: "Input" top: "label" input_param { shape { dim: 2 dim: 10 } } }
+    layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }
+"""
+HIDDEN = ["c1", "p1", "c2", "p2"]
+
+
+def batch(count: int, seed: int = 0) -> Arrays:
+    """Images like depth crops, a constant background with something in front, and labels. One is background only."""
+    rng = np.random.default_rng(seed)
+    x = np.ones((count, 1, 128, 128), np.float32)
+    for i in range(count):
+        if i != 1:
+            top, left = rng.integers(0, 100, 2)
+            hand = x[i, 0, top : top + 60, left : left + 50]
+            hand[...] = rng.uniform(-1, 1, hand.shape)
+    return {"depth": x, "label": rng.normal(size=(count, 10)).astype(np.float32)}
+
+
+def hidden(net: netlib.Net) -> list[str]:
+    """Names of the blobs that do not exist for the whole batch."""
+    assert isinstance(net.executor, SlicedExecutor)
+    secret = {id(blob) for blob in net.executor.hidden()}
+    return [name for name, blob in net.blobs.items() if id(blob) in secret]
+
+
+def layer_by_layer(net: netlib.Net) -> netlib.Net:
+    """A net that was run in parts goes on layer by layer."""
+    net.forward(end=net.layers[-1].name)
+    return net
+
+
+def feed(net: netlib.Net, inputs: Arrays) -> None:
+    """Forward of a batch of any size."""
+    for name, array in inputs.items():
+        net.blobs[name].reshape(array.shape)
+    net.reshape()
+    net.forward(**inputs)
+
+
+def everything(net: netlib.Net, inputs: Arrays, diffs: Arrays | None = None) -> Arrays:
+    """Outputs and all gradients of one pass, forward and backward."""
+    net.clear_param_diffs()
+    feed(net, inputs)
+    net.backward(**(diffs or {}))
+    found = {name: net.blobs[name].data.copy() for name in net.outputs}
+    found.update({f"d{name}": net.blobs[name].diff.copy() for name in net.inputs})
+    return {**found, **{p.label: p.blob.diff.copy() for p in net.learnable}}
+
+
+def difference(got: np.ndarray, want: np.ndarray) -> float:
+    """max |got - want| / max |want|."""
+    assert got.shape == want.shape
+    return float(np.abs(got - want).max() / max(np.abs(want).max(), 1e-30))
+
+
+def assert_close(got: Arrays, want: Arrays, tolerance: float) -> None:
+    """max |got - want| / max |want| of every array."""
+    assert got.keys() == want.keys()
+    for name, array in want.items():
+        assert difference(got[name], array) <= tolerance, name
+
+
+def assert_equal(got: Arrays, want: Arrays) -> None:
+    """Equal in every bit."""
+    assert got.keys() == want.keys()
+    for name, array in want.items():
+        assert np.array_equal(got[name], array), name
+
+
+def is_sliced(net: netlib.Net) -> bool:
+    """Does any part of the net run in slices?"""
+    return any(isinstance(step, SlicedStep) for step in net.executor.steps)
+
+
+# ---------------------------------------------------------------------------------------------- the paper's network
+
+
+@pytest.mark.parametrize("items", [1, 2, 5, 18, 37])
+@pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
+def test_slices_give_what_layer_by_layer_gives(net_of: MakeNet, start: str, items: int) -> None:
+    """To float32's rounding. In training, the first convolution looks only at what is not background."""
+    sliced, plain = net_of(start + PAPER), layer_by_layer(net_of(start + PAPER))
+    got, want = everything(sliced, batch(items)), everything(plain, batch(items))
+    assert is_sliced(sliced)
+    assert not is_sliced(plain)
+    assert_close(got, want, 2e-5)
+
+
+@pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
+def test_slices_give_the_same_in_float64(net_of: MakeNet, start: str) -> None:
+    """The paths differ in rounding only: 1e-12 in float64."""
+    sliced, plain = (net_of(start + PAPER, dtype=np.float64) for _ in range(2))
+    assert_close(everything(sliced, batch(7)), everything(layer_by_layer(plain), batch(7)), 1e-12)
+
+
+@pytest.mark.parametrize("background", ["none", "nothing else", "another value", "nothing else, and zero"])
+def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None:
+    """What is skipped is found by looking at the image: images without background, or with nothing else."""
+    inputs = batch(4)
+    if background == "none":
+        inputs["depth"] = np.random.default_rng(0).normal(size=inputs["depth"].shape).astype(np.float32)
+    elif background == "another value":
+        inputs["depth"] = inputs["depth"] * np.float32(0.3) - np.float32(2)
+    else:
+        inputs["depth"][...] = 0 if "zero" in background else 1
+    assert_close(everything(net_of(PAPER), inputs), everything(layer_by_layer(net_of(PAPER)), inputs), 2e-5)
+
+
+def test_results_do_not_depend_on_the_number_of_threads(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
+) -> None:
+    """Not in one bit: 1, 2, 3 and 5 threads, more slices than lanes, a last slice that is smaller."""
+    monkeypatch.setattr(executor, "LARGEST_SLICE", 2)
+    found = []
+    for threads in (1, 2, 3, 5):
+        netlib.set_threads(threads)
+        found.append(everything(net_of(PAPER), batch(37)))
+    for other in found[1:]:
+        assert_equal(other, found[0])
+
+
+def test_a_second_pass_gives_the_same_as_the_first(net_of: MakeNet) -> None:
+    """No memory of a thread carries anything over, also when the batch changes its size and back."""
+    net = net_of(PAPER)
+    first = everything(net, batch(20))
+    everything(net, batch(7, seed=5))
+    assert_equal(everything(net, batch(20)), first)
+
+
+# ---------------------------------------------------------------------------------------------- looking at blobs
+
+
+@pytest.fixture
+def expected(net_of: MakeNet) -> dict[str, Arrays]:
+    """Data and diff of every blob of the paper's network, and the parameters' diffs, layer by layer."""
+    net = layer_by_layer(net_of(PAPER))
+    grads = everything(net, batch(19))
+    return {
+        "data": {name: blob.data.copy() for name, blob in net.blobs.items()},
+        "diff": {name: blob.diff.copy() for name, blob in net.blobs.items()},
+        "grads": grads,
+    }
+
+
+def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays]) -> None:
+    """A blob holds what it holds layer by layer."""
+    assert difference(getattr(net.blobs[name], half), expected[half][name]) <= 2e-5, (name, half)
+
+
+@pytest.mark.parametrize("when", ["before forward", "after forward", "after backward"])
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_hidden_blob_is_true_when_somebody_looks(
+    net_of: MakeNet, expected: dict[str, Arrays], name: str, when: str
+) -> None:
+    """Whenever the first look is; looking changes no other number, and stays right in later passes."""
+    net, inputs = net_of(PAPER), batch(19)
+    if when == "before forward":
+        assert not net.blobs[name].data.any()
+    feed(net, inputs)
+    loss = net.blobs["loss"].data.copy()
+    if when == "after forward":
+        check_blob(net, name, "data", expected)
+        assert np.array_equal(net.blobs["loss"].data, loss)
+    net.backward()
+    grads = {p.label: p.blob.diff.copy() for p in net.learnable}
+    check_blob(net, name, "data", expected)
+    check_blob(net, name, "diff", expected)
+    assert np.array_equal(net.blobs["loss"].data, loss)
+    assert_equal({p.label: p.blob.diff for p in net.learnable}, grads)
+    assert_close(everything(net, inputs), expected["grads"], 2e-5)
+    check_blob(net, name, "data", expected)
+    check_blob(net, name, "diff", expected)
+
+
+def test_all_hidden_blobs_are_true_one_after_the_other(net_of: MakeNet, expected: dict[str, Arrays]) -> None:
+    """Looked at from the last to the first, after one pass."""
+    net = net_of(PAPER)
+    everything(net, batch(19))
+    for name in reversed(HIDDEN):
+        check_blob(net, name, "diff", expected)
+        check_blob(net, name, "data", expected)
+
+
+def test_looking_at_all_shapes_costs_two_passes(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A habit of pycaffe users: the first look stores one blob, the second one all that are left."""
+    net = net_of(PAPER)
+    everything(net, batch(3))
+    assert hidden(net) == HIDDEN
+    passes = []
+    repeat = SlicedExecutor._repeat
+    monkeypatch.setattr(SlicedExecutor, "_repeat", lambda self, old: (passes.append(old), repeat(self, old)))
+    assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
+    assert len(passes) <= 3  # one run, then the two parts that are left of it
+    assert hidden(net) == []
+
+
+def test_a_blob_that_was_written_is_used(net_of: MakeNet) -> None:
+    """A hidden blob set by hand feeds the layers behind it."""
+    net = net_of(PAPER)
+    feed(net, batch(3))
+    net.blobs["p2"].data[...] = 0
+    net.forward(start="c3")
+    bias = net.params["c3"][1].data
+    assert np.allclose(net.blobs["c3"].data, np.maximum(bias, 0)[:, None, None])
+
+
+def test_a_hidden_blob_shows_the_last_pass_after_an_update(net_of: MakeNet) -> None:
+    """A first look after the weights have changed shows what the pass before the change computed."""
+    sliced, plain = net_of(PAPER), layer_by_layer(net_of(PAPER))
+    for net in (sliced, plain):
+        everything(net, batch(3))
+        for param in net.learnable:
+            param.blob.data[...] *= 2
+    assert difference(sliced.blobs["p1"].data, plain.blobs["p1"].data) <= 2e-5
+
+
+# ---------------------------------------------------------------------------------------------- any net
+
+
+def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
+    """The two change places on a hidden blob: the same values, winners and gradients, zeros and ties included."""
+    text = """
+        force_backward: true
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 6 dim: 6 } } }
+        layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+                convolution_param { num_output: 3 kernel_size: 1 bias_term: false } }
+        layer { name: "r" type: "ReLU" bottom: "c" top: "c" }
+        layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+        layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+                convolution_param { num_output: 2 kernel_size: 1 weight_filler { type: "xavier" } } }
+    """
+    sliced, plain = net_of(text), layer_by_layer(net_of(text))
+    rng = np.random.default_rng(0)
+    for net in (sliced, plain):
+        net.params["c"][0].data[...] = np.array([[1, 0], [0, 1], [-1, -1]])[:, :, None, None]
+    x = {"x": rng.integers(-2, 2, (3, 2, 6, 6))}  # many equal values, whole windows below or at zero
+    dy = {"d": rng.normal(size=(3, 2, 3, 3))}
+    step = next(step for step in sliced.executor.steps if isinstance(step, SlicedStep))
+    assert [at.layer.name for at in step.run.order] == ["c", "p", "r", "d"]
+    assert_close(everything(sliced, x, dy), everything(plain, x, dy), 1e-6)
+
+
+def test_a_relu_that_changed_places_leaves_the_diff_of_a_pooled_output_alone(net_of: MakeNet) -> None:
+    """What the caller wrote into the diff of an output is still there after backward."""
+    text = """
+        force_backward: true
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 6 dim: 6 } } }
+        layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+                convolution_param { num_output: 2 kernel_size: 1 weight_filler { type: "xavier" } } }
+        layer { name: "r" type: "ReLU" bottom: "c" top: "c" }
+        layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+    """
+    net = net_of(text)
+    dy = np.random.default_rng(0).normal(size=(3, 2, 3, 3)).astype(np.float32)
+    everything(net, {"x": -np.ones((3, 1, 6, 6))}, {"p": dy})
+    assert np.array_equal(net.blobs["p"].diff, dy)
+
+
+ODD = """
+    force_backward: true
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 8 } } }
+    layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+            convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "xavier" } } }
+    layer { name: "f" bottom: "c" top: "c" %s }
+    layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 3 stride: 3 } }
+"""
+
+
+@pytest.mark.parametrize(
+    "function", ['type: "TanH"', 'type: "Sigmoid"', 'type: "ReLU" relu_param { negative_slope: 0.1 }']
+)
+def test_windows_that_hang_over_the_edge_leave_no_trace(net_of: MakeNet, function: str) -> None:
+    """The convolution's 8 x 7 outputs are pooled 3 x 3: what stands beyond the edge enters no value and no gradient."""
+    sliced, plain = net_of(ODD % function), layer_by_layer(net_of(ODD % function))
+    rng = np.random.default_rng(0)
+    x, dy = {"x": rng.normal(size=(3, 1, 9, 8))}, {"p": rng.normal(size=(3, 2, 3, 3))}
+    assert_close(everything(sliced, x, dy), everything(plain, x, dy), 2e-5)
+
+
+def test_only_a_monotone_layer_changes_places_with_a_max_pooling(net_of: MakeNet) -> None:
+    """The maximum of -x is not minus the maximum of x."""
+    text = (
+        ODD % 'type: "Power" power_param { scale: -1 }'
+        + """
+        layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+                convolution_param { num_output: 1 kernel_size: 1 weight_filler { type: "xavier" } } }
+    """
+    )
+    sliced, plain = net_of(text), layer_by_layer(net_of(text))
+    x, dy = {"x": np.random.default_rng(0).normal(size=(3, 1, 9, 8))}, {"d": np.ones((3, 1, 3, 3))}
+    assert_close(everything(sliced, x, dy), everything(plain, x, dy), 2e-5)
+
+
+@pytest.mark.parametrize("half", ["data", "diff"])
+def test_a_blob_with_a_layer_in_place_is_true_when_somebody_looks(net_of: MakeNet, half: str) -> None:
+    """A leaky ReLU in place cannot run twice: the row of layers is cut there, and all of it is computed again."""
+    text = ODD % 'type: "ReLU" relu_param { negative_slope: 0.1 }'
+    sliced, plain = net_of(text), layer_by_layer(net_of(text))
+    for net in (sliced, plain):
+        everything(net, {"x": np.random.default_rng(0).normal(size=(3, 1, 9, 8))}, {"p": np.ones((3, 2, 3, 3))})
+    assert difference(getattr(sliced.blobs["c"], half), getattr(plain.blobs["c"], half)) <= 2e-5
+
+
+LAYERS = {
+    "conv": 'type: "Convolution" convolution_param { num_output: 3 kernel_size: %d weight_filler { type: "xavier" } '
+    'bias_filler { type: "uniform" min: -1 } }',
+    "conv any": 'type: "Convolution" convolution_param { num_output: 2 kernel_h: %d kernel_w: 2 pad: 1 stride: 2 '
+    'weight_filler { type: "xavier" } }',
+    "max": 'type: "Pooling" pooling_param { kernel_size: %d stride: %d }',
+    "max overlap": 'type: "Pooling" pooling_param { kernel_size: 4 stride: %d pad: 1 }',
+    "ave": 'type: "Pooling" pooling_param { pool: AVE kernel_size: 4 stride: %d }',
+    "power": 'type: "Power" power_param { scale: 0.5 shift: 0.25 power: %d }',
+    "scale": 'type: "Scale" scale_param { bias_term: true filler { type: "uniform" min: -%d max: 2 } }',
+    "relu": 'type: "ReLU"',
+    "leaky": 'type: "ReLU" relu_param { negative_slope: 0.1 }',
+    "tanh": 'type: "TanH"',
+    "sigmoid": 'type: "Sigmoid"',
+    "two": "",
+}  # fmt: skip
+
+
+@st.composite
+def stacks(draw: st.DrawFn) -> str:
+    """Nets of a few layers, some in place, some branching and joining again."""
+    height, width = draw(st.integers(9, 20)), draw(st.integers(9, 20))
+    shape = f"dim: 1 dim: {draw(st.integers(1, 3))} dim: {height} dim: {width}"
+    text = f'force_backward: true layer {{ name: "x" type: "Input" top: "b0" input_param {{ shape {{ {shape} }} }} }}'
+    blob = "b0"
+    for i, kind in enumerate(draw(st.lists(st.sampled_from(sorted(LAYERS)), min_size=1, max_size=7)), 1):
+        if kind == "two":  # two readers of one blob: the net inserts a Split
+            for side in "lr":
+                text += f' layer {{ name: "{side}{i}" bottom: "{blob}" top: "{side}{i}" {LAYERS["conv"] % 2} }}'
+            text += f' layer {{ name: "e{i}" type: "Eltwise" bottom: "l{i}" bottom: "r{i}" top: "b{i}" }}'
+            blob = f"b{i}"
+            continue
+        options = LAYERS[kind]
+        number = draw(st.integers(1, 4))
+        options = options % ((number,) * options.count("%d"))
+        in_place = kind in ("relu", "leaky", "tanh", "sigmoid", "power", "scale") and i > 1 and draw(st.booleans())
+        top = blob if in_place else f"b{i}"
+        text += f' layer {{ name: "n{i}" bottom: "{blob}" top: "{top}" {options} }}'
+        blob = top
+    return text
+
+
+@pytest.fixture(scope="module")
+def tiny_slices() -> Iterator[None]:
+    """Slices of two items, so that a few items make several."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(executor, "LARGEST_SLICE", 2)
+        yield
+
+
+@settings(max_examples=200)
+@given(text=stacks(), items=st.integers(1, 5))
+def test_any_stack_of_layers_gives_the_same_in_slices(tiny_slices: None, text: str, items: int) -> None:
+    """Output and gradients within rounding of float64; then every blob, looked at afterwards."""
+    tree = prototxt.parse(text)
+    try:
+        sliced, plain = (netlib.Net(tree, netlib.TRAIN, dtype=np.float64, seed=2) for _ in range(2))
+    except netlib.LayerError:  # a window larger than what is left of the image
+        assume(False)
+    layer_by_layer(plain)
+    rng = np.random.default_rng(0)
+    x = {"b0": rng.normal(size=(items, *plain.blobs["b0"].shape[1:]))}
+    dy = {name: rng.normal(size=(items, *plain.blobs[name].shape[1:])) for name in plain.outputs}
+    assert_close(everything(sliced, x, dy), everything(plain, x, dy), 1e-11)
+    for name, blob in plain.blobs.items():
+        for half in ("data", "diff"):
+            assert difference(getattr(sliced.blobs[name], half), getattr(blob, half)) <= 1e-11, (name, half)

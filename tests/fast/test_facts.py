@@ -1,0 +1,73 @@
+"""What the fast engine takes for granted about layer types is true."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from layer_cases import CASES, forward, made
+
+from fast.engine import TWINS
+from fast.facts import TABLE, Facts, facts_of
+from layers import LAYER_TYPES
+from layers.activation.relu import ReLU
+from netlib import gradcheck
+from netlib.blob import Blob, Blobs
+
+
+def test_every_entry_is_a_layer_type() -> None:
+    """An entry for a class that no net has would never be looked up."""
+    assert set(TABLE) <= set(LAYER_TYPES.values())
+
+
+def test_a_twin_is_its_plain_class_with_another_computation() -> None:
+    """It inherits options and messages, and has the facts of its plain class."""
+    for plain, twin in TWINS.items():
+        assert issubclass(twin, plain)
+    assert facts_of(gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])).monotone
+
+
+def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
+    """It may compute anything, so only what is always safe is assumed."""
+
+    class Own(ReLU):
+        """Not a ReLU any more."""
+
+    layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
+    assert facts_of(Own(layer.spec, "TRAIN", layer.rng, np.float64)) == Facts()
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if facts_of(made(name)[0]).batchwise])
+def test_a_batchwise_layer_treats_every_item_alone(name: str) -> None:
+    """Item n of a top depends on item n of the bottoms only; that is what slices rely on."""
+    layer, bottoms = made(name, 5)
+    tops = CASES[name][2].get("tops", 1)
+    whole = forward(layer, bottoms, tops, False)
+    for i in range(5):
+        alone = forward(layer, [x[i : i + 1] for x in bottoms], tops, False)
+        assert all(np.allclose(a[0], w[i], rtol=1e-13, atol=1e-13) for a, w in zip(alone, whole))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_backward_reads_only_what_it_says(name: str) -> None:
+    """With ``reads_bottom`` or ``reads_top`` false, the data may be gone by then."""
+    layer, arrays = made(name)
+    options = CASES[name][2]
+    wanted = options.get("wanted", [True] * len(arrays))
+    found = []
+    for spoil in (False, True):
+        bottom = Blobs([Blob(np.shape(x), np.float64) for x in arrays])
+        top = Blobs([Blob((), np.float64) for _ in range(options.get("tops", 1))])
+        for blob, x in zip(bottom, arrays):
+            blob.data[...] = x
+        start = layer.state()
+        layer.reshape(bottom, top)
+        layer.forward(bottom, top)
+        layer.restore(start)
+        for blob in top:
+            blob.diff[...] = 1
+        if spoil:
+            for blob in ([] if facts_of(layer).reads_bottom else bottom) + ([] if facts_of(layer).reads_top else top):
+                blob.data[...] = np.nan
+        layer.backward(top, wanted, bottom)
+        found.append([blob.diff.copy() for blob, want in zip(bottom, wanted) if want])
+    assert all(np.array_equal(a, b) for a, b in zip(*found))

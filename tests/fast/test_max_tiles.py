@@ -1,0 +1,43 @@
+"""MaxTiles: max pooling on tiles gives what plain loops give, whatever the blobs are stored in."""
+
+import numpy as np
+import pytest
+from plain_loops import pool
+from tiled import load, store, tiled
+
+from netlib import gradcheck
+from netlib.blob import Blobs
+
+
+def compare(T, x, y, share, bottom_tile=None, top_tile=None):
+    """Value and gradient of a layer with the definition's."""
+    layer = gradcheck.make_layer(f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}', [x])
+    bottom, top = Blobs([tiled(x.shape, bottom_tile)]), Blobs([tiled(y.shape, top_tile)])
+    layer.reshape(bottom, top)
+    store(bottom[0], "data", x)
+    layer.forward(bottom, top)
+    assert np.allclose(load(top[0], "data"), y)
+    dy = np.random.default_rng(1).normal(size=y.shape)
+    store(top[0], "diff", dy)
+    bottom[0].diff[...] = np.nan
+    layer.backward(top, [True], bottom)
+    assert np.allclose(load(bottom[0], "diff"), np.einsum("ncpq,ncpqhw->nchw", dy, share))
+
+
+@pytest.mark.parametrize("N", range(1, 10))
+@pytest.mark.parametrize("T", [2, 3, 4])
+def test_any_number_of_images(rng, N, T):
+    """13 x 11, which no T divides; rounded so that there are equal values."""
+    x = np.round(rng.normal(size=(N, 2, 13, 11)))
+    for top_tile in (None, 1, 2, 4):
+        compare(T, x, *pool(x, (T, T), (T, T), (0, 0)), T, top_tile)
+
+
+@pytest.mark.parametrize("size", [(4, 4), (5, 9), (8, 6), (4, 17), (7, 7)])
+@pytest.mark.parametrize("tiled_bottom", [False, True])
+@pytest.mark.parametrize("T", [2, 4])
+def test_any_size(rng, size, tiled_bottom, T):
+    """From a plain bottom or one in tiles of the same size."""
+    x = rng.normal(size=(3, 2, *size))
+    for top_tile in (None, 1, 2):
+        compare(T, x, *pool(x, (T, T), (T, T), (0, 0)), T if tiled_bottom else None, top_tile)

@@ -1,0 +1,75 @@
+"""Threads: every job is done once, errors arrive, and nesting works."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import netlib
+from fast import parallel
+from netlib.engine import available_cpus
+
+pytestmark = pytest.mark.usefixtures("keep_threads")
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("count", [0, 1, 2, 40])
+def test_every_job_is_done_once(threads: int, count: int) -> None:
+    """More jobs than threads, fewer, or none."""
+    netlib.set_threads(threads)
+    done: list[int] = []
+    parallel.run([lambda i=i: done.append(i) for i in range(count)])
+    assert sorted(done) == list(range(count))
+
+
+def test_two_threads_work_at_the_same_time() -> None:
+    """Two jobs that wait for each other both come to their end."""
+    netlib.set_threads(2)
+    both = threading.Barrier(2, timeout=30)
+    parallel.run([both.wait, both.wait])
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_first_error_is_raised(threads: int) -> None:
+    """And the pool works on afterwards."""
+    netlib.set_threads(threads)
+
+    def fail() -> None:
+        raise ValueError("from a job")
+
+    with pytest.raises(ValueError, match="from a job"):
+        parallel.run([fail] * 5)
+    done: list[int] = []
+    parallel.run([lambda: done.append(1)] * 4)
+    assert len(done) == 4
+
+
+def test_a_job_may_run_jobs() -> None:
+    """It does them itself, whatever the number of threads."""
+    netlib.set_threads(2)
+    done: list[int] = []
+    parallel.run([lambda: parallel.run([lambda: done.append(1)] * 3)] * 4)
+    assert len(done) == 12
+
+
+def test_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Set, or from NETLIB_NUM_THREADS, or one for each processor."""
+    netlib.set_threads(3)
+    assert netlib.threads() == 3
+    with pytest.raises(ValueError, match="at least 1, not 0"):
+        netlib.set_threads(0)
+    for text, expected in (("4", 4), ("", available_cpus()), ("many", available_cpus())):
+        monkeypatch.setenv("NETLIB_NUM_THREADS", text)
+        monkeypatch.setattr(parallel, "_threads", 0)
+        assert netlib.threads() == expected
+
+
+@given(st.integers(0, 300), st.integers(1, 40))
+def test_blocks_cut_a_range(count: int, size: int) -> None:
+    """All of it, in order, in pieces of at most ``size``."""
+    pieces = [list(range(count))[rows] for rows in parallel.blocks(count, size)]
+    assert [i for piece in pieces for i in piece] == list(range(count))
+    assert all(0 < len(piece) <= size for piece in pieces)

@@ -1,0 +1,73 @@
+"""RowTiles: the fast convolution gives what plain loops give, whatever its top is stored in."""
+
+import numpy as np
+import pytest
+from plain_loops import check_transpose, convolve
+from tiled import load, store, tiled
+
+from fast.row_tiles import RowTiles, fold, toeplitz
+from netlib import gradcheck
+
+
+def fast(x, w, b, dy, tile=None, bottom_tile=None):
+    """y, dx, dw, db of RowTiles, with a top in tiles of ``tile`` and a bottom in tiles of ``bottom_tile``."""
+    _N, _C, _H, W = x.shape
+    O, _, kh, kw = w.shape
+    layer = gradcheck.make_layer(
+        f'type: "Convolution" convolution_param {{ num_output: {O} kernel_h: {kh} kernel_w: {kw} }}', [x]
+    )
+    bottom, top = tiled(x.shape, bottom_tile), tiled(dy.shape, tile)
+    if tile:
+        top.pitch = -(-(bottom.pitch or W) // tile) * tile
+    store(bottom, "data", x)
+    store(top, "diff", dy)
+    dw, db, way = np.ones_like(w), np.ones_like(b), RowTiles()
+    way.forward(layer, bottom, top, w, b)
+    way.backward(layer, bottom, top, w, dw, db, True)
+    return load(top, "data"), load(bottom, "diff"), dw - 1, db - 1
+
+
+@pytest.mark.parametrize("N", range(1, 10))
+@pytest.mark.parametrize("tile", [None, 1, 2, 3, 4])
+def test_any_number_of_images(rng, N, tile):
+    """Images stand side by side in a row: none sees its neighbour. 7 x 6 outputs, which 4 and 3 do not divide."""
+    compare(rng, (N, 2, 9, 8), (3, 2, 3, 3), tile, None)
+
+
+@pytest.mark.parametrize("bottom_tile", [None, 1, 2, 3])
+@pytest.mark.parametrize("tile", [None, 1, 2, 4, 5])
+@pytest.mark.parametrize(
+    ("image", "kernel"),
+    [((5, 5), (1, 1)), ((5, 5), (5, 5)), ((8, 12), (5, 5)), ((7, 4), (2, 3)), ((3, 11), (3, 1)), ((6, 9), (1, 4))],
+)
+def test_any_size(rng, image, kernel, tile, bottom_tile):
+    """Kernels as large as the image, not square, and images that the tile does not divide."""
+    compare(rng, (3, 2, *image), (2, 2, *kernel), tile, bottom_tile)
+
+
+def compare(rng, x_shape, w_shape, tile, bottom_tile):
+    """Forward with the definition, backward with its transpose."""
+    x, w, b = rng.normal(size=x_shape), rng.normal(size=w_shape), rng.normal(size=w_shape[0])
+    want = convolve(x, w, b)
+    dy = rng.normal(size=want.shape)
+    y, dx, dw, db = fast(x, w, b, dy, tile, bottom_tile)
+    assert np.allclose(y, want, rtol=0, atol=1e-12)
+    check_transpose(dy, x, w, b, dx, dw, db, convolve)
+
+
+@pytest.mark.parametrize("T", [1, 2, 4])
+def test_toeplitz_and_fold_are_adjoint(rng, T):
+    """<M(w), G> = <w, fold(G)>, for any G."""
+    w = rng.normal(size=(3, 2, 3, 2))
+    G = rng.normal(size=toeplitz(w, T).shape)
+    assert np.isclose((toeplitz(w, T) * G).sum(), (w * fold(G, w.shape, T)).sum())
+
+
+def test_new_weights_make_new_matrices(rng):
+    """The matrices are kept for equal weights only, also when the same array was changed."""
+    way, w = RowTiles(), rng.normal(size=(2, 1, 2, 2))
+    before = way.matrices(w, 2)[0].copy()
+    assert np.array_equal(way.matrices(w, 2)[0], before)
+    w[0, 0, 0, 0] += 1
+    assert not np.array_equal(way.matrices(w, 2)[0], before)
+    assert way.matrices(w, 4)[0].shape != before.shape

@@ -1,0 +1,25 @@
+"""Working memory of twins."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from fast.twin import Twin
+from netlib import gradcheck
+
+
+def test_a_buffer_keeps_its_memory_for_each_thread() -> None:
+    """Zeros at first and in a new shape; another thread has its own."""
+    layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
+    assert isinstance(layer, Twin)
+    buffer = layer.buffer("b", (2, 3))
+    assert not buffer.any()
+    assert layer.buffer("b", (2, 3)) is buffer
+    assert layer.buffer("b", (4,)).shape == (4,)
+    found = []
+    thread = threading.Thread(target=lambda: found.append(layer.buffer("b", (4,))))
+    thread.start()
+    thread.join()
+    assert found[0] is not layer.buffer("b", (4,))

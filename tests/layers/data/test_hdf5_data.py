@@ -1,0 +1,337 @@
+"""HDF5Data: the order of rows, what is restored, and files that are not what they should be."""
+
+import itertools
+import mmap
+import os
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+
+
+@pytest.fixture
+def data(tmp_path, net_of):
+    """``data([3, 4], batch, shuffle)``: a net on files whose rows are numbered 0, 1, 2 ... over all of them."""
+
+    def make(counts, batch, shuffle=False, chunks=None, dtype=np.float32, **options):
+        number = 0
+        for i, count in enumerate(counts):
+            (tmp_path / f"{i}.h5").unlink(missing_ok=True)  # a net made before goes on with its own files
+            with h5py.File(tmp_path / f"{i}.h5", "w") as file:
+                rows = np.arange(number, number + count)
+                file.create_dataset("x", data=np.repeat(rows[:, None], 2, 1).astype(dtype), chunks=chunks)
+                file.create_dataset("t", data=rows.astype(np.float64))
+            number += count
+        (tmp_path / "list.txt").write_text("".join(f"{tmp_path}/{i}.h5\n" for i in range(len(counts))))
+        return net_of(layer(tmp_path / "list.txt", batch, shuffle), **options)
+
+    return make
+
+
+def layer(source, batch, shuffle=False):
+    """The layer with two tops."""
+    return (
+        f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" '
+        f'hdf5_data_param {{ source: "{source}" batch_size: {batch} shuffle: {str(shuffle).lower()} }} }}'
+    )
+
+
+def numbers(net, batches):
+    """The numbers of the rows of so many batches; all tops must agree."""
+    found = []
+    for _ in range(batches):
+        net.forward()
+        assert np.array_equal(net.blobs["x"].data[:, 0], net.blobs["t"].data)
+        assert np.array_equal(net.blobs["x"].data[:, 1], net.blobs["t"].data)
+        found += [int(v) for v in net.blobs["t"].data]
+    return found
+
+
+@pytest.mark.parametrize("counts", [[7], [3, 4], [1, 1, 5], [7] * 2])
+@pytest.mark.parametrize("batch", [1, 2, 5, 7, 20])
+def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
+    """Whatever the batch size, one larger than the data included."""
+    total = sum(counts)
+    batches = 3 * total // batch + 1
+    assert numbers(data(counts, batch), batches) == [i % total for i in range(batches * batch)]
+
+
+@pytest.mark.parametrize("batch", [1, 4, 30])
+def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
+    """Of the files, and of the rows within each file."""
+    found = numbers(data([5, 6, 4], batch, shuffle=True), 60 // batch)
+    passes = [found[i : i + 15] for i in range(0, 60, 15)]
+    owner = np.repeat([0, 1, 2], [5, 6, 4])
+    for rows in passes:
+        assert sorted(rows) == list(range(15))
+        assert sum(owner[a] != owner[b] for a, b in itertools.pairwise(rows)) == 2, "one file after the other"
+    assert len({tuple(rows) for rows in passes}) == 4
+
+
+def test_files_of_one_size_are_shuffled_differently(data):
+    """Not all by the same permutation."""
+    found = numbers(data([8, 8, 8], 24, shuffle=True), 1)
+    orders = {tuple(n % 8 for n in found[i : i + 8]) for i in (0, 8, 16)}
+    assert len(orders) == 3
+
+
+def test_the_order_depends_on_the_seed_only(data):
+    """Not on the batch size, nor on reading ahead."""
+    one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)
+    assert numbers(one, 11) == numbers(two, 2)
+    assert numbers(data([5, 6], 11, shuffle=True, seed=5), 2) != numbers(data([5, 6], 11, shuffle=True, seed=4), 2)
+
+
+@pytest.mark.parametrize("shuffle", [False, True])
+@pytest.mark.parametrize("done", [0, 1, 3, 10])
+def test_state_and_restore_go_on_with_the_next_row(data, shuffle, done):
+    """In another net with another seed, and in one that has run on."""
+    net = data([5, 6], 4, shuffle)
+    numbers(net, done)
+    states = net.layer_states()
+    want = numbers(net, 5)
+    other = data([5, 6], 4, shuffle, seed=99)
+    for again in (other, net):
+        again.restore_layer_states(states)
+        assert numbers(again, 5) == want
+
+
+def test_other_data_start_from_their_first_row(data):
+    """A place in 11 rows means nothing in 9."""
+    net = data([5, 6], 4)
+    numbers(net, 2)
+    other = data([5, 4], 4)
+    other.restore_layer_states(net.layer_states())
+    assert numbers(other, 1) == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("options", "kind"),
+    [
+        ({}, "in one piece"),
+        ({"chunks": (2, 2)}, "in chunks"),
+        ({"dtype": np.float64}, "float64"),
+        ({"dtype": np.uint8}, "bytes"),
+        ({"dtype": ">i2"}, "big-endian"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+@pytest.mark.parametrize("shuffle", [False, True])
+def test_any_storage_is_read(data, options, kind, shuffle):
+    """Mapped or read, converted to the net's type."""
+    net = data([5, 6], 4, shuffle, **options)
+    assert sorted(numbers(net, 11)) == sorted([*range(11)] * 4)
+    assert net.blobs["x"].data.dtype == np.float32
+
+
+def test_compressed_data(tmp_path, net_of):
+    """Are read whole."""
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        for name in ("x", "t"):
+            file.create_dataset(name, data=np.arange(6.0), compression="gzip")
+    (tmp_path / "list.txt").write_text("c.h5\n\n")
+    assert net_of(layer(tmp_path / "list.txt", 4)).forward()["x"].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("chunks", [None, (2, 2)], ids=["in one piece", "in chunks"])
+def test_data_sets_of_another_file(data, tmp_path, net_of, monkeypatch, chunks):
+    """External links are followed from the file that holds them, which itself may be named in any way."""
+    want = numbers(data([5], 5, chunks=chunks), 1)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "links").mkdir()
+    with h5py.File(tmp_path / "links" / "a.h5", "w") as file:
+        file["x"] = h5py.ExternalLink("../0.h5", "x")
+        file["t"] = np.arange(5.0)
+    (tmp_path / "links" / "list.txt").write_text("links/a.h5\n")
+    assert numbers(net_of(layer("links/list.txt", 5)), 1) == want
+
+
+def test_a_row_by_its_number(data):
+    """Counted over all files; for tools that show examples."""
+    made = data([3, 4], 2).layer_dict["d"]
+    assert [float(made.row(i)[1]) for i in (0, 2, 3, 6)] == [0, 2, 3, 6]
+    with pytest.raises(IndexError, match="there are 7 rows"):
+        made.row(7)
+
+
+def test_an_array_taken_from_a_top_is_good_until_the_next_forward(data):
+    """Reading ahead never writes into it."""
+    net = data([50], 10)
+    for _ in range(20):
+        x = net.forward()["t"]
+        before = x.copy()
+        net.layer_dict["d"].state()  # time for the reader
+        assert np.array_equal(x, before)
+
+
+def test_it_says_what_the_data_are_made_from(data, tmp_path):
+    """The attribute ``made_from`` of the files."""
+    made = data([3], 2).layer_dict["d"]
+    assert made.notes == [f"3 rows in 1 files of {tmp_path}/list.txt, made from an unknown source"]
+
+
+# ---------------------------------------------------------------------------------------------- mistakes
+
+
+def write(path, **datasets):
+    """An HDF5 file."""
+    with h5py.File(path, "w") as file:
+        for name, value in datasets.items():
+            file[name] = value
+
+
+@pytest.mark.parametrize(
+    ("datasets", "message"),
+    [
+        ({"x": np.zeros(3)}, r"a.h5: no data set 't'; it has x"),
+        ({}, r"a.h5: no data set 'x'; it has none"),
+        ({"x": np.zeros(3), "t": np.zeros(4)}, r"a.h5: data sets of different length: x 3, t 4"),
+        ({"x": np.zeros((0, 2)), "t": np.zeros(0)}, r"a.h5: data set 'x' has no rows"),
+        ({"x": np.zeros(3), "t": ["a", "b", "c"]}, r"a.h5: data set '/t' holds object, expected numbers"),
+        ({"x": np.zeros(3), "t": np.zeros(())}, r"a.h5: data sets of different length: x 3, t 0"),
+    ],
+    ids=lambda value: "" if isinstance(value, str) else str(list(value)),
+)
+def test_files_with_something_wrong_in_them(tmp_path, net_of, datasets, message):
+    """The file, what was found, what was expected."""
+    write(tmp_path / "a.h5", **datasets)
+    (tmp_path / "list.txt").write_text("a.h5")
+    with pytest.raises(netlib.DataError, match=message) as error:
+        net_of(layer(tmp_path / "list.txt", 2))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("other", ["missing", "lacks it", "is not HDF5"])
+def test_links_that_lead_nowhere(tmp_path, net_of, other):
+    """Say where the data were kept."""
+    if other == "lacks it":
+        write(tmp_path / "other.h5", y=np.zeros(3))
+    if other == "is not HDF5":
+        (tmp_path / "other.h5").write_text("text")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"], file["t"] = h5py.ExternalLink("other.h5", "x"), np.zeros(3)
+    (tmp_path / "list.txt").write_text("a.h5")
+    with pytest.raises(netlib.DataError) as error:
+        net_of(layer(tmp_path / "list.txt", 2))
+    assert str(error.value) == f"{tmp_path}/a.h5: data set 'x' is kept in other.h5, which is missing or lacks it"
+
+
+def test_files_whose_rows_differ(tmp_path, net_of):
+    """Both are named, with their shapes."""
+    write(tmp_path / "a.h5", x=np.zeros((3, 2)), t=np.zeros(3))
+    write(tmp_path / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
+    (tmp_path / "list.txt").write_text("a.h5\nb.h5")
+    with pytest.raises(netlib.DataError, match=r"b.h5: rows of 'x' have shape \(4,\), those in .*a.h5 \(2,\)"):
+        net_of(layer(tmp_path / "list.txt", 2))
+
+
+@pytest.mark.parametrize(
+    ("listed", "message"),
+    [
+        (None, "list.txt: cannot read the list of HDF5 files: No such file or directory"),
+        ("", "list.txt: the list of HDF5 files is empty"),
+        ("gone.h5", "list.txt: names 'gone.h5', which does not exist"),
+        ("list.txt", "list.txt: cannot read the HDF5 file: "),
+    ],
+)
+def test_lists_with_something_wrong_in_them(tmp_path, net_of, listed, message):
+    """Missing, empty, naming a missing file, or one that is not HDF5."""
+    if listed is not None:
+        (tmp_path / "list.txt").write_text(listed)
+    with pytest.raises(netlib.DataError, match=message) as error:
+        net_of(layer(tmp_path / "list.txt", 2))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("keep", [0.3, 0.6, 0.95])
+def test_a_truncated_file(tmp_path, net_of, keep):
+    """Is found before training."""
+    write(tmp_path / "a.h5", x=np.zeros((100, 5)), t=np.zeros(100))
+    content = (tmp_path / "a.h5").read_bytes()
+    (tmp_path / "a.h5").write_bytes(content[: int(keep * len(content))])
+    (tmp_path / "list.txt").write_text("a.h5")
+    with pytest.raises(netlib.DataError, match=r"a.h5: cannot read the HDF5 file") as error:
+        net_of(layer(tmp_path / "list.txt", 2))
+    assert "\n" not in str(error.value)
+
+
+def cut(path):
+    """Halve a file that is mapped; returns what it held."""
+    content = path.read_bytes()
+    assert len(content) <= mmap.PAGESIZE, "half a page can still be read, so that no mistake ends the tests"
+    os.truncate(path, len(content) // 2)
+    return content
+
+
+def read_ahead(net):
+    """Wait for what the fast engine reads ahead; does it?"""
+    ahead = getattr(net.layer_dict["d"], "_ahead", None)
+    return ahead is not None and ahead.result() is not None
+
+
+@pytest.mark.parametrize("shuffle", [False, True])
+@pytest.mark.parametrize("done", [0, 2], ids=["before the first batch", "while it is read ahead"])
+def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
+    """One line in place of a bus error, also out of the thread that reads ahead; whole again, the net goes on."""
+    other, net = data([6, 5], 2, shuffle), data([6, 5], 2, shuffle)
+    found = numbers(net, done)
+    ahead = read_ahead(net)  # so that no row is read while the files are cut
+    contents = {path: cut(path) for path in (tmp_path / "0.h5", tmp_path / "1.h5")}
+    if ahead:
+        found += numbers(net, 1)
+    for _ in range(2):
+        with pytest.raises(netlib.DataError) as error:
+            net.forward()
+        assert str(error.value) in [
+            f"{path}: was cut to {len(content) // 2} bytes while in use, expected {len(content)}; "
+            "restore the file and run again"
+            for path, content in contents.items()
+        ]
+    for path, content in contents.items():
+        with path.open("r+b") as file:
+            file.write(content)
+    found += numbers(net, 11)
+    assert found == numbers(other, len(found) // 2)
+
+
+def test_a_batch_that_nobody_wants(data, tmp_path):
+    """That it could not be read ahead is no error of who goes back to the first row; reading that row is."""
+    net = data([4, 4], 4)
+    numbers(net, 1)
+    read_ahead(net)
+    content = cut(tmp_path / "0.h5")
+    assert numbers(net, 1) == [4, 5, 6, 7]
+    net.layer_dict["d"].rewind()
+    with pytest.raises(netlib.DataError, match=r"0\.h5: was cut to"):
+        net.layer_dict["d"].row(1)
+    with (tmp_path / "0.h5").open("r+b") as file:
+        file.write(content)
+    assert numbers(net, 1) == [0, 1, 2, 3]
+
+
+def test_a_linked_file_that_is_cut(tmp_path, net_of):
+    """It is the one that is named, and not the file that has the link."""
+    write(tmp_path / "other.h5", x=np.zeros(3))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"], file["t"] = h5py.ExternalLink("other.h5", "x"), np.zeros(3)
+    (tmp_path / "list.txt").write_text("a.h5")
+    net = net_of(layer(tmp_path / "list.txt", 2))
+    cut(tmp_path / "other.h5")
+    with pytest.raises(netlib.DataError, match=rf"^{tmp_path}/other\.h5: was cut to"):
+        net.forward()
+
+
+def test_a_file_that_takes_the_place_of_another(data, tmp_path):
+    """The net reads on from the one that it opened."""
+    net = data([5], 5)
+    write(tmp_path / "short.h5", x=np.zeros((1, 2)))
+    (tmp_path / "short.h5").replace(tmp_path / "0.h5")
+    assert numbers(net, 2) == [0, 1, 2, 3, 4] * 2
+
+
+def test_batch_size_0(data):
+    """Is a mistake of the prototxt."""
+    with pytest.raises(netlib.LayerError, match="layer 'd': batch_size must be at least 1"):
+        data([3], 0)

@@ -1,0 +1,234 @@
+"""Forward kinematics and its gradient: a planar arm in closed form, the hand, any pose."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from layers.hand.kinematics import kinematics_of, rotation
+from layers.hand.skeleton import load
+
+HAND = load()
+
+
+@pytest.fixture
+def body(skeleton):
+    """``body(text)``: the kinematics of a skeleton file with this text, in the engine in use."""
+    return lambda text: kinematics_of(skeleton(text))
+
+
+@pytest.fixture(scope="module")
+def hand(engine_in_use):
+    """The packaged hand."""
+    return kinematics_of(HAND)
+
+
+# ---------------------------------------------------------------------------------------------- the arm
+
+
+@pytest.mark.parametrize("N", [1, 3, 8, 9, 40])
+def test_a_planar_arm_is_its_closed_form(body, arm_text, arm, rng, N):
+    """Joints in file order, though children stand before their parents; for few poses and for many."""
+    inputs = rng.normal(size=(N, 4))
+    assert np.allclose(body(arm_text).joints(inputs), arm(inputs))
+
+
+def test_the_gradient_of_the_arm_is_that_of_its_closed_form(body, arm_text, arm, rng):
+    """By complex steps, which have no rounding error."""
+    inputs, dX = rng.normal(size=(5, 4)), rng.normal(size=(5, 3, 3))
+    made = body(arm_text)
+    got = made.backward(made.forward(inputs), dX)
+    for d in range(4):
+        moved = inputs.astype(complex)
+        moved[:, d] += 1e-30j
+        assert np.allclose(got[:, d], (arm(moved).imag / 1e-30 * dX).sum(axis=(1, 2)))
+
+
+def test_force_and_torque_on_numbers_worked_by_hand(body, arm_text):
+    """The stretched arm along x: a force f up at the hand turns the shoulder by 3 f, the elbow by 1 f."""
+    made = body(arm_text)
+    pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
+    assert np.allclose(pose.joints[0], [[3, 0, 0], [2, 0, 0], [0, 0, 0]])
+    dX = np.zeros((1, 3, 3))
+    dX[0, 0] = (7, 5, 0)  # pulls the base by 7 along x and 5 along y; along the arm it turns nothing
+    assert np.allclose(made.backward(pose, dX), [[7, 5, 15, 5]])
+
+
+def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm, rng):
+    """A fixed turn and a fixed shift: the initial value holds."""
+    text = arm_text.replace("initial: 0.25", "initial: 0.25 fixed: true")
+    text = text.replace("initial: 0.5", "initial: 0.5 fixed: true")
+    made, inputs = body(text), rng.normal(size=(20, 4))
+    still = inputs * [1, 0, 0, 1]
+    assert np.allclose(made.joints(inputs), arm(still))
+    assert np.allclose(made.joints(inputs[:3]), arm(still[:3]))
+    gradient = made.backward(made.forward(inputs), rng.normal(size=(20, 3, 3)))
+    assert not gradient[:, 1:3].any()
+    assert gradient[:, [0, 3]].all()
+
+
+def test_a_negative_axis_turns_and_moves_the_other_way(body, arm_text, arm, rng):
+    """About and along -z, -x."""
+    inputs = rng.normal(size=(12, 4))
+    turned = body(arm_text.replace("axis: Z", "axis: NEG_Z").replace("initial: 0.25", "initial: -0.25"))
+    assert np.allclose(turned.joints(inputs * [1, 1, -1, -1]), arm(inputs))
+    bones = body(arm_text.replace("bone { axis: X length: 2 }", "bone { axis: NEG_X length: -2 }"))
+    assert np.allclose(bones.joints(inputs), arm(inputs))
+
+
+def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
+    """A coupled finger: elbow and shoulder bend together, the gradient is the sum."""
+    coupled, free = body(arm_text.replace('dof: "elbow"', 'dof: "shoulder"')), body(arm_text)
+    inputs, dX = rng.normal(size=(10, 4)), rng.normal(size=(10, 3, 3))
+    both = inputs.copy()
+    both[:, 3] = inputs[:, 2] + 0.25
+    assert np.allclose(coupled.joints(inputs), arm(both))
+    single, got = free.backward(free.forward(both), dX), coupled.backward(coupled.forward(inputs), dX)
+    assert np.allclose(got[:, 2], single[:, 2] + single[:, 3])
+    assert not got[:, 3].any()
+
+
+@pytest.mark.parametrize("fixed", ["", "fixed: true"])
+@pytest.mark.parametrize("joints", [None, [2, 0]])
+def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
+    """Of turns and translations, of all joints and of some; a fixed motion has no row."""
+    made, inputs = body(arm_text.replace("initial: 0.5", f"initial: 0.5 {fixed}")), rng.normal(size=(3, 4))
+    chosen = joints or [0, 1, 2]
+    J = made.jacobian(made.forward(inputs), joints)
+    assert J.shape == (3, 3 if fixed else 4, 3 * len(chosen))
+    for q, dof in enumerate(made.skeleton.driven):
+        step = np.zeros(4)
+        step[dof] = 1e-6
+        slope = (made.joints(inputs + step) - made.joints(inputs - step)) / 2e-6
+        assert np.allclose(J[:, q], slope[:, chosen].reshape(3, -1), atol=1e-8)
+
+
+def test_bones_of_every_row(body, arm_text, arm, rng):
+    """Each pose with its own lengths."""
+    inputs, made = rng.normal(size=(4, 4)), body(arm_text)
+    doubled = made.joints(inputs, np.tile(2 * made.skeleton.bones, (4, 1)))
+    base = doubled[:, 2:]
+    assert np.allclose(doubled - base, 2 * (arm(inputs) - base))
+
+
+@pytest.mark.parametrize("name", ["arm", "hand"])
+def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
+    """A longer bone moves its joint and all below it that way; a joint without a bone has none."""
+    made = body(arm_text) if name == "arm" else hand
+    table = made.skeleton
+    inputs = rng.normal(size=(3, len(table.initial)))
+    directions = made.bone_directions(made.forward(inputs))
+    assert not directions[:, table.bone_axes < 0].any()
+    for joint in np.flatnonzero(table.bone_axes >= 0):
+        step = 1e-6 * np.eye(len(table.bones))[joint]
+        longer, shorter = (made.joints(inputs, np.tile(table.bones + s, (3, 1))) for s in (step, -step))
+        slope = (longer - shorter) / 2e-6
+        for other in range(len(table.parents)):
+            way = [other]
+            while table.parents[way[-1]] >= 0:
+                way.append(table.parents[way[-1]])
+            assert np.allclose(slope[:, other], directions[:, joint] if joint in way else 0, atol=1e-8)
+
+
+# ---------------------------------------------------------------------------------------------- the hand
+
+
+def test_one_pose_by_hand(hand):
+    """With the palm unturned and every angle 0, the ring finger is a straight line along its metacarpal."""
+    [joints] = hand.joints(-HAND.initial[None] * ~HAND.fixed)
+    names = HAND.joint_names
+    chain = [joints[names.index(f"ring_{part}")] for part in ("mcp", "base", "pip_a", "pip_b", "dip", "tip")]
+    steps = np.diff(np.stack(chain), axis=0)
+    directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    assert np.allclose(directions, directions[0])
+    assert np.allclose(joints[names.index("palm")], 0)
+
+
+poses = st.lists(st.floats(-3, 3), min_size=47, max_size=47).map(np.array)
+
+
+@given(poses)
+def test_any_pose_keeps_the_bone_lengths(hand, pose):
+    """The reason for the layer: every prediction is a possible hand."""
+    for count in (1, 20):  # the ways for few and for many poses
+        [joints, *_] = hand.joints(np.tile(pose, (count, 1)))
+        inner = HAND.parents >= 0
+        lengths = np.linalg.norm(joints[inner] - joints[HAND.parents[inner]], axis=1)
+        assert np.allclose(lengths, np.abs(HAND.bones[inner]))
+
+
+@given(poses, st.tuples(*[st.floats(-2, 2)] * 3))
+def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
+    """The first three DoFs are a translation."""
+    moved = pose.copy()
+    moved[:3] += shift
+    assert np.allclose(hand.joints(moved[None]) - hand.joints(pose[None]), shift)
+
+
+@given(poses, st.floats(-3, 3))
+def test_turning_the_root_keeps_all_distances(hand, pose, angle):
+    """Between any two joints."""
+    turned = pose.copy()
+    turned[3:6] += angle
+    before, after = hand.joints(np.stack([pose, turned]))
+    distances = [np.linalg.norm(X[:, None] - X[None], axis=2) for X in (before, after)]
+    assert np.allclose(*distances)
+
+
+def test_few_poses_and_many_agree(hand, rng):
+    """One by one or together, with or without what a gradient needs."""
+    inputs = rng.normal(size=(20, 47))
+    together = hand.joints(inputs)
+    assert np.allclose(np.concatenate([hand.joints(inputs[i : i + 3]) for i in range(0, 20, 3)]), together, atol=1e-14)
+    assert np.allclose(hand.forward(inputs).joints, together, atol=1e-14)
+
+
+def test_float32_costs_digits_of_float32_only(hand, rng):
+    """Also far away: moments are taken about joints, or about where the root is, not about the origin."""
+    inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
+    inputs[10:, :3] += 500
+    single = kinematics_of(HAND, np.float32)
+    exact, pose = hand.forward(inputs), single.forward(inputs)
+    assert single.joints(inputs).dtype == np.float32
+    assert np.allclose(pose.joints[:10], exact.joints[:10], rtol=0, atol=1e-6)
+    assert np.allclose(pose.joints[10:], exact.joints[10:], rtol=0, atol=5e-5)
+    gradient = single.backward(pose, dX)
+    assert gradient.dtype == np.float32
+    assert np.allclose(gradient, hand.backward(exact, dX), rtol=0, atol=1e-5)
+
+
+def test_bodies_of_several_roots(body, rng):
+    """Each is built around its own root: two arms in one file move as two files of one arm do."""
+    one_arm = """
+        dof {{ name: "x{0}" }} dof {{ name: "y{0}" }} dof {{ name: "turn{0}" }} dof {{ name: "elbow{0}" }}
+        joint {{ name: "base{0}" translate {{ axis: X dof: "x{0}" }} translate {{ axis: Y dof: "y{0}" }}
+                 rotate {{ axis: Z dof: "turn{0}" }} bone {{ axis: X length: 0.2 }} }}
+        joint {{ name: "hand{0}" parent: "base{0}" rotate {{ axis: Z dof: "elbow{0}" }} bone {{ axis: X length: 1 }} }}
+    """
+    one, two = body(one_arm.format("")), body(one_arm.format("_a") + one_arm.format("_b"))
+    inputs, dX = rng.normal(size=(20, 8)), rng.normal(size=(20, 4, 3))
+    pose, parts = two.forward(inputs), [one.forward(inputs[:, :4]), one.forward(inputs[:, 4:])]
+    assert np.allclose(pose.joints, np.concatenate([part.joints for part in parts], axis=1))
+    gradients = [one.backward(part, dX[:, 2 * i : 2 * i + 2]) for i, part in enumerate(parts)]
+    assert np.allclose(two.backward(pose, dX), np.concatenate(gradients, axis=1))
+
+
+def test_rotation_of_a_joint(hand, rng):
+    """A rotation that carries the bone's axis along the bone."""
+    inputs = rng.normal(size=(9, 47))
+    pose, joint = hand.forward(inputs), HAND.joint_names.index("index_dip")
+    R = hand.rotation_of(pose, joint)
+    assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3))
+    assert np.allclose(np.linalg.det(R), 1)
+    bone = pose.joints[:, joint] - pose.joints[:, HAND.parents[joint]]
+    assert np.allclose(R[:, :, 1] * HAND.bones[joint], bone)
+
+
+def test_right_handed_rotations():
+    """x to y about z, y to z about x, z to x about y; one or many at once."""
+    for axis in range(3):
+        R = rotation(axis, np.pi / 2)
+        assert np.allclose(R @ np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3])
+        many = rotation(axis, np.array([[0.3, -2.0]]))
+        assert many.shape == (1, 2, 3, 3)
+        assert np.allclose(many[0, 1], rotation(axis, -2.0))

@@ -1,0 +1,120 @@
+"""The table of a body: what a skeleton file says, what is written, and broken files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from layers.hand.skeleton import load, load_for, text_of
+
+HAND = load()
+
+
+def test_what_a_skeleton_knows(skeleton, arm_text):
+    """Names in file order, limits, offsets, parents, bones."""
+    body = skeleton(arm_text)
+    assert body.name == "arm"
+    assert body.dof_names == ["x", "y", "shoulder", "elbow"]
+    assert body.joint_names == ["hand", "elbow", "base"]
+    assert body.parents.tolist() == [1, 2, -1]
+    assert body.bones.tolist() == [1, 2, 0]
+    assert body.initial.tolist() == [0, 0.5, 0.25, 0]
+    assert body.lower.tolist() == [-np.inf, -np.inf, -1, 0]
+    assert not body.fixed.any()
+
+
+def test_parents_come_first_and_motions_know_their_rows(skeleton, arm_text):
+    """Whatever the order in the file; fixed motions have no row in a Jacobian."""
+    body = skeleton(arm_text.replace('initial: 0.25', 'initial: 0.25 fixed: true'))
+    assert body.order == [2, 1, 0]
+    assert [[(m.kind, m.axis, m.dof, m.row) for m in own] for own in body.motions] == [
+        [("rotate", 2, 3, 0)],
+        [("rotate", 2, 2, -1)],
+        [("translate", 0, 0, 1), ("translate", 1, 1, 2)],
+    ]
+    assert body.driven.tolist() == [3, 0, 1]
+    assert body.turns.tolist() == [True, False, False]
+    assert body.moves.tolist() == [[True, False, False], [True, True, True], [True, True, True]]
+
+
+def test_the_hand_has_26_free_dofs_of_47_and_31_joints():
+    """As in the paper."""
+    assert (len(HAND.dof_names), int((~HAND.fixed).sum()), len(HAND.joint_names)) == (47, 26, 31)
+    assert HAND.fixed.nonzero()[0].tolist() == [*range(6, 15), *range(19, 31)]
+    assert np.count_nonzero(HAND.parents < 0) == 1
+
+
+def test_a_written_skeleton_reads_back_the_same(tmp_path):
+    """Names, axes, parents, limits and all numbers, to their decimals; then text and table agree exactly."""
+    path = tmp_path / "again.prototxt"
+    path.write_text(text_of(HAND, "again", "A comment\nof two lines."))
+    back = load(path)
+    assert back.name == "again"
+    assert back.param.joint == HAND.param.joint
+    assert back.param.dof == HAND.param.dof
+    assert text_of(back, "again", "A comment\nof two lines.") == path.read_text()
+
+
+def test_a_scaled_hand():
+    """Bones and the initial place are longer, angles and limits are not."""
+    larger = HAND.scaled(2)
+    assert np.allclose(larger.bones, 2 * HAND.bones)
+    assert np.allclose(larger.initial[:3], 2 * HAND.initial[:3])
+    assert np.array_equal(larger.initial[3:], HAND.initial[3:])
+    assert np.array_equal(larger.upper, HAND.upper)
+
+
+# ---------------------------------------------------------------------------------------------- broken files
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('parent: "base"', 'parent: "bse"', r"prototxt:6:\d+: error: unknown parent 'bse' \(did you mean 'base'\?\)"),
+        ('axis: Z dof: "elbow"', 'axis: Z dof: "elbov"', r"prototxt:5:\d+: error: unknown dof 'elbov' \(did you"),
+        ('name: "elbow" parent: "base"', 'name: "elbow" parent: "hand"', "is its own ancestor"),
+        ('name: "elbow" parent: "base"', 'name: "elbow" parent: "elbow"', "joint 'elbow' is its own ancestor"),
+        ('dof { name: "y"', 'dof { name: "x"', "DoF 'x' is defined twice"),
+        ('joint { name: "base"', 'joint { name: "hand"', "joint 'hand' is defined twice"),
+        ("lower: -1 upper: 1", "lower: 1 upper: -1", "DoF 'shoulder': lower limit 1 is above -1"),
+        ("axis: Z", "axis: W", "unknown value W of 'axis'"),
+        ("length: 1", "lenght: 1", r"unknown field 'lenght' \(did you mean 'length'\?\)"),
+        ("bone { axis: X length: 1 }", "bone { axis: X }", "missing required field 'length' in bone"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_a_skeleton_file(skeleton, arm_text, old, new, message):
+    """At their place, with the nearest known name."""
+    assert old in arm_text
+    with pytest.raises(netlib.PrototxtError, match=message):
+        skeleton(arm_text.replace(old, new))
+
+
+@pytest.mark.parametrize("text", ["", 'name: "nobody"', 'dof { name: "x" }'])
+def test_a_skeleton_without_joints(skeleton, text):
+    """Is a mistake, in one line."""
+    with pytest.raises(netlib.NetlibError, match=r"skeleton0.prototxt"):
+        skeleton(text)
+
+
+def test_a_missing_skeleton_file(tmp_path):
+    """Is named."""
+    with pytest.raises(netlib.NetlibError, match=r"gone\.prototxt: cannot read the prototxt: No such file"):
+        load(tmp_path / "gone.prototxt")
+
+
+def test_the_same_relative_name_in_another_folder(tmp_path, monkeypatch, arm_text):
+    """Is another file."""
+    for folder, length in (("a", 1), ("b", 3)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "arm.prototxt").write_text(arm_text.replace("length: 1 ", f"length: {length} "))
+        monkeypatch.chdir(tmp_path / folder)
+        assert load_for("arm.prototxt", None).bones[0] == length
+
+
+def test_numbers_that_are_none(tmp_path: Path) -> None:
+    """A length or an initial value must be finite."""
+    path = tmp_path / "s.prototxt"
+    path.write_text('joint { name: "a" bone { axis: X length: nan } }')
+    with pytest.raises(netlib.PrototxtError, match=r"s\.prototxt:1:24: error: nan is not a length or an angle"):
+        load(path)

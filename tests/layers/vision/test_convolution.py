@@ -1,0 +1,157 @@
+"""Convolution: its shapes, its numbers against plain loops, its mistakes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from plain_loops import check_transpose, convolve
+
+import netlib
+from netlib import gradcheck
+from netlib.blob import Blob, Blobs
+
+
+def text(**options):
+    """The layer with these options, and weights and bias that are not zero."""
+    options = {"num_output": 2, **options}
+    fields = " ".join(f"{name}: {value}" for name, value in options.items())
+    fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
+    return f'type: "Convolution" convolution_param {{ {fields} {fillers} }}'
+
+
+def test_by_hand(run):
+    """A 2 x 2 kernel on a 3 x 3 image, no kernel flipped."""
+    x = np.arange(9.0).reshape(1, 1, 3, 3)
+    done = run(text(num_output=1, kernel_size=2), x, params=[[[[[1, 2], [0, -1]]]], [10]])
+    # y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
+    assert done.y[0, 0].tolist() == [[10 + 0 + 2 - 4, 10 + 1 + 4 - 5], [10 + 3 + 8 - 7, 10 + 4 + 10 - 8]]
+    [dx] = done.backward([[[[1, 0], [0, 0]]]])
+    assert dx[0, 0].tolist() == [[1, 2, 0], [0, -1, 0], [0, 0, 0]]
+    assert done.layer.blobs[0].diff[0, 0].tolist() == [[0, 1], [3, 4]]
+    assert done.layer.blobs[1].diff.tolist() == [1]
+
+
+PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
+
+
+@given(
+    N=st.integers(1, 3), per=st.integers(1, 2), group=st.integers(1, 2), size=st.tuples(*[st.integers(1, 9)] * 2),
+    kernel=PAIRS, stride=PAIRS, pad=st.tuples(*[st.integers(0, 2)] * 2), dilation=PAIRS,
+)  # fmt: skip
+def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, stride, pad, dilation):
+    """Forward by the definition; backward as its transpose: sums of products agree both ways."""
+    C = O = per * group
+    if any(s + 2 * p < d * (k - 1) + 1 for s, p, d, k in zip(size, pad, dilation, kernel)):
+        return
+    rng = np.random.default_rng(0)
+    x, w, b = rng.normal(size=(N, C, *size)), rng.normal(size=(O, per, *kernel)), rng.normal(size=O)
+    options = {"num_output": O, "group": group, "dilation": f"[{dilation[0]}, {dilation[1]}]"}
+    for name, pair in (("kernel", kernel), ("stride", stride), ("pad", pad)):
+        options[f"{name}_h"], options[f"{name}_w"] = pair
+    y, dx, dw, db, dy = forward_backward(text(**options), x, w, b)
+    assert np.allclose(y, convolve(x, w, b, stride, pad, dilation, group))
+    check_transpose(dy, x, w, b, dx, dw, db, lambda x, w, b: convolve(x, w, b, stride, pad, dilation, group))
+
+
+def forward_backward(text, x, w, b):
+    """y, dx, dw, db, and the random dy they are for."""
+    layer = gradcheck.make_layer(text, [x])
+    bottom, top = Blobs([Blob(x.shape, np.float64)]), Blobs([Blob((), np.float64)])
+    bottom[0].data[...], layer.blobs[0].data[...] = x, w
+    layer.blobs[1].data[...] = b
+    layer.reshape(bottom, top)
+    layer.forward(bottom, top)
+    dy = np.random.default_rng(1).normal(size=top[0].shape)
+    top[0].diff[...], bottom[0].diff[...] = dy, np.nan
+    layer.backward(top, [True], bottom)
+    return top[0].data, bottom[0].diff, layer.blobs[0].diff, layer.blobs[1].diff, dy
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 3, "pad": 1, "stride": 2},
+        {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
+        {"kernel_size": 2, "bias_term": "false"},
+        {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_gradient(check, rng, options):
+    """Of x, w and b."""
+    check(text(**options), rng.normal(size=(2, 2, 5, 6)))
+
+
+def test_several_bottoms_share_the_kernel(run, rng):
+    """One top each; the kernel's gradients add up."""
+    a, b = rng.normal(size=(2, 2, 1, 4, 4))
+    both = run(text(num_output=1, kernel_size=2), a, b, tops=2)
+    one = run(text(num_output=1, kernel_size=2), a, params=[p.data for p in both.layer.blobs])
+    assert np.array_equal(both.ys[0], one.y)
+    both.backward(np.ones((2, 1, 3, 3)), np.zeros((2, 1, 3, 3)))
+    one.backward(np.ones((2, 1, 3, 3)))
+    assert np.allclose(both.layer.blobs[0].diff, one.layer.blobs[0].diff)
+
+
+def test_the_output_size_is_rounded_down(run):
+    """(10 - 3) / 2 + 1 = 4."""
+    assert run(text(kernel_size=3, stride=2), np.zeros((1, 1, 10, 12))).y.shape == (1, 2, 4, 5)
+
+
+def test_axes_before_the_channels_are_items(run, rng):
+    """With ``axis: 2`` of five."""
+    x = rng.normal(size=(2, 3, 1, 4, 4))
+    five = run(text(kernel_size=2, axis=2), x)
+    four = run(text(kernel_size=2), x.reshape(6, 1, 4, 4), params=[p.data for p in five.layer.blobs])
+    assert np.allclose(five.y.reshape(four.y.shape), four.y)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "needs kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_h": 3}, "needs kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_size": 3, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_size": 2, "pad": "[1, 1, 1]"}, "3 values of pad for 2 spatial axes"),
+        ({"kernel_size": 0}, "must be at least 1"),
+        ({"num_output": 0, "kernel_size": 2}, "must be at least 1"),
+        ({"kernel_size": 2, "group": 2}, "group 2 must divide 3 channels and num_output 2"),
+        ({"kernel_size": 6}, r"kernel \(6, 6\) is larger than the padded bottom 'bottom0' \(1, 3, 5, 5\)"),
+        ({"kernel_size": 2, "axis": 2}, "1 spatial axes after axis 2"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_mistakes(run, options, message):
+    """Each option that cannot be."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(**options), np.zeros((1, 3, 5, 5)))
+
+
+def test_a_bottom_that_is_no_image(run):
+    """Names the blob and its shape."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
+        run(text(kernel_size=2), np.zeros((3, 5)))
+
+
+def test_as_many_tops_as_bottoms(run):
+    """Says how many there are."""
+    with pytest.raises(netlib.LayerError, match="has 1 bottoms and 2 tops"):
+        run(text(kernel_size=2), np.zeros((1, 1, 5, 5)), tops=2)
+
+
+def test_num_output_is_required(run):
+    """Missed when the options are read, at the layer."""
+    with pytest.raises(netlib.PrototxtError, match="missing required field 'num_output'"):
+        run('type: "Convolution" convolution_param { kernel_size: 2 }', np.zeros((1, 1, 5, 5)))
+
+
+def test_another_number_of_channels(net_of):
+    """After the weights were made."""
+    net = net_of(
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 2 dim: 5 dim: 5 } } } '
+        f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2)} }}'
+    )
+    with pytest.raises(
+        netlib.LayerError, match=r"'x' has 3 channels \(1, 3, 5, 5\), its weights \(2, 2, 2, 2\) expect 2"
+    ):
+        net.forward(x=np.zeros((1, 3, 5, 5)))

@@ -1,0 +1,87 @@
+"""A small example of every layer type, for tests that hold for all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from netlib import gradcheck
+from netlib.blob import Blob, Blobs
+from netlib.layer import Layer
+
+RNG = np.random.default_rng(0)
+
+
+def off_zero(*shape: int) -> np.ndarray:
+    """Random numbers away from 0."""
+    return RNG.choice([-1.0, 1.0], shape) * RNG.uniform(0.2, 1, shape)
+
+
+def different(*shape: int) -> np.ndarray:
+    """Numbers far apart from each other."""
+    return RNG.permutation(int(np.prod(shape))).reshape(shape) / 7.0
+
+
+# type -> options, makers of the bottoms for N items, number of tops; ``wanted``: bottoms that get a gradient
+CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
+    "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
+    "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
+    "Convolution": (
+        'convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 2, 3, 4)],
+        {},
+    ),
+    "DeepHandModel": ("", lambda N: [off_zero(N, 47)], {}),
+    "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
+    "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
+    "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "EuclideanLoss": ("", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Flatten": ("", lambda N: [off_zero(N, 2, 3)], {}),
+    "HandAugment": (
+        "hand_augment_param { rotation: 20 scale: 0.1 shift: 1 depth: 0.1 }",
+        lambda N: [off_zero(N, 1, 6, 6), off_zero(N, 6)],
+        {"tops": 2, "wanted": [False, False]},
+    ),
+    "HandModel": ("", lambda N: [off_zero(N, 47)], {}),
+    "InnerProduct": (
+        'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 2, 3)],
+        {},
+    ),
+    "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
+    "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
+    "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
+    "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
+    "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
+    "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
+    "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
+    "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
+    "Slice": ("", lambda N: [off_zero(N, 4)], {"tops": 2}),
+    "SmoothL1Loss": ("smooth_l1_loss_param { sigma: 1.3 }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Softmax": ("", lambda N: [off_zero(N, 3)], {}),
+    "SoftmaxWithLoss": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
+    "Split": ("", lambda N: [off_zero(N, 3)], {"tops": 2}),
+    "TanH": ("", lambda N: [off_zero(N, 3)], {}),
+}
+SOURCES = {"DummyData", "HDF5Data", "Input"}  # no bottoms: their own tests say all there is
+
+
+def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:
+    """A layer of this type, and bottoms for N items."""
+    options, bottoms, more = CASES[name]
+    arrays = bottoms(N)
+    return gradcheck.make_layer(f'type: "{name}" {options}', arrays, more.get("tops", 1)), arrays
+
+
+def forward(layer: Layer, arrays: list[np.ndarray], tops: int, in_place: bool) -> list[np.ndarray]:
+    """The tops, each its own blob or all the bottoms'."""
+    bottom = Blobs([Blob(np.shape(x), np.float64) for x in arrays])
+    for blob, x in zip(bottom, arrays):
+        blob.data[...] = x
+    top = Blobs(bottom[:tops]) if in_place else Blobs([Blob((), np.float64) for _ in range(tops)])
+    start = layer.state()
+    layer.reshape(bottom, top)
+    layer.forward(bottom, top)
+    layer.restore(start)
+    return [blob.data for blob in top]

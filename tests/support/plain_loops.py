@@ -1,0 +1,60 @@
+"""Layers by their definitions, as loops over single numbers: what every other way is compared with."""
+
+import numpy as np
+
+
+def convolve(x, w, b, stride=(1, 1), pad=(0, 0), dilation=(1, 1), group=1):
+    """Convolution by its definition, as six loops."""
+    N, C, H, W = x.shape
+    O, _, kh, kw = w.shape
+    Ho = (H + 2 * pad[0] - dilation[0] * (kh - 1) - 1) // stride[0] + 1
+    Wo = (W + 2 * pad[1] - dilation[1] * (kw - 1) - 1) // stride[1] + 1
+    padded = np.zeros((N, C, H + 2 * pad[0], W + 2 * pad[1]))
+    padded[:, :, pad[0] : pad[0] + H, pad[1] : pad[1] + W] = x
+    y = np.zeros((N, O, Ho, Wo))
+    for o, h, v in np.ndindex(O, Ho, Wo):
+        y[:, o, h, v] = b[o]
+        first = o // (O // group) * (C // group)
+        for c, i, j in np.ndindex(C // group, kh, kw):
+            row, column = h * stride[0] + i * dilation[0], v * stride[1] + j * dilation[1]
+            y[:, o, h, v] += w[o, c, i, j] * padded[:, first + c, row, column]
+    return y
+
+
+def check_transpose(dy, x, w, b, dx, dw, db, convolve):
+    """y is linear in x, in w and in b: for any direction v, <dy, y(v)> is <dx, v>."""
+    rng, zero = np.random.default_rng(2), np.zeros_like(b)
+    for _ in range(3):
+        v, u = rng.normal(size=x.shape), rng.normal(size=w.shape)
+        assert np.isclose((dx * v).sum(), (dy * convolve(v, w, zero)).sum())
+        assert np.isclose((dw * u).sum(), (dy * convolve(x, u, zero)).sum())
+    assert np.allclose(db, dy.sum(axis=(0, 2, 3)))
+
+
+def outputs(size, kernel, stride, pad, ceil=True):
+    """Number of windows along one axis."""
+    extent = size + 2 * pad - kernel
+    count = (-(-extent // stride) if ceil else extent // stride) + 1
+    return count - 1 if pad and (count - 1) * stride >= size + pad else count
+
+
+def pool(x, kernel, stride, pad, mean=False, ceil=True):
+    """Pooling by its definition: the value of each output, and which inputs have which part of it, as (y, weights)."""
+    H, W = x.shape[2:]
+    Ho, Wo = (outputs(n, k, s, p, ceil) for n, k, s, p in zip((H, W), kernel, stride, pad))
+    y, share = np.zeros((*x.shape[:2], Ho, Wo)), np.zeros((*x.shape[:2], Ho, Wo, H, W))
+    for n, c, h, w in np.ndindex(y.shape):
+        starts = h * stride[0] - pad[0], w * stride[1] - pad[1]
+        ends = [min(start + k, size + p) for start, k, size, p in zip(starts, kernel, (H, W), pad)]
+        area = (ends[0] - starts[0]) * (ends[1] - starts[1])
+        rows = slice(max(starts[0], 0), min(ends[0], H))
+        columns = slice(max(starts[1], 0), min(ends[1], W))
+        window = x[n, c, rows, columns]
+        if mean:
+            y[n, c, h, w] = window.sum() / area
+            share[n, c, h, w, rows, columns] = 1 / area
+        else:
+            y[n, c, h, w] = window.max()
+            i, j = np.unravel_index(window.argmax(), window.shape)  # the first of equal ones
+            share[n, c, h, w, rows.start + i, columns.start + j] = 1
+    return y, share

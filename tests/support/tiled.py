@@ -1,0 +1,43 @@
+"""Blobs in tiles for tests, and how to write and read them in the plain order."""
+
+import numpy as np
+
+from fast.tiles import FastBlob, tile_into, untile
+
+
+class TiledBlob(FastBlob):
+    """Stored as tiles, as in a slice."""
+
+    @property
+    def data(self):
+        if self._data is None:
+            self._data = np.zeros(self.storage_shape, self.dtype)
+        return self._data
+
+    @property
+    def diff(self):
+        if self._diff is None:
+            self._diff = np.zeros(self.storage_shape, self.dtype)
+        return self._diff
+
+
+def tiled(shape, tile, spare=0, dtype=np.float64):
+    """A blob of this shape, in tiles of ``tile`` with so many spare windows per row; plain if ``tile`` is None."""
+    blob = TiledBlob(shape, dtype)
+    if tile is not None:
+        blob.tile, blob.pitch = tile, (-(-shape[3] // tile) + spare) * tile
+    return blob
+
+
+def store(blob, half, values):
+    """Write values (N, C, H, W) in the order that the blob has."""
+    if blob.tile is None:
+        getattr(blob, half)[...] = values
+    else:
+        tile_into(values, blob.tile, getattr(blob, half))
+
+
+def load(blob, half):
+    """The values as (N, C, H, W)."""
+    array = getattr(blob, half)
+    return array if blob.tile is None else untile(array, *blob.shape[2:])
