@@ -7,7 +7,6 @@ import cv2
 import pytest
 
 from netlib.errors import DataError
-from tests.tools.conftest import ROOT
 from tools import plot_log
 
 LOG = """I20261121 01:57:02.9 1 solver.cpp:347] Iteration 0, Testing net (#0)
@@ -63,12 +62,9 @@ def test_a_format_that_is_not_known(tmp_path, capsys):
     assert error.count("\n") == 1 and [path.name for path in tmp_path.iterdir()] == ["a.log"]
 
 
-def test_caffes_own_log():
+def test_caffes_own_log(caffe_data):
     """A log recorded from Caffe is read whole."""
-    path = ROOT.parent / "shared" / "data" / "caffe" / "logs" / "deepmodel_train.log"
-    if not path.exists():
-        pytest.skip("the recorded log is not here")
-    log = plot_log.read_log(path)
+    log = plot_log.read_log(caffe_data / "logs" / "deepmodel_train.log")
     assert len(log.loss) == 51 and log.loss[-1] == (50, 0.990677)
     assert log.test["DeepHandModelxyzloss"][-1] == (50, 1.02335)
 

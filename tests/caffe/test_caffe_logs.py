@@ -1,0 +1,150 @@
+"""Real Caffe's own logs against what is said here: a training, its resuming, signals, a test, timing; and plot_log.
+
+Only what follows ``] `` is compared. What cannot be: how long something took; the losses of sigint.log and time.log,
+whose trainings began with Caffe's own random weights; the lines that tell how a net is built, which are not ours.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from netlib.errors import DataError
+from netlib.updates import learning_rate
+from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
+from tools import plot_log
+from tools import time as time_tool
+
+ROOT = FOLDER.parents[1]
+
+
+def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
+    """The solver of a recorded log; it snapshots into a folder of the test's."""
+    text = solver_text(log, snapshot_prefix=f'"{tmp_path}/a"', **changes)
+    (tmp_path / "solver.prototxt").write_text(text)
+    return netlib.get_solver(tmp_path / "solver.prototxt")
+
+
+def trained(solvers: Path, tmp_path: Path) -> None:
+    """Train as Caffe did in a_avgloss.log."""
+    assert solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"').solve()
+
+
+def test_the_log_of_a_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Display with average_loss, tests, learning rates, snapshots, the last test, the last line."""
+    caplog.set_level("INFO", "netlib")
+    trained(solvers, tmp_path)
+    theirs = said(log_lines("a_avgloss.log"))[:-1]  # the last line is the command line's, not the solver's
+    assert len(theirs) > 30
+    check_same_log(said(caplog.messages), theirs)
+    for line in ("Creating training net from net file: net.prototxt", "Finetuning from init.caffemodel"):
+        assert line in log_lines("a_avgloss.log")
+        assert line in [message.removesuffix(".h5") for message in caplog.messages]
+
+
+def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
+    """What tools/train.py writes has Caffe's text after its time stamps, too."""
+    solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
+    command = [sys.executable, str(ROOT / "tools/train.py"), str(tmp_path / "solver.prototxt"), "--log"]
+    subprocess.run([*command, str(tmp_path / "train.log")], check=True, capture_output=True)
+    lines = (tmp_path / "train.log").read_text(encoding="utf-8").splitlines()
+    check_same_log(said(texts(lines)), said(log_lines("a_avgloss.log"))[:-1])
+
+
+def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Caffe went on from iteration 8 with the data's first row and no losses to average; so do we from such a state."""
+    trained(solvers, tmp_path)
+    with h5py.File(tmp_path / "a_iter_8.solverstate.h5", "r+") as state:
+        del state["netlib"]  # what Caffe does not write
+    caplog.clear()
+    caplog.set_level("INFO", "netlib")
+    assert solver_of("a_resume_from8.log", tmp_path).solve(tmp_path / "a_iter_8.solverstate.h5")
+    theirs = said(log_lines("a_resume_from8.log"))[:-1]
+    assert len(theirs) > 20
+    check_same_log(said(caplog.messages), theirs)
+    assert "SGDSolver: restoring history" in caplog.messages
+    assert "SGDSolver: restoring history" in log_lines("a_resume_from8.log")
+
+
+def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """SIGHUP writes a snapshot and goes on, SIGINT writes one and stops. A hundredth of Caffe's 30454 iterations."""
+    solver = solver_of("sigint.log", tmp_path, display="20")
+
+    def signals(solver: netlib.Solver) -> None:
+        solver.requested = {177: "snapshot", 304: "stop"}.get(solver.iter)
+
+    solver.on_iteration = signals
+    caplog.set_level("INFO", "netlib")
+    assert not solver.solve()
+    mine, theirs = said(caplog.messages), said(log_lines("sigint.log"))[:-1]
+    assert [line.replace("/20 iters", "/2000 iters") for line in words(mine)] == words(theirs)
+    when = re.compile(r"(?:Iteration |file )(\d+)")
+    assert [int(n) for n in when.findall("\n".join(mine))] == [int(n) // 100 for n in when.findall("\n".join(theirs))]
+    rates = re.findall(r"Iteration (\d+), lr = (\S+)", "\n".join(theirs))
+    assert len(rates) == 16
+    for iteration, rate in rates:  # Caffe's is a float32, in which 0.02 * 0.5^285 is 0
+        assert same_print(float(np.float32(learning_rate(solver.param, int(iteration)))), rate)
+
+
+def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """``caffe test`` over three batches: every loss, and the mean as a solver's test says it."""
+    theirs = log_lines("test.log")
+    net = netlib.Net("net.prototxt", "init.caffemodel.h5", netlib.TEST)
+    losses = [float(net.forward()["loss"]) for _ in range(3)]
+    batches = [line for line in theirs if line.startswith("Batch ")]
+    check_same_log([f"Batch {i}, loss = {loss:.6g}" for i, loss in enumerate(losses)], batches)
+    assert same_print(f"{np.mean(losses):.6g}", theirs[-2].removeprefix("Loss: "))
+    solver = solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
+    caplog.set_level("INFO", "netlib")
+    solver.test(0)
+    check_same_log([caplog.messages[-1].strip()], [f"Test net output #0: {theirs[-1]}"])
+
+
+def test_the_log_of_timing(solvers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """tools/time.py says what ``caffe time`` says, in its order; not what each single iteration took."""
+    assert time_tool.main(["net.prototxt", "--iterations", "3"]) == 0
+    mine = capsys.readouterr().out.splitlines()
+    theirs = [line for line in log_lines("time.log") if not line.startswith("Iteration: ")]
+    theirs, mine = (lines[lines.index("*** Benchmark begins ***") :] for lines in (theirs, mine))
+    assert len(theirs) == 3 + 2 * 8 + 5
+    spaces = re.compile(r"\s+")  # columns have another width here
+    numberless = [[spaces.sub(" ", re.sub(r": \S+ ms", ": # ms", line)).strip() for line in w] for w in (mine, theirs)]
+    assert numberless[0] == numberless[1]
+
+
+# Log -> how many losses, the first and the last of them; how many tests, the first and the last of them
+CURVES = {
+    "a_avgloss.log": (7, (0, 2.5937), (18, 1.55806), 5, (0, 2.68399), (20, 2.04981)),
+    "a_resume_from8.log": (4, (9, 1.45932), (18, 1.51269), 3, (10, 2.01221), (20, 2.19814)),
+    "sigint.log": (16, (0, 6.78667), (30000, 1.43783), 1, (0, 5.53498), (0, 5.53498)),
+    "deepmodel_train.log": (51, (0, 1.06503), (50, 0.990677), 3, (0, 1.03682), (50, 1.02335)),
+}
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_plot_log_reads_caffes_trainings(name: str) -> None:
+    """All losses, tests and training outputs, with their iterations."""
+    log = plot_log.read_log(FOLDER / "logs" / name)
+    ((_, test),) = log.test.items()
+    assert (len(log.loss), log.loss[0], log.loss[-1], len(test), test[0], test[-1]) == CURVES[name]
+    ((_, train),) = log.train.items()
+    text = "\n".join(log_lines(name))
+    said_losses = re.findall(r"Iteration (\d+)(?: \(.*\))?, loss = (\S+)", text)
+    assert log.loss == [(int(iteration), float(loss)) for iteration, loss in said_losses]
+    outputs = re.findall(r"Train net output #0: \w+ = (\S+)", text)
+    assert [value for _, value in train] == [float(value) for value in outputs]
+    assert [i for i, _ in train] == [i for i, _ in log.loss][: len(train)]
+
+
+@pytest.mark.parametrize("name", ["test.log", "time.log"])
+def test_plot_log_says_that_others_are_no_trainings(name: str) -> None:
+    """Of ``caffe test`` and ``caffe time`` there is no curve."""
+    with pytest.raises(DataError, match="expected a training log"):
+        plot_log.read_log(FOLDER / "logs" / name)

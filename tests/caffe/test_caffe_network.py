@@ -1,0 +1,64 @@
+"""The paper's network against real Caffe: 50 iterations. The recording is too large for a clone.
+
+What a clone has of it: chain_deepmodel_small, a net of the same shape with fewer features, among the layer cases.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from tests.caffe.recorded import check_same_log, layer_cases, log_lines, said, solver_text
+
+
+def test_a_clone_has_the_small_network() -> None:
+    """Convolutions, poolings, a fully connected layer and the loss, as in the paper's network."""
+    (case,) = [case for case in layer_cases() if case.name == "chain_deepmodel_small"]
+    assert case.types == {"Input", "Convolution", "ReLU", "Pooling", "InnerProduct", "EuclideanLoss"}
+    assert case.backward
+    assert case.types <= set(netlib.layer_type_list())
+
+
+def test_the_papers_network_follows_caffe_for_50_iterations(
+    whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every loss within 1e-5, every parameter's norm within 1e-4 (biases start as sums of cancelling gradients).
+
+    The log as well, but for tests: their data were not recorded.
+    """
+    network = whole / "deepmodel"
+    text = "\n".join(log_lines("deepmodel_train.log"))
+    found = re.search(r'^name: "DeepModel"\n(?:[ }].*\n|\w+ \{\n)*', text, re.MULTILINE)
+    assert found
+    net = found[0].replace('"train.txt"', f'"{tmp_path}/train.txt"')
+    (tmp_path / "train.txt").write_text(f"{network}/train_0.h5\n")
+    (tmp_path / "net.prototxt").write_text(net)
+    changes = {"net": f'"{tmp_path}/net.prototxt"', "snapshot_prefix": f'"{tmp_path}/nodrop"', "test_interval": "0"}
+    solver_file = tmp_path / "solver.prototxt"
+    solver_file.write_text(re.sub("(?m)^(test_iter|weights).*\n", "", solver_text("deepmodel_train.log", **changes)))
+    solver = netlib.get_solver(solver_file)
+    solver.copy_weights(network / "init.caffemodel.h5")
+    recorded = json.loads((network / "traj_nodrop.json").read_text())["iters"]
+    losses, norms = [], []
+
+    def compare(solver: netlib.Solver) -> None:
+        want = recorded[solver.iter - 1]
+        losses.append(abs(solver.net.loss() / want["DeepHandModelxyzloss"] - 1))
+        for label, (norm, _) in want["param_l2norm_and_sum_after"].items():
+            layer, index = label.split("/")
+            norms.append(abs(float(np.linalg.norm(solver.net.params[layer][int(index)].data)) / norm - 1))
+
+    solver.on_iteration = compare
+    caplog.set_level("INFO", "netlib")
+    assert solver.solve()
+    assert len(losses) == 50
+    assert max(losses) <= 1e-5
+    assert len(norms) == 50 * 12
+    assert max(norms) <= 1e-4
+    theirs = [line for line in said(log_lines("deepmodel_train.log"))[:-1] if "Test" not in line]
+    check_same_log(said(caplog.messages), theirs)

@@ -1,0 +1,156 @@
+"""Real Caffe's snapshots, in both of its formats, against ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from netlib import snapshot
+from tests.caffe import wire
+from tests.caffe.recorded import Follow, distance, trajectory
+
+CASE = "snap_sgd_hdf5"  # the recorded training that snapshots, after 10 and after 20 updates
+ITERATIONS = pytest.mark.parametrize("iteration", [10, 20])
+
+
+@pytest.fixture
+def ours(solvers: Path, tmp_path: Path) -> Path:
+    """A folder with the snapshots that our solver writes of the same training."""
+    prefix = tmp_path / "snap_sgd_hdf5"
+    solver = netlib.get_solver(f"solver_{CASE}.prototxt", snapshot_prefix=str(prefix), display=0)
+    solver.copy_weights("init.caffemodel.h5")
+    assert solver.solve()
+    return tmp_path
+
+
+# ---------------------------------------------------------------------------------------------- HDF5
+
+
+@ITERATIONS
+def test_weights_load_from_caffes_hdf5_snapshot(solvers: Path, iteration: int) -> None:
+    """They are those of the trajectory."""
+    net = netlib.Net("net.prototxt", f"snap/{CASE}_iter_{iteration}.caffemodel.h5", netlib.TEST)
+    compared = 0
+    for (layer, index), after in trajectory(CASE).weights.items():
+        assert np.array_equal(net.params[layer][index].data, after[iteration])
+        compared += 1
+    assert compared == 6
+
+
+def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path) -> None:
+    """Resumed from iteration 10, it follows Caffe's own resumed training to iteration 20 and its last snapshot.
+
+    Caffe's training that was resumed and the one that was not are the same, number for number: after 10 batches of 8
+    the data, 40 rows, are at their first row in both.
+    """
+    solver = netlib.get_solver(f"solver_{CASE}.prototxt", snapshot_prefix=str(tmp_path / "ours"), display=0)
+    solver.restore(f"snap/{CASE}_iter_10.solverstate.h5")
+    assert solver.iter == 10
+    follow = Follow(solver, trajectory(CASE))
+    assert solver.solve()
+    assert (follow.updates, solver.iter) == (10, 20)
+    assert follow.compared == 5 * 10 + 1
+    assert follow.worst <= 1e-5
+    assert follow.worst_loss <= 1e-5
+    check_state(tmp_path / "ours_iter_20.solverstate.h5", f"snap/{CASE}_iter_20.solverstate.h5")
+
+
+@ITERATIONS
+def test_our_snapshot_says_what_caffes_says(ours: Path, iteration: int) -> None:
+    """Weights, history, iteration and step of the same training."""
+    name = f"{CASE}_iter_{iteration}"
+    theirs = snapshot.read_weights(f"snap/{name}.caffemodel.h5")
+    mine = snapshot.read_weights(ours / f"{name}.caffemodel.h5")
+    assert mine.keys() == theirs.keys()
+    for layer, arrays in theirs.items():
+        assert mine[layer].keys() == arrays.keys()
+        assert all(distance(mine[layer][index], array) <= 1e-5 for index, array in arrays.items())
+    check_state(ours / f"{name}.solverstate.h5", f"snap/{name}.solverstate.h5")
+
+
+def check_state(mine: str | Path, theirs: str | Path) -> None:
+    """Two solver states of the same training."""
+    a, b = snapshot.read_state(mine), snapshot.read_state(theirs)
+    assert (a.iter, a.current_step) == (b.iter, b.current_step)
+    assert [h.shape for h in a.history] == [h.shape for h in b.history]
+    assert all(distance(h, g) <= 1e-5 for h, g in zip(a.history, b.history))
+    assert Path(a.learned_net).name.endswith(f"_iter_{b.iter}.caffemodel.h5")
+    assert Path(b.learned_net).name.endswith(f"_iter_{b.iter}.caffemodel.h5")
+
+
+@pytest.mark.parametrize("kind", ["caffemodel", "solverstate"])
+def test_our_file_has_the_layout_of_caffes(ours: Path, kind: str) -> None:
+    """Names, shapes and types of all that is in it; a solver state has what an exact resume needs besides."""
+    name = f"{CASE}_iter_10.{kind}.h5"
+    mine, theirs = layout(ours / name), layout(Path("snap") / name)
+    assert set(mine) - set(theirs) == ({"netlib"} if kind == "solverstate" else set())
+    assert {key: mine[key] for key in theirs} == theirs
+
+
+def layout(path: Path) -> dict[str, Any]:
+    """Name -> shape and type; a string is a string, whatever its length."""
+    found: dict[str, Any] = {}
+
+    def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        dataset = isinstance(item, h5py.Dataset)
+        found[name] = (item.shape, item.dtype.str if item.dtype.kind != "S" else "S") if dataset else "group"
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+# ---------------------------------------------------------------------------------------------- binary
+
+
+def test_both_formats_of_caffe_say_the_same(solvers: Path) -> None:
+    """The initial weights, bit for bit; both name every layer of the net."""
+    binary, hdf5 = wire.read_weights(Path("init.caffemodel")), snapshot.read_weights("init.caffemodel.h5")
+    assert binary.keys() == hdf5.keys()
+    for layer, arrays in hdf5.items():
+        assert sorted(arrays) == list(range(len(binary[layer])))
+        assert all(np.array_equal(binary[layer][index], array) for index, array in arrays.items())
+    assert sum(array.size for arrays in binary.values() for array in arrays) == 3671
+
+
+@ITERATIONS
+def test_our_weights_are_those_of_caffes_binary_snapshot(ours: Path, iteration: int) -> None:
+    """Of the same iteration of the same training."""
+    theirs = wire.read_weights(Path(f"snap/snap_sgd_binaryproto_iter_{iteration}.caffemodel"))
+    mine = snapshot.read_weights(ours / f"{CASE}_iter_{iteration}.caffemodel.h5")
+    assert mine.keys() == theirs.keys()
+    for layer, arrays in theirs.items():
+        assert sorted(mine[layer]) == list(range(len(arrays)))
+        assert all(distance(mine[layer][index], array) <= 1e-5 for index, array in enumerate(arrays))
+
+
+@ITERATIONS
+def test_our_history_is_that_of_caffes_binary_snapshot(ours: Path, iteration: int) -> None:
+    """Its arrays, its iteration and its step."""
+    path = Path(f"snap/snap_sgd_binaryproto_iter_{iteration}.solverstate")
+    iters, step, learned_net, history = wire.read_state(path)
+    mine = snapshot.read_state(ours / f"{CASE}_iter_{iteration}.solverstate.h5")
+    assert (mine.iter, mine.current_step) == (iters, step) == (iteration, iteration // 6)
+    assert learned_net == f"snap/snap_sgd_binaryproto_iter_{iteration}.caffemodel"
+    assert len(mine.history) == len(history) == 6
+    assert all(distance(h, g) <= 1e-5 for h, g in zip(mine.history, history))
+
+
+# ---------------------------------------------------------------------------------------------- shared weights
+
+
+def test_shared_weights_load_from_caffes_snapshot(solvers: Path, tmp_path: Path) -> None:
+    """The HDF5 file has what ipA and ipB share once; our net has it once, too, and writes it once."""
+    net = netlib.Net("net_shared.prototxt", "init_shared.caffemodel.h5", netlib.TEST)
+    binary = wire.read_weights(Path("init_shared.caffemodel"))
+    for layer, blobs in net.params.items():
+        assert len(blobs) == len(binary[layer])
+        assert all(np.array_equal(blob.data, array) for blob, array in zip(blobs, binary[layer]))
+    assert all(np.shares_memory(a.data, b.data) for a, b in zip(net.params["ipA"], net.params["ipB"]))
+    net.save(tmp_path / "ours.caffemodel.h5")
+    assert layout(tmp_path / "ours.caffemodel.h5") == layout(Path("init_shared.caffemodel.h5"))

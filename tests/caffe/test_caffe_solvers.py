@@ -1,0 +1,45 @@
+"""Twenty iterations of every solver and learning-rate policy against real Caffe."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import netlib
+from netlib.updates import learning_rate
+from tests.caffe.recorded import Follow, same_print, solver_cases, trajectory
+
+
+@pytest.mark.parametrize("case", solver_cases())
+def test_solver_follows_caffe(solvers: Path, caplog: pytest.LogCaptureFixture, case: str) -> None:
+    """Weights and loss after each of 20 updates, the learning rates, and both as the log prints them."""
+    caplog.set_level("INFO", "netlib")
+    theirs = trajectory(case)
+    solver = netlib.get_solver(f"solver_{case}.prototxt", snapshot=0)
+    solver.copy_weights("init.caffemodel.h5")
+    follow = Follow(solver, theirs)
+    solver.step(20)
+    assert (follow.updates, follow.compared) == (20, 5 * 20 + 3)  # the largest weights: after 3 updates only
+    assert follow.worst <= 1e-5
+    assert follow.worst_loss <= 1e-5
+    rates = [learning_rate(solver.param, i) for i in range(20)]
+    assert rates == pytest.approx(theirs.printed_rates.tolist(), rel=1e-5)  # printed with six digits
+    log = "\n".join(caplog.messages)
+    for what, want in ((r" \(.*\), loss", theirs.printed_losses), (", lr", theirs.printed_rates)):
+        said = re.findall(rf"(?m)^Iteration (\d+){what} = (\S+)$", log)
+        assert [int(i) for i, _ in said] == list(range(20))
+        assert all(same_print(ours, number) for (_, ours), number in zip(said, want))
+
+
+def test_every_solver_and_policy_is_recorded(solvers: Path) -> None:
+    """All 16 recorded trainings are run, and they have all six solvers and most policies of Caffe."""
+    cases = solver_cases()
+    assert len(cases) == 16
+    assert sorted(Path(f"solver_{case}.prototxt").stem for case in cases) == sorted(
+        path.stem for path in solvers.glob("solver_*.prototxt")
+    )
+    text = "\n".join(Path(f"solver_{case}.prototxt").read_text() for case in cases)
+    assert set(re.findall(r'\btype: "(\w+)"', text)) == {"SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"}
+    assert set(re.findall(r'lr_policy: "(\w+)"', text)) == {"fixed", "step", "inv", "poly", "multistep"}
