@@ -1,3 +1,4 @@
+# make         say what there is to make
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
 # make test    set up and run the tests
 # make table1  the paper's Table 1: trains five networks (hours; ITERATIONS=1000 for a look), writes docs/results
@@ -10,10 +11,10 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-bench: .venv/bench
-	$(RUN) benchmarks/bench.py
+.PHONY: help train test lint table1 bench clean
 
-.PHONY: train test lint table1 bench clean
+help:
+	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
 
 train: .venv/tools
 	$(RUN) tools/make_synthetic.py
@@ -27,6 +28,9 @@ train: .venv/tools
 table1: .venv/tools
 	@test -e data/nyu/train.txt || $(RUN) tools/make_synthetic.py
 	$(RUN) tools/table1.py $(if $(filter-out file,$(origin ITERATIONS)),--iterations $(ITERATIONS))
+
+bench: .venv/bench
+	$(RUN) benchmarks/bench.py
 
 test: .venv/test
 	$(RUN) -m pytest

@@ -40,7 +40,7 @@ import torch
 
 from benchmarks.peers import WEIGHTS, TorchHand, TorchHandByJoint, TorchNet, onnx_model
 from handpose.synthetic import Generator, generate
-from layers import kinematics
+from layers.hand.skeleton import load
 from netlib.net import Net
 from netlib.solver import Solver
 
@@ -86,7 +86,7 @@ class Bench:
         with h5py.File(folder / "a.h5", "w") as file:
             file["depth"], file["joint"] = self.depth, self.joint
         (folder / "list.txt").write_text("a.h5\n")
-        self.skeleton = kinematics.load()
+        self.skeleton = load()
 
     def solver(self, batch: int) -> Solver:
         """The paper's training, on this data."""
@@ -325,7 +325,8 @@ class Bench:
     def overhead(self) -> float:
         """How much longer a step of solver.step is than the net's own passes and the update, in percent."""
         solver = self.solver(512)
-        data = solver.net.steps[0]
+        steps = solver.net.executor.steps
+        data = steps[0]
         solver.step(2)
         whole, bare = [], []
         for _ in range(self.rounds):
@@ -334,7 +335,7 @@ class Bench:
             whole.append(time.perf_counter() - begin)
             begin = time.perf_counter()
             solver.net.clear_param_diffs()
-            for step in solver.net.steps:
+            for step in steps:
                 if step is not data:
                     step.forward()
             solver.net.run_backward()

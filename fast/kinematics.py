@@ -155,9 +155,7 @@ class FastKinematics(Kinematics):
             pose.work = (*(np.empty_like(pose.pivot) for _ in range(3)), np.empty_like(pose.X))
         force, torque, offset, turning = pose.work
         np.matmul(self._moves, f.reshape(K, 3 * N), out=force.reshape(len(force), 3 * N))
-        np.matmul(
-            self._moves, _cross(pose.local, f, turning).reshape(K, 3 * N), out=torque.reshape(len(torque), 3 * N)
-        )
+        np.matmul(self._moves, _cross(pose.local, f, turning).reshape(K, 3 * N), out=torque.reshape(len(torque), 3 * N))
         torque -= _cross(pose.pivot, force, offset)
         torque[self._slides] = force[self._slides]
         torque *= pose.axis
@@ -214,7 +212,9 @@ class FewPoses:
         self.place = np.argsort(order)  # of each joint
         motions = [step for own in steps for step in own if step.kind != "constant"]
         self.P, self.C, self.S = _rodrigues(motions)
-        self.constants = np.array([*(step.matrix for own in steps for step in own if step.matrix is not None), np.eye(3)])
+        self.constants = np.array(
+            [*(step.matrix for own in steps for step in own if step.matrix is not None), np.eye(3)]
+        )
         numbers = itertools.count(len(motions))  # constants follow the motions, the identity comes last
         turns = [[s.row if s.matrix is None else next(numbers) for s in own if s.kind != "translate"] for own in steps]
         identity, most = next(numbers), max(1, *(len(own) for own in turns))

@@ -72,9 +72,7 @@ def _fits(row: list[Connection], at: Connection) -> bool:
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
-def _runs_for(
-    row: list[Connection], connections: Sequence[Connection], stored: Callable[[Blob], bool]
-) -> list[Run]:
+def _runs_for(row: list[Connection], connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> list[Run]:
     """A run for the layers that could run in slices, if that gains anything.
 
     A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless that

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob
@@ -116,7 +115,7 @@ class LazilyCleared(Blob):
             self._is_clear = True
 
     def to_add_to(self) -> tuple[Array, bool]:
-        """The diff, and whether it is known to be zero: then its memory holds anything, and all of it must be written."""
+        """The diff, and whether it is known to be zero: then its memory holds anything and must be written whole."""
         if isinstance(self._owner, LazilyCleared):
             diff, clear = self._owner.to_add_to()
             return diff.reshape(self._shape), clear

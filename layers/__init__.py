@@ -1,6 +1,6 @@
 """The layers, and the table that gives each type name its class.
 
-They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for this project's.
+They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for our own.
 """
 
 from layers.activation.power import Power

@@ -12,6 +12,7 @@ from netlib import engine
 BLAS_NOTE = engine.prepare()  # before anything imports NumPy
 
 from netlib.blob import Blob, Blobs  # noqa: E402
+from netlib.create import layer_types  # noqa: E402
 from netlib.errors import (  # noqa: E402
     DataError,
     DivergenceError,
@@ -20,7 +21,6 @@ from netlib.errors import (  # noqa: E402
     PrototxtError,
     WeightsError,
 )
-from netlib.create import layer_types  # noqa: E402
 from netlib.layer import PHASES, Layer  # noqa: E402
 
 TRAIN, TEST = PHASES["TRAIN"], PHASES["TEST"]

@@ -79,6 +79,10 @@ class Executor:
         for at in self.connections:
             guarded(at.layer, "reshape", at.bottom, at.top)
 
+    def hidden(self) -> list[Blob]:
+        """Blobs that exist only while somebody looks at them; here none."""
+        return []
+
     def clear_diffs(self, params: Iterable[Blob]) -> None:
         """Set gradients of parameters to zero."""
         for param in params:

@@ -34,7 +34,9 @@ def state_of(solver: Solver, learned_net: Path) -> SolverState:
     """What a solver state file will hold beside the weights ``learned_net``. Raises TypeError if a layer's cannot."""
     per_parameter = len(solver.history[0]) if solver.history else 0
     histories = [h[i] for i in range(per_parameter) for h in solver.history]  # Caffe's order
-    return SolverState(solver.iter, steps_taken(solver.param, solver.iter), str(learned_net), histories, extra_state(solver))
+    return SolverState(
+        solver.iter, steps_taken(solver.param, solver.iter), str(learned_net), histories, extra_state(solver)
+    )
 
 
 def extra_state(solver: Solver) -> dict[str, Any]:

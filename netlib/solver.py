@@ -109,7 +109,11 @@ class Solver:
         if resume is not None:
             self.restore(resume)
         finished = self.step(p.max_iter - self.iter)
-        if p.snapshot_after_train and not (p.snapshot and self.iter % p.snapshot == 0) and self._saved_iter != self.iter:
+        if (
+            p.snapshot_after_train
+            and not (p.snapshot and self.iter % p.snapshot == 0)
+            and self._saved_iter != self.iter
+        ):
             self.snapshot()
         if not finished:
             log.info("Optimization stopped early.")

@@ -60,4 +60,3 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
 
 def _split_top(layer: str, blob: str, top: int, k: int) -> str:
     return f"{blob}_{layer}_{top}_split_{k}"
-

@@ -1,19 +1,25 @@
-"""Who may import whom: netlib, then layers, then handpose, then tools; and every file says what it is."""
+"""Who may import whom: netlib, then layers, then fast and handpose, then tools; and every file says what it is."""
 
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-ORDER = ["netlib", "layers", "handpose", "tools"]  # each may import itself and what stands before it
+MAY_IMPORT = {  # besides itself
+    "netlib": set(),
+    "layers": {"netlib"},
+    "fast": {"netlib", "layers"},
+    "handpose": {"netlib", "layers"},
+    "tools": {"netlib", "layers", "handpose"},
+}
 CORE = {"numpy", "scipy", "cv2", "h5py"}
-# Shared mathematics, not layer types: the skeleton, and fast ways to compute one layer
-SHARED_BY_LAYERS = {"kinematics", "row_tiles", "window_tiles", "max_tiles"}
-FILES = sorted(path for package in ORDER for path in (ROOT / package).rglob("*.py"))
+SHARED_BY_LAYERS = {"layers.hand.skeleton", "layers.hand.kinematics"}  # mathematics of several layers, no layer types
+FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 names = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 
 
@@ -36,32 +42,44 @@ def test_the_packages_are_found() -> None:
 
 @names
 def test_arrows_point_down(path: Path) -> None:
-    """No package imports one above it."""
+    """No package imports one above it, and fast is imported by nobody: without its folder all else works."""
     package = path.relative_to(ROOT).parts[0]
-    above = ORDER[ORDER.index(package) + 1 :]
-    assert not {name for name in imports(path) if name.split(".")[0] in above}
+    others = {name.split(".")[0] for name in imports(path)} & (set(MAY_IMPORT) - {package})
+    assert others <= MAY_IMPORT[package]
 
 
 @names
 def test_only_the_core_packages_are_needed(path: Path) -> None:
-    """netlib and layers run with numpy, scipy, cv2 and h5py."""
-    if path.relative_to(ROOT).parts[0] in ("netlib", "layers"):
-        outside = {name.split(".")[0] for name in imports(path)} - set(sys.stdlib_module_names) - set(ORDER)
+    """netlib, layers and fast run with numpy, scipy, cv2 and h5py."""
+    if path.relative_to(ROOT).parts[0] in ("netlib", "layers", "fast"):
+        outside = {name.split(".")[0] for name in imports(path)} - set(sys.stdlib_module_names) - set(MAY_IMPORT)
         assert outside <= CORE
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "layers").glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "layers").glob("*/*.py")), ids=lambda path: path.stem)
 def test_layers_do_not_import_layers(path: Path) -> None:
     """A layer can be read without opening another one."""
-    if path.stem != "__init__":
-        others = {name.split(".")[1] for name in imports(path) if name.startswith("layers.")}
-        assert others <= SHARED_BY_LAYERS
+    found = {".".join(name.split(".")[:3]) for name in imports(path) if name.startswith("layers.")}
+    assert found <= SHARED_BY_LAYERS
 
 
-def test_netlib_loads_the_layers_in_one_place() -> None:
-    """By name, at the first look-up."""
-    users = [path.name for path in (ROOT / "netlib").glob("*.py") if 'import_module("layers")' in path.read_text()]
-    assert users == ["layer.py"]
+@pytest.mark.parametrize(("package", "place"), [("layers", "create.py"), ("fast", "engine.py")])
+def test_netlib_asks_for_layers_and_fast_in_one_place_each(package: str, place: str) -> None:
+    """By name, when they are needed."""
+    users = [
+        path.name
+        for path in (ROOT / "netlib").glob("*.py")
+        if re.search(rf'import_module\(f?"{package}\b', path.read_text(encoding="utf-8"))
+    ]
+    assert users == [place]
+
+
+def test_the_textbook_knows_nothing_of_speed() -> None:
+    """No threads, tiles, buffers or BLAS in netlib/ and layers/."""
+    words = re.compile(r"import threading|concurrent\.futures|\btile|\bbuffer|openblas", re.IGNORECASE)
+    files = [path for package in ("netlib", "layers") for path in (ROOT / package).rglob("*.py")]
+    assert len(files) > 40
+    assert {path.name for path in files if words.search(path.read_text(encoding="utf-8"))} == set()
 
 
 @names

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from netlib.net import load_parameter, select_layers
+from netlib.net_parameter import load_parameter, select_layers
 from netlib.schema import NetState, Phase
 
 PROTOTXT = Path(__file__).resolve().parents[1] / "prototxt"

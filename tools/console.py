@@ -54,11 +54,11 @@ def natural(text: str) -> int:
 
 
 class CaffeFormatter(logging.Formatter):
-    """``I20261121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format."""
+    """``I1121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format, as log parsers expect it."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The line for one record."""
-        stamp = time.strftime("%Y%m%d %H:%M:%S", time.localtime(record.created))
+        stamp = time.strftime("%m%d %H:%M:%S", time.localtime(record.created))
         micro = int(record.created % 1 * 1e6)
         text = record.getMessage()
         letter = record.levelname[0]

@@ -2,9 +2,10 @@
 """Time a net, layer by layer, as ``caffe time`` does; or say where its memory goes.
 
     python tools/time.py prototxt/nyu_train_test.prototxt --iterations 20
+    python tools/time.py prototxt/nyu_train_test.prototxt --engine plain
 
-Times of single layers are taken on one thread, slice by slice as in training, and summed over the slices of a batch;
-the passes below them run as in training, on all threads. --memory lists what the net holds after one pass.
+Times of single layers are taken on one thread, as the engine runs them (fast: slice by slice, summed over the slices of
+a batch); the passes below them run as in training, on all threads. --memory lists what the net holds after one pass.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import sys
 import time
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -25,7 +25,9 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
+from netlib import engine
 from netlib.net import Net
+from netlib.plain import Connection
 from tools.console import DONE, guarded, positive
 from tools.train import with_advice
 
@@ -37,6 +39,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--iterations", type=positive, default=20, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="default: %(default)s")
     parser.add_argument("--threads", type=positive, metavar="N", help="threads (default: one per processor)")
+    parser.add_argument("--engine", choices=engine.NAMES, help="default: fast, if it is there")
     parser.add_argument("--memory", action="store_true", help="list where memory goes instead")
     args = parser.parse_args(argv)
     return guarded(lambda: run(args))
@@ -47,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     if args.threads:
         netlib.set_threads(args.threads)
     with with_advice():
-        net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST)
+        net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST, engine=args.engine)
     for name in net.inputs:
         net.blobs[name].data[...] = np.random.default_rng(0).uniform(-1, 1, net.blobs[name].shape)
     net.run_forward()
@@ -55,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if args.memory:
         print_memory(net)
         return DONE
-    print(f"{netlib.BLAS_NOTE}, {netlib.threads()} threads")
+    print(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
     print("*** Benchmark begins ***")
     print(f"Testing for {args.iterations} iterations.")
     forward, backward = time_layers(net, args.iterations)
@@ -79,27 +82,26 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
     threads = netlib.threads()
     netlib.set_threads(1)
     for _ in range(iterations):
-        for step in net.steps:
+        for step in net.executor.steps:
             for piece in step.pieces():
                 for at in piece:
                     begin = time.perf_counter()
                     at.layer.forward(at.bottom, at.top)
                     forward[at.layer.name] += (time.perf_counter() - begin) / iterations
                 if len(piece) > 1:  # a slice's own memory is only good until the next slice: backwards at once
-                    _time_backward(piece, backward, iterations)
-        for step in reversed(net.steps):
+                    _time_backward(net, piece, backward, iterations)
+        for step in reversed(net.executor.steps):
             for piece in step.pieces():
                 if len(piece) == 1:
-                    _time_backward(piece, backward, iterations)
+                    _time_backward(net, piece, backward, iterations)
     netlib.set_threads(threads)
     return forward, backward
 
 
-def _time_backward(piece: list[Any], backward: dict[str, float], iterations: int) -> None:
+def _time_backward(net: Net, piece: list[Connection], backward: dict[str, float], iterations: int) -> None:
     for at in reversed(piece):
         if at.needs_backward:
-            for param in at.layer.blobs:
-                param.clear_diff()
+            net.executor.clear_diffs(at.layer.blobs)
             begin = time.perf_counter()
             at.layer.backward(at.top, at.propagate_down, at.bottom)
             backward[at.layer.name] += (time.perf_counter() - begin) / iterations
@@ -121,14 +123,14 @@ def time_passes(net: Net, iterations: int) -> tuple[float, float]:
 
 def print_memory(net: Net) -> None:
     """What is stored: parameters, whole blobs, blobs of slices, working memory; and the process's peak."""
-    hidden = {id(blob) for step in net.steps for blob in step.hidden}
+    hidden = {id(blob) for blob in net.executor.hidden()}
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
         if id(blob) not in hidden:
             stored = sum(array.nbytes for array in (blob._data, blob._diff) if array is not None)
             rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", stored))
     kept: dict[int, int] = {}
-    for step in net.steps:
+    for step in net.executor.steps:
         for piece in step.pieces():
             if len(piece) == 1:
                 continue

@@ -26,7 +26,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 # isort: split
 
-from netlib import prototxt
+from netlib import engine, prototxt
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.solver import Solver
 from tools.console import (
@@ -53,6 +53,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--max-iter", type=positive, metavar="N", help="instead of the solver's max_iter")
     parser.add_argument("--seed", type=natural, metavar="N", help="instead of the solver's random_seed")
     parser.add_argument("--threads", type=positive, metavar="N", help="threads (default: one per processor)")
+    parser.add_argument("--engine", choices=engine.NAMES, help="what computes (default: fast, if it is there)")
     parser.add_argument("--log", metavar="FILE", help="write the log here as well")
     args = parser.parse_args(argv)
     if args.snapshot and args.weights:
@@ -65,14 +66,15 @@ def run(args: argparse.Namespace) -> int:
     with _log_to(args.log) as console:
         if args.threads:
             netlib.set_threads(args.threads)
-        count = netlib.threads()
-        log.info("Use CPU, %d thread%s. %s", count, "" if count == 1 else "s", netlib.BLAS_NOTE)
+        chosen = engine.get(args.engine)
+        count = chosen.threads()
+        log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
         log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(args.solver)).rstrip())
         changes: dict[str, Any] = {} if args.max_iter is None else {"max_iter": args.max_iter}
         if args.snapshot or args.weights:
             changes["weights"] = tuple(args.weights or ())
         with with_advice():
-            solver = netlib.get_solver(args.solver, args.seed, **changes)
+            solver = netlib.get_solver(args.solver, args.seed, args.engine, **changes)
         _describe(solver)
         stopped = _catch_signals(solver)
         with _Progress(solver, console):

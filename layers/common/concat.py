@@ -34,19 +34,16 @@ class Concat(Layer):
     in_place = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        p = self.param
-        self.axis = self.canonical_axis(p.axis if p.concat_dim is None else p.concat_dim, bottom[0])
-        shape = list(bottom[0].shape)
-        for i, x in enumerate(bottom[1:], 1):
-            others = [s for k, s in enumerate(x.shape) if k != self.axis]
-            if len(x.shape) != len(shape) or others != [s for k, s in enumerate(shape) if k != self.axis]:
+        p, first = self.param, bottom[0].shape
+        axis = self.axis = self.canonical_axis(p.axis if p.concat_dim is None else p.concat_dim, bottom[0])
+        for name, shape in zip(self.spec.bottom, [x.shape for x in bottom]):
+            if len(shape) != len(first) or shape[:axis] + shape[axis + 1 :] != first[:axis] + first[axis + 1 :]:
                 raise self.fail(
-                    f"bottom {self.spec.bottom[i]!r} {x.shape} and {self.spec.bottom[0]!r} {bottom[0].shape} "
-                    f"may differ in axis {self.axis} only"
+                    f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ in axis {axis} only"
                 )
-            shape[self.axis] += x.shape[self.axis]
-        top[0].reshape(shape)
-        self.ends = np.cumsum([x.shape[self.axis] for x in bottom])[:-1]
+        sizes = [x.shape[axis] for x in bottom]
+        self.ends = np.cumsum(sizes)[:-1]
+        top[0].reshape(*first[:axis], sum(sizes), *first[axis + 1 :])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for x, part in zip(bottom, self._parts(top[0].data)):

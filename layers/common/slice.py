@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Array, Blobs
+from netlib.blob import Blobs
 from netlib.layer import Layer
 from netlib.schema import UInt
 
@@ -36,30 +36,23 @@ class Slice(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, x = self.param, bottom[0]
-        self.axis = self.canonical_axis(p.axis if p.slice_dim is None else p.slice_dim, x)
-        size = x.shape[self.axis]
-        points = list(p.slice_point)
-        if not points:
-            if size % len(top):
-                raise self.fail(f"axis {self.axis} of {x.shape} cannot be cut into {len(top)} equal parts")
-            points = [size // len(top) * i for i in range(1, len(top))]
-        ends = [0, *points, size]
-        if len(points) != len(top) - 1 or min(np.diff(ends)) < 1:
-            raise self.fail(
-                f"slice_point {points} must be {len(top) - 1} increasing numbers between 0 and {size}", "slice_point"
-            )
-        self.points = points
+        axis = self.axis = self.canonical_axis(p.axis if p.slice_dim is None else p.slice_dim, x)
+        size, part = x.shape[axis], x.shape[axis] // len(top)
+        if not p.slice_point and size % len(top):
+            raise self.fail(f"axis {axis} of {x.shape} cannot be cut into {len(top)} equal parts")
+        self.points = list(p.slice_point) or [part * i for i in range(1, len(top))]
+        ends = [0, *self.points, size]
+        if len(ends) != len(top) + 1 or min(np.diff(ends)) < 1:
+            raise self.fail(f"slice_point {self.points} must be {len(top) - 1} increasing numbers between 0 and {size}",
+                            "slice_point")  # fmt: skip
         for y, a, b in zip(top, ends, ends[1:]):
-            y.reshape(*x.shape[: self.axis], b - a, *x.shape[self.axis + 1 :])
+            y.reshape(*x.shape[:axis], b - a, *x.shape[axis + 1 :])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        for y, part in zip(top, self._parts(bottom[0].data)):
+        for y, part in zip(top, np.split(bottom[0].data, self.points, axis=self.axis)):
             y.data[...] = part
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            for y, part in zip(top, self._parts(bottom[0].diff)):
+            for y, part in zip(top, np.split(bottom[0].diff, self.points, axis=self.axis)):
                 part[...] = y.diff
-
-    def _parts(self, array: Array) -> list[Array]:
-        return np.split(array, self.points, axis=self.axis)

@@ -64,8 +64,8 @@ class HDF5Data(Layer):
         origin = ", ".join(sorted({file.made_from for file in self.files}))
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
         if self.batch_size > self.rows:
-            self.notes.insert(0, f"warning: batch_size {self.batch_size} is more than the {self.rows} rows of {source}; "
-                                 "every batch repeats some")  # fmt: skip
+            few = f"warning: batch_size {self.batch_size} is more than the {self.rows} rows of {source}"
+            self.notes.insert(0, f"{few}; every batch repeats some")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for blob, array in zip(top, self.files[0].arrays):

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from layers.hand import skeleton
 from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import load_for
 from netlib.blob import Blobs
 from netlib.layer import Layer
 
@@ -35,7 +35,7 @@ class HandModel(Layer):
     in_place = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        self.skeleton = skeleton.load_for(self.param.skeleton, self.source)
+        self.skeleton = load_for(self.param.skeleton, self.source)
         self.kinematics = Kinematics(self.skeleton, self.dtype)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:

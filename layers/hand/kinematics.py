@@ -36,22 +36,17 @@ from numpy.typing import DTypeLike
 from layers.hand.skeleton import Skeleton
 from netlib import engine as engines
 from netlib.blob import Array
+from netlib.plain import Engine
 
 
 class Pose:
-    """What ``Kinematics.forward`` found for N poses, with K joints and Q free motions.
-
-    joints  (N, K, 3) positions
-    frames  (N, K, 3, 3) world_from_joint
-    axis    (N, Q, 3) world direction of each free motion
-    pivot   (N, Q, 3) a point on each axis
-    """
+    """What ``Kinematics.forward`` found for N poses, with K joints and Q free motions."""
 
     def __init__(self, N: int, K: int, Q: int) -> None:
-        self.joints: Array = np.zeros((N, K, 3))
-        self.frames: Array = np.zeros((N, K, 3, 3))
-        self.axis: Array = np.zeros((N, Q, 3))
-        self.pivot: Array = np.zeros((N, Q, 3))
+        self.joints: Array = np.zeros((N, K, 3))  # positions
+        self.frames: Array = np.zeros((N, K, 3, 3))  # world_from_joint
+        self.axis: Array = np.zeros((N, Q, 3))  # world direction of each free motion
+        self.pivot: Array = np.zeros((N, Q, 3))  # a point on each axis
 
 
 class Kinematics:
@@ -143,9 +138,9 @@ def rotation(axis: int, angle: Array | float) -> Array:
 
 def kinematics_of(skeleton: Skeleton, dtype: DTypeLike = np.float64) -> Kinematics:
     """The kinematics of a skeleton, as the engine in use computes it."""
-    return _made(skeleton, np.dtype(dtype), engines.get().twin(Kinematics))
+    return _made(engines.get(), skeleton, np.dtype(dtype))
 
 
 @functools.lru_cache(maxsize=64)
-def _made(skeleton: Skeleton, dtype: np.dtype[Any], cls: type[Kinematics]) -> Kinematics:
-    return cls(skeleton, dtype)
+def _made(engine: Engine, skeleton: Skeleton, dtype: np.dtype[Any]) -> Kinematics:
+    return engine.twin(Kinematics)(skeleton, dtype)

@@ -131,11 +131,11 @@ class Convolution(Layer):
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         w, dw = self.by_group(self.blobs[0].data), self.by_group(self.blobs[0].diff)
         for x, y, down in zip(bottom, top, propagate_down):
-            if self.param.bias_term:
-                self.blobs[1].diff[...] += images(y.diff).sum(axis=(0, 2, 3))
             for n, (image, gradient) in enumerate(zip(images(x.data), images(y.diff))):
                 dy = gradient.reshape(self.param.group, w.shape[1], -1)
                 dw += dy @ self.columns(image, gradient.shape).swapaxes(1, 2)
+                if self.param.bias_term:
+                    self.blobs[1].diff[...] += gradient.sum(axis=(1, 2))
                 if down:
                     images(x.diff)[n] = self.image(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
 

@@ -15,11 +15,11 @@ Kept for backward: ``winners``, for each output of MAX the place in its window, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
@@ -96,45 +96,47 @@ class Pooling(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
-        if self.is_max:
-            y[...], self.winners = -np.inf, np.full(y.shape, -1)
-            for place, value in self.places(self.padded(x, y.shape, -np.inf), y.shape):
-                self.winners[value > y] = place
-                np.maximum(y, value, out=y)
-            y[np.isneginf(y)] = NOTHING
-        else:
-            y[...] = 0
-            for _, value in self.places(self.padded(x, y.shape, 0), y.shape):
-                y += value
-            with np.errstate(invalid="ignore", divide="ignore"):  # an empty window is 0 / 0
-                y /= self.area(x.shape, y.shape)
+        self.winners = np.empty(y.shape, int)
+        for n in range(len(x)):
+            windows = self.windows(self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape)
+            if self.is_max:
+                self.winners[n] = windows.argmax(axis=-1)  # the first of equal values
+                y[n] = windows.max(axis=-1)
+            else:
+                with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
+                    y[n] = windows.sum(axis=-1) / self.area(x.shape, y.shape)
+        y[np.isneginf(y)] = NOTHING
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
         dy, dx = top[0].diff, bottom[0].diff
-        padded = self.padded(np.zeros_like(dx), dy.shape, 0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = dy if self.is_max else dy / self.area(dx.shape, dy.shape)
-        for place, gradient in self.places(padded, dy.shape):
-            gradient += share * (self.winners == place) if self.is_max else share
-        dx[...] = padded[:, :, self.pad[0] : self.pad[0] + dx.shape[2], self.pad[1] : self.pad[1] + dx.shape[3]]
+        for n in range(len(dx)):
+            padded = self.padded(np.zeros_like(dx[n]), dy.shape, 0)
+            c, h, w = np.indices(dy.shape[1:])
+            if self.is_max:
+                i, j = np.divmod(self.winners[n], self.kernel[1])
+                np.add.at(padded, (c, h * self.stride[0] + i, w * self.stride[1] + j), dy[n])
+            else:
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    share = dy[n] / self.area(dx.shape, dy.shape)
+                for i, j in np.ndindex(self.kernel):
+                    np.add.at(padded, (c, h * self.stride[0] + i, w * self.stride[1] + j), share)
+            (top_pad, left_pad), (H, W) = self.pad, dx.shape[2:]
+            dx[n] = padded[:, top_pad : top_pad + H, left_pad : left_pad + W]
 
     def padded(self, x: Array, y: tuple[int, ...], value: float) -> Array:
-        """x with its padding, and with room for the windows that hang over."""
-        sizes = [
-            max((outputs - 1) * s + k, n + 2 * p)
-            for outputs, s, k, n, p in zip(y[2:], self.stride, self.kernel, x.shape[2:], self.pad)
+        """x (C, H, W) with its padding, and with room for the windows that hang over."""
+        after = [
+            max((outputs - 1) * s + k - n - p, p)
+            for outputs, s, k, n, p in zip(y[2:], self.stride, self.kernel, x.shape[1:], self.pad)
         ]
-        padded = np.full((*x.shape[:2], *sizes), value, x.dtype)
-        padded[:, :, self.pad[0] : self.pad[0] + x.shape[2], self.pad[1] : self.pad[1] + x.shape[3]] = x
-        return padded
+        return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
 
-    def places(self, padded: Array, y: tuple[int, ...]) -> Iterator[tuple[int, Array]]:
-        """For each place of the window, row by row, the values that stand there in all windows: views (N, C, Ho, Wo)."""
-        (Ho, Wo), (sh, sw), (kh, kw) = y[2:], self.stride, self.kernel
-        for place, (i, j) in enumerate(np.ndindex(kh, kw)):
-            yield place, padded[:, :, i : i + (Ho - 1) * sh + 1 : sh, j : j + (Wo - 1) * sw + 1 : sw]
+    def windows(self, padded: Array, y: tuple[int, ...]) -> Array:
+        """All windows of an image, their values row by row: (C, Ho, Wo, kh kw)."""
+        every = sliding_window_view(padded, self.kernel, axis=(1, 2))[:, :: self.stride[0], :: self.stride[1]]
+        return every[:, : y[2], : y[3]].reshape(*y[1:], -1)
 
     def area(self, x: tuple[int, ...], y: tuple[int, ...]) -> Array:
         """(Ho, Wo): size of each window, clipped where the padding ends."""

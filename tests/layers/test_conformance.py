@@ -19,7 +19,7 @@ EXTRAS = {
     "HDF5Data": {"order", "pick", "read", "rewind", "row", "use_batch_size"},
     "HandAugment": {"move_crops", "move_joints"},
     "InnerProduct": {"output_first", "rows"},
-    "Pooling": {"area", "padded", "places"},
+    "Pooling": {"area", "padded", "windows"},
 }  # documented: the parts of a longer computation, or for tools
 
 every_type = pytest.mark.parametrize("name", list(CASES))

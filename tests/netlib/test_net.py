@@ -425,6 +425,25 @@ def test_what_cannot_be_shared(net_of: MakeNet, text: str, message: str) -> None
         net_of(text)
 
 
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        (["lr_mult: 1 decay_mult: 1", "lr_mult: 1 decay_mult: 2"], "has decay_mult 2, but 1 in layer 'b0'"),
+        (["", "lr_mult: 3", "lr_mult: 2"], "has lr_mult 2, but 3 in layer 'b1'"),
+        (["lr_mult: 3", "", "decay_mult: 0", "lr_mult: 3 decay_mult: 1"], "has decay_mult 1, but 0 in layer 'b2'"),
+    ],
+)
+def test_no_layer_may_contradict_another_about_a_shared_parameter(
+    net_of: MakeNet, params: list[str], message: str
+) -> None:
+    """Whichever layers say it, and whatever else they agree on."""
+    text = X
+    for i, param in enumerate(params):
+        text += ip(f"b{i}", f"b{i - 1}" if i else "x", f"b{i}", f'param {{ name: "w" {param} }}')
+    with pytest.raises(netlib.LayerError, match=f"layer 'b{len(params) - 1}': shared parameter 'w' {message}"):
+        net_of(text)
+
+
 def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
     """What only one of them says holds for both."""
     text = (

@@ -88,6 +88,25 @@ class Keeper(netlib.Layer):
         assert net.params["own"][0].diff.tolist() == [1, 2, 3]
 
 
+@pytest.mark.parametrize("package", ["layers", "tools"])
+@pytest.mark.parametrize("file", ["{0}/data_layer.py", "{0}.py", "{0}/__init__.py"])
+def test_a_module_with_the_name_of_one_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, file: str
+) -> None:
+    """Public nets say ``module: "layers.data_layer"`` or ``module: "layers"``: the user's file is found beside ours."""
+    path = tmp_path / file.format(package)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(SQUARE)
+    monkeypatch.chdir(tmp_path)
+    __import__(package)
+    folders = sys.modules[package].__path__
+    monkeypatch.setattr(sys.modules[package], "__path__", list(folders))
+    monkeypatch.delitem(sys.modules, "layers.data_layer", raising=False)
+    monkeypatch.delitem(sys.modules, "tools.data_layer", raising=False)
+    module = f"{package}.data_layer" if "data_layer" in file else package
+    assert net_with(python("Square", module)).forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
+
+
 def test_a_python_layer_that_fails(squares: None) -> None:
     """The layer, what happened, and the line of the file it happened in."""
     net = net_with(python("Broken"))

@@ -15,7 +15,7 @@ import pytest
 from tests.tools.conftest import ROOT
 from tools import train
 
-STAMP = r"I\d{8} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
+STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 
 
 def mistake(capsys, argv, status=1):
@@ -44,6 +44,29 @@ def test_log_is_caffes(work, capsys):
     assert re.search(rf"{STAMP}Optimization Done\.\n", log)
     assert "made from synthetic" in log
     assert log == capsys.readouterr().err
+
+
+def test_bvlcs_parsers_read_the_dates(work):
+    """Caffe's parse_log.py and extract_seconds.py take month and day from columns 1 to 4, and start at 'Solving'."""
+    assert train.main(["solver.prototxt", "--log", "train.log"]) == 0
+    lines = (work / "train.log").read_text().splitlines()
+    started = next(line for line in lines if "Solving" in line).split()
+    month, day = int(started[0][1:3]), int(started[0][3:])
+    assert 1 <= month <= 12 and 1 <= day <= 31
+    clock, _, fraction = started[1].rpartition(".")
+    assert [len(part) for part in (*clock.split(":"), fraction)] == [2, 2, 2, 6]
+
+
+@pytest.mark.parametrize("engine", ["plain", "fast"])
+def test_engine(work, engine, capsys, engine_in_use):
+    """--engine says what computes, and the log names it."""
+    if engine_in_use == "fast" or engine == "plain":  # where fast is there
+        assert train.main(["solver.prototxt", "--max-iter", "1", "--engine", engine]) == 0
+        assert f", engine {engine}. BLAS:" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as error:
+        train.main(["solver.prototxt", "--engine", "plane"])
+    assert error.value.code == 2
+    assert "invalid choice: 'plane'" in capsys.readouterr().err
 
 
 def test_resume_is_exact(work):

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
-
-import netlib
 from handpose.camera import NYU
 from handpose.render import Capsules, normalise_depth, render_crop
+
+import netlib
 from netlib.errors import LayerError
 
 LAYER = """
