@@ -3,6 +3,7 @@
 # make test    set up and run the tests
 # make table1  the paper's Table 1: trains five networks (hours; ITERATIONS=1000 for a look), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
+# make twins   what each part of fast/ is worth, by switching it off (minutes)
 # make lint    the style and type checks of the continuous integration
 PYTHON ?= python3
 ITERATIONS ?= 1000
@@ -11,7 +12,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help train test lint table1 bench clean
+.PHONY: help train test lint table1 bench twins clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -31,6 +32,9 @@ table1: .venv/tools
 
 bench: .venv/bench
 	$(RUN) benchmarks/bench.py
+
+twins: .venv/tools
+	$(RUN) benchmarks/twins.py
 
 test: .venv/test
 	$(RUN) -m pytest

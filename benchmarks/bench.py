@@ -33,16 +33,14 @@ import netlib  # before NumPy: it chooses BLAS kernels
 # isort: split
 
 import cv2
-import h5py
 import numpy as np
 import onnxruntime
 import torch
 
-from benchmarks.peers import WEIGHTS, TorchHand, TorchHandByJoint, TorchNet, onnx_model
-from handpose.synthetic import Generator, generate
+from benchmarks.paper import WEIGHTS, Paper
+from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet, onnx_model
 from layers.hand.skeleton import load
 from netlib.net import Net
-from netlib.solver import Solver
 
 FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
 FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution passes no gradient down
@@ -80,33 +78,10 @@ class Bench:
     def __init__(self, folder: Path, rounds: int, threads: int) -> None:
         self.folder, self.rounds, self.threads = folder, rounds, threads
         self.rows: list[dict[str, Any]] = []
-        blocks = list(generate(1024, Generator(seed=0, split="train"), workers=threads))
-        self.depth = np.concatenate([b.depth for b in blocks]).reshape(-1, 1, 128, 128)
-        self.joint = np.concatenate([b.joint for b in blocks]).reshape(-1, 93)
-        with h5py.File(folder / "a.h5", "w") as file:
-            file["depth"], file["joint"] = self.depth, self.joint
-        (folder / "list.txt").write_text("a.h5\n")
+        self.paper = Paper(folder, threads)
+        self.depth, self.joint = self.paper.depth, self.paper.joint
+        self.solver, self.deploy = self.paper.solver, self.paper.deploy
         self.skeleton = load()
-
-    def solver(self, batch: int) -> Solver:
-        """The paper's training, on this data."""
-        net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
-        for name in ("train", "test"):
-            net = net.replace(f"data/nyu/{name}.txt", str(self.folder / "list.txt"))
-        (self.folder / "net.prototxt").write_text(net.replace("batch_size: 512", f"batch_size: {batch}"))
-        path = self.folder / "solver.prototxt"
-        path.write_text(
-            f'net: "{self.folder}/net.prototxt" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" random_seed: 1'
-        )
-        return netlib.get_solver(path)
-
-    def deploy(self, batch: int) -> Net:
-        """The net for predictions."""
-        net = Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=1)
-        for name in WEIGHTS[3:]:  # not the fillers' 0.001, so that outputs differ from image to image
-            net.params[name][0].data[...] = np.random.default_rng(0).normal(0, 0.03, net.params[name][0].shape)
-        net.forward(depth=self.depth[:batch])
-        return net
 
     # ------------------------------------------------------------------------------------------ agreement
 

@@ -76,16 +76,20 @@ def _runs_for(row: list[Connection], connections: Sequence[Connection], stored: 
     """A run for the layers that could run in slices, if that gains anything.
 
     A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless that
-    changes nothing. Such a layer ends the run, and from it on the layers are whole.
+    changes nothing. So the run ends before such a layer, and from it on the layers are whole. In a shorter run fewer
+    blobs are hidden, so it is looked at again.
     """
-    hidden = _hidden_blobs(row, connections, stored)
-    end = next((i for i, at in enumerate(row) if _overwrites(at, hidden) and not facts_of(at.layer).monotone), None)
-    if end is not None:
-        return _runs_for(row[:end], connections, stored) + [whole(at) for at in row[end:]]
+    rest: list[Connection] = []
+    while True:
+        hidden = _hidden_blobs(row, connections, stored)
+        end = next((i for i, at in enumerate(row) if _overwrites(at, hidden) and not facts_of(at.layer).monotone), None)
+        if end is None:
+            break
+        row, rest = row[:end], row[end:] + rest
     if all(facts_of(at.layer).elementwise for at in row):  # nothing to gain; also the empty row
-        return [whole(at) for at in row]
+        return [whole(at) for at in [*row, *rest]]
     order = _pool_first(row, hidden)
-    return [Run(row, order, hidden, _agree_on_tiles(order, hidden), sliced=True)]
+    return [Run(row, order, hidden, _agree_on_tiles(order, hidden), sliced=True), *map(whole, rest)]
 
 
 def _hidden_blobs(

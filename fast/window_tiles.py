@@ -88,7 +88,10 @@ class WindowTiles:
         return np.flatnonzero(reads)
 
     def patches(self, layer: Twin, x: Array, window: Array, T: int) -> Array:
-        """X (A, S S): what each window reads. Copied in units of several numbers, as if they were one."""
+        """X (A, S S): what each window reads.
+
+        Copied in units of 8 or 16 bytes, called complex numbers because these are the widest that ``np.take`` knows.
+        """
         N, _, H, W = x.shape
         S, A = 2 * T, len(window)
         unit = np.dtype(np.complex128 if T * x.itemsize % 16 == 0 else np.complex64)

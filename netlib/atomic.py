@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from netlib.errors import DataError, reason_of
@@ -26,6 +26,45 @@ def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> No
             sync_directory(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def replace_all(files: Sequence[tuple[Path, bytes]]) -> None:
+    """Write all files beside their targets, then rename them in order; if that fails, the old files are back.
+
+    An old last file is put aside before the others change: it never stands beside files that are not its own. Raises
+    OSError, with the target's name.
+    """
+    current = files[0][0]
+    fresh = {path: beside(path, "tmp") for path, _ in files}
+    aside: dict[Path, Path] = {}
+    try:
+        for path, content in files:
+            current = path
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open(fresh[path], "wb") as out:
+                out.write(content)
+                out.flush()
+                os.fsync(out.fileno())
+        for path, _ in reversed(files):
+            current = path
+            if path.exists():
+                old = beside(path, "old")
+                os.replace(path, old)
+                aside[path] = old
+        for path, _ in files:
+            current = path
+            os.replace(fresh[path], path)
+            sync_directory(path.parent)
+    except BaseException as error:
+        for path, old in aside.items():
+            os.replace(old, path)
+        if isinstance(error, OSError):
+            raise OSError(error.errno, reason_of(error), str(current)) from error
+        raise
+    finally:
+        for leftover in [*fresh.values(), *aside.values()]:
+            with contextlib.suppress(OSError):
+                leftover.unlink(missing_ok=True)
 
 
 def replace_text(path: Path, text: str) -> None:

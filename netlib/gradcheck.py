@@ -20,15 +20,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from netlib import engine, prototxt, schema
-from netlib.blob import Blob, Blobs
+from netlib.blob import Array, Blob, Blobs
 from netlib.create import create
 from netlib.layer import Layer
 from netlib.schema import LayerParameter, Phase
-
-Array = NDArray[Any]
 
 
 class GradientError(AssertionError):

@@ -168,7 +168,10 @@ class Net:
                 self.losses.append((blob, weight, layer.spec.top[i]))
 
     def _decide_backward(self, force: bool) -> None:
-        """Caffe's rules: gradients flow only where something below learns and something above is a loss."""
+        """Caffe's rules: gradients flow only where something below learns and something above is a loss.
+
+        Every blob has one reader by now (splits.py), so what is said of a blob is said by one layer.
+        """
         under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):
             contributes = any(id(t) in under_loss for t in at.top)

@@ -24,7 +24,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.atomic import beside, sync_directory
+from netlib.atomic import replace_all
 from netlib.errors import WeightsError, reason_of
 
 if TYPE_CHECKING:
@@ -108,41 +108,11 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 
 
 def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
-    """Write all files beside their targets, then rename them in order; if that fails, the old files are back.
-
-    An old last file (the state) is put aside before the others change: it never stands beside weights not its own.
-    """
-    current = files[0][0]
-    fresh = {path: beside(path, "tmp") for path, _ in files}
-    aside: dict[Path, Path] = {}
+    """Write all files or none. Raises WeightsError if the disk says no."""
     try:
-        for path, content in files:
-            current = path
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with open(fresh[path], "wb") as out:
-                out.write(content)
-                out.flush()
-                os.fsync(out.fileno())
-        for path, _ in reversed(files):
-            current = path
-            if path.exists():
-                old = beside(path, "old")
-                os.replace(path, old)
-                aside[path] = old
-        for path, _ in files:
-            current = path
-            os.replace(fresh[path], path)
-            sync_directory(path.parent)
-    except BaseException as error:
-        for path, old in aside.items():
-            os.replace(old, path)
-        if isinstance(error, OSError):
-            raise WeightsError(f"{current}: cannot write the snapshot: {reason_of(error)}") from error
-        raise
-    finally:
-        for leftover in [*fresh.values(), *aside.values()]:
-            with contextlib.suppress(OSError):
-                leftover.unlink(missing_ok=True)
+        replace_all(files)
+    except OSError as error:
+        raise WeightsError(f"{error.filename}: cannot write the snapshot: {reason_of(error)}") from error
 
 
 def probe_directory(prefix: str | Path) -> None:

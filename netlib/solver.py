@@ -72,7 +72,8 @@ class Solver:
     # ------------------------------------------------------------------------------------------ nets
 
     def _make_net(self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int) -> Net:
-        log.info("Creating %s net from net file: %s", "training" if phase == "TRAIN" else "test", name)
+        which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
+        log.info("Creating %s net file: %s", which, name)
         merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
         net = Net(param, state=merged, seed=self.seed + number, engine=self.engine.name)
         net.source = name
@@ -183,7 +184,7 @@ class Solver:
         p = self.param
         rate = learning_rate(p, self.iter)
         if self._display_is_due():
-            log.info("Iteration %d, lr = %.6g", self.iter, rate)
+            log.info("Iteration %d, lr = %.6g", self.iter, np.float32(rate))
         trained = [(param, h) for param, h in zip(self.net.learnable, self.history) if param.spec.lr_mult != 0]
         scale = self._clip([param for param, _ in trained]) / p.iter_size
         self.engine.run([functools.partial(self._update_param, param, h, scale, rate) for param, h in trained])

@@ -1,0 +1,51 @@
+"""The paper's network on synthetic hands, for whoever times it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+import netlib
+from netlib.net import Net
+from netlib.solver import Solver
+
+ROOT = Path(__file__).resolve().parent.parent
+FRAMES = 1024
+WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
+
+
+class Paper:
+    """Depth images (N, 1, 128, 128) and joints (N, 93) of ``FRAMES`` hands, and the nets on them."""
+
+    def __init__(self, folder: Path, workers: int) -> None:
+        from handpose.synthetic.generator import Generator, generate
+
+        self.folder = folder
+        blocks = list(generate(FRAMES, Generator(seed=0, split="train"), workers=workers))
+        self.depth = np.concatenate([b.depth for b in blocks]).reshape(-1, 1, 128, 128)
+        self.joint = np.concatenate([b.joint for b in blocks]).reshape(-1, 93)
+        with h5py.File(folder / "a.h5", "w") as file:
+            file["depth"], file["joint"] = self.depth, self.joint
+        (folder / "list.txt").write_text("a.h5\n")
+
+    def solver(self, batch: int, engine: str | None = None) -> Solver:
+        """The paper's training."""
+        net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
+        for name in ("train", "test"):
+            net = net.replace(f"data/nyu/{name}.txt", str(self.folder / "list.txt"))
+        (self.folder / "net.prototxt").write_text(net.replace("batch_size: 512", f"batch_size: {batch}"))
+        path = self.folder / "solver.prototxt"
+        path.write_text(
+            f'net: "{self.folder}/net.prototxt" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" random_seed: 1'
+        )
+        return netlib.get_solver(path, engine=engine)
+
+    def deploy(self, batch: int, engine: str | None = None) -> Net:
+        """The net for predictions."""
+        net = Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=1, engine=engine)
+        for name in WEIGHTS[3:]:  # not the fillers' 0.001, so that outputs differ from image to image
+            net.params[name][0].data[...] = np.random.default_rng(0).normal(0, 0.03, net.params[name][0].shape)
+        net.forward(depth=self.depth[:batch])
+        return net

@@ -1,0 +1,162 @@
+#!/usr/bin/env python3
+"""What each part of fast/ is worth: everything timed with it, and with it switched off.
+
+    make twins                                  or: python benchmarks/twins.py --rounds 7
+
+Of each part, the paper's training step and forward pass are timed with the part and without, in turn, A B A B ..., and
+the median of the differences is printed, in ms and as a share of the time with it. What gains less than 2% everywhere
+is not worth its lines. Depth images are synthetic hands. Run it on a quiet machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import numpy as np
+
+import fast.engine
+import fast.executor
+import fast.inner_product
+import fast.kinematics
+import fast.plan
+import fast.row_tiles
+from benchmarks.paper import Paper
+from fast.engine import TWINS, FastEngine
+from fast.executor import WholeStep
+from fast.plan import whole
+from fast.window_tiles import WindowTiles
+from netlib.updates import RULES
+
+BURST = 0.15  # seconds of one timing; one call if that is longer
+Off = Callable[[], contextlib.AbstractContextManager[Any]]
+
+
+def without_twin(plain: type) -> Off:
+    """The plain layer in the place of its twin."""
+    return lambda: mock.patch.dict(TWINS, {plain: plain})
+
+
+def patched(target: Any, name: str, value: Any) -> Off:
+    """Another value of a constant or function."""
+    return lambda: mock.patch.object(target, name, value)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """No second thread."""
+    before = netlib.threads()
+    netlib.set_threads(1)
+    try:
+        yield
+    finally:
+        netlib.set_threads(before)
+
+
+def never_steady(step: WholeStep, at: Any) -> None:
+    """A reshape before every forward."""
+    super(WholeStep, step).__init__(at)
+    step._steady, step._shapes = False, None
+
+
+PARTS: dict[str, Off] = {
+    **{f"twin of {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ != "Kinematics"},
+    "slices of the batch": patched(
+        fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]
+    ),
+    "second thread": one_thread,
+    "windows that see something": patched(WindowTiles, "fits", staticmethod(lambda x, T, w: False)),
+    "ReLU after the pooling": patched(fast.plan, "_pool_first", lambda row, hidden: list(row)),
+    "tiles agreed between layers": patched(fast.plan, "_agree_on_tiles", lambda order, hidden: {}),
+    "products that are not packed": patched(fast.row_tiles, "unpacked_parts", lambda rows, inner, columns: 1),
+    "gradients written, not added to": patched(
+        fast.inner_product.FastInnerProduct, "setup", fast.inner_product.InnerProduct.setup
+    ),
+    "few items one by one": patched(fast.inner_product, "FEW_ITEMS", 0),
+    "products in blocks": patched(fast.inner_product, "LARGEST_BLOCK", 1 << 30),
+    "updates without temporaries": patched(FastEngine, "rules", RULES),
+    "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
+    "inputs copied by all threads": patched(fast.engine, "LARGE", 1 << 40),
+    "reshape only where shapes change": patched(WholeStep, "__init__", never_steady),
+    "one pose by another way": patched(fast.kinematics, "FEW", 0),
+}
+
+
+def main() -> int:
+    """Time all parts."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=7, help="timings of each (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
+    args = parser.parse_args()
+    netlib.set_threads(args.threads)
+    with tempfile.TemporaryDirectory() as folder:
+        paper = Paper(Path(folder), args.threads)
+        jobs: dict[str, Callable[[], Callable[[], Any]]] = {
+            "step 512": lambda: step(paper, 512),
+            "step 64": lambda: step(paper, 64),
+            "forward 512": lambda: forward(paper, 512),
+            "forward 64": lambda: forward(paper, 64),
+            "one image": lambda: forward(paper, 1),
+        }
+        print(f"{'ms saved, share':<34}" + "".join(f"{name:>18}" for name in jobs))
+        for part, off in PARTS.items():
+            cells = [compare(make, off, args.rounds) for make in jobs.values()]
+            print(f"{part:<34}" + "".join(f"{cell:>18}" for cell in cells), flush=True)
+    return 0
+
+
+def step(paper: Paper, batch: int) -> Callable[[], Any]:
+    """A training step."""
+    solver = paper.solver(batch)
+    return lambda: solver.step(1)
+
+
+def forward(paper: Paper, batch: int) -> Callable[[], Any]:
+    """A forward pass."""
+    net = paper.deploy(batch)
+    return lambda: net.forward(depth=paper.depth[:batch])
+
+
+def compare(make: Callable[[], Callable[[], Any]], off: Off, rounds: int) -> str:
+    """What the part saves: ms, and as a share of the time with it."""
+    with_it = make()
+    with off():
+        without = make()
+        without()
+    with_it()
+    calls = max(1, round(BURST / seconds(with_it, 1)))
+    pairs = []
+    for _ in range(rounds):
+        fast_time = seconds(with_it, calls)
+        with off():
+            pairs.append((fast_time, seconds(without, calls)))
+    times = np.array(pairs)
+    saved, own = float(np.median(times[:, 1] - times[:, 0])), float(np.median(times[:, 0]))
+    return f"{saved * 1e3:.2f} {100 * saved / own:6.1f}%"
+
+
+def seconds(job: Callable[[], Any], calls: int) -> float:
+    """Of one call, on the mean of some, after one that is not counted."""
+    job()
+    begin = time.perf_counter()
+    for _ in range(calls):
+        job()
+    return (time.perf_counter() - begin) / calls
+
+
+if __name__ == "__main__":
+    sys.exit(main())
