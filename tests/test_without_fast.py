@@ -1,0 +1,71 @@
+"""Delete the folder fast/, and all else works: it imports, trains, and passes its tests on the plain engine."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "*.egg-info", "models")
+
+# An installed copy of this project must not lend its own fast/ to the copy without it.
+NO_OTHER_COPY = f"""
+import sys
+sys.meta_path[:] = [finder for finder in sys.meta_path if not finder.__module__.startswith("__editable__")]
+sys.path[:] = [folder for folder in sys.path if folder != {str(ROOT)!r}]
+"""
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project without fast/ and its tests."""
+    copy = tmp_path_factory.mktemp("bare") / "project"
+
+    def ignored(folder: str, names: list[str]) -> set[str]:
+        top = Path(folder) == ROOT
+        kept = {"data"} if not top else set()  # layers/data, handpose/data
+        return set(shutil.ignore_patterns(*(p for p in LEFT_OUT if p not in kept))(folder, names))
+
+    shutil.copytree(ROOT, copy, ignore=ignored)
+    (copy / "sitecustomize.py").write_text(NO_OTHER_COPY)
+    return copy
+
+
+def run(folder: Path, *argv: str) -> subprocess.CompletedProcess[str]:
+    """A fresh Python in the copy."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST"))}
+    environment["PYTHONPATH"] = str(folder)
+    return subprocess.run([sys.executable, *argv], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_fast_is_gone(bare: Path) -> None:
+    """Else the other tests would say nothing."""
+    done = run(bare, "-c", "import netlib; from netlib import engine; print(netlib.__file__, engine.has_fast())")
+    assert done.stdout == f"{bare}/netlib/__init__.py False\n", done.stderr
+
+
+def test_a_solver_trains(bare: Path) -> None:
+    """By the command line, with the plain engine because there is no other."""
+    made = run(bare, "tools/make_synthetic.py", "--out", "data/nyu", "--train", "64", "--test", "64", "--workers", "1")
+    assert made.returncode == 0, made.stderr
+    net = bare / "prototxt" / "nyu_train_test.prototxt"
+    net.write_text(net.read_text().replace("batch_size: 512", "batch_size: 8").replace("batch_size: 250", "batch_size: 8"))
+    done = run(bare, "tools/train.py", "prototxt/nyu_solver.prototxt", "--max-iter", "2")
+    assert done.returncode == 0, done.stderr
+    assert "1 thread, engine plain. BLAS: as NumPy sets it up" in done.stderr
+    assert (bare / "snapshots" / "nyu_iter_2.caffemodel.h5").is_file()
+    shutil.rmtree(bare / "data")
+
+
+def test_all_other_tests_pass(bare: Path) -> None:
+    """On the plain engine alone."""
+    done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    summary = done.stdout.splitlines()[-1]
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    assert int(re.search(r"(\d+) passed", summary)[1]) > 2000, summary  # type: ignore[index]
