@@ -21,10 +21,7 @@ from netlib.errors import (  # noqa: E402
     PrototxtError,
     WeightsError,
 )
-from netlib.layer import PHASES, Layer  # noqa: E402
-
-TRAIN, TEST = PHASES["TRAIN"], PHASES["TEST"]
-
+from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.solver import Solver, get_solver  # noqa: E402
 

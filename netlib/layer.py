@@ -29,7 +29,8 @@ from netlib.fillers import Filler, fill
 from netlib.prototxt import Message
 from netlib.schema import LayerParameter, Phase
 
-PHASES: dict[str, int] = {"TRAIN": 0, "TEST": 1}  # pycaffe's caffe.TRAIN and caffe.TEST
+TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
+PHASES = {"TRAIN": TRAIN, "TEST": TEST}
 
 
 @dataclass(frozen=True)

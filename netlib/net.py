@@ -306,7 +306,7 @@ class Net:
 
     def save(self, path: str | Path) -> None:
         """Write the weights as Caffe's HDF5, atomically."""
-        snapshot.write_weights(self, path)
+        snapshot.write_weights(weights_of.owned(self), path)
 
     def layer_states(self) -> dict[str, Any]:
         """State of every layer, by name, for an exact resume."""

@@ -7,18 +7,18 @@ data positions of all layers and the losses that are averaged. States that Caffe
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from netlib import snapshot
+from netlib.blob import Array
 from netlib.errors import WeightsError
+from netlib.net import Net
 from netlib.schema import SolverParameter
 from netlib.snapshot import SolverState
 from netlib.updates import steps_taken
-
-if TYPE_CHECKING:
-    from netlib.solver import Solver
 
 log = logging.getLogger("netlib")
 
@@ -28,6 +28,17 @@ COURSE = (
     "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
     "clip_gradients",
 )  # fmt: skip
+
+
+class Solver(Protocol):
+    """What is asked of a solver here."""
+
+    param: SolverParameter
+    net: Net
+    test_nets: list[Net]
+    iter: int
+    history: list[list[Array]]
+    smoothed: deque[float]
 
 
 def state_of(solver: Solver, learned_net: Path) -> SolverState:

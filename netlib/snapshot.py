@@ -18,19 +18,16 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from netlib.atomic import replace_all
+from netlib.blob import Array
 from netlib.errors import WeightsError, reason_of
 
-if TYPE_CHECKING:
-    from netlib.net import Net
-
-Weights = dict[str, dict[int, NDArray[Any]]]
+Weights = dict[str, dict[int, Array]]  # layer name -> parameter index -> array
 
 
 @dataclass
@@ -40,20 +37,20 @@ class SolverState:
     iter: int
     current_step: int
     learned_net: str  # path of the weights, as written by the solver
-    history: list[NDArray[Any]]
+    history: list[Array]
     extra: dict[str, Any] = field(default_factory=dict)  # /netlib; empty in a file that Caffe wrote
 
 
-def write_weights(net: Net, path: str | Path) -> None:
+def write_weights(weights: Weights, path: str | Path) -> None:
     """Write the weights of a net. Raises WeightsError if the disk says no."""
-    _replace([(Path(path), weights_image(net))])
+    _replace([(Path(path), weights_image(weights))])
 
 
-def write_pair(net: Net, state: SolverState, weights_path: Path, state_path: Path) -> None:
+def write_pair(weights: Weights, state: SolverState, weights_path: Path, state_path: Path) -> None:
     """Write weights and solver state, both or none. Raises WeightsError if the disk says no."""
-    weights = weights_image(net)
-    state.extra["weights_crc"] = zlib.crc32(weights)
-    _replace([(weights_path, weights), (state_path, _state_image(state))])
+    image = weights_image(weights)
+    state.extra["weights_crc"] = zlib.crc32(image)
+    _replace([(weights_path, image), (state_path, _state_image(state))])
 
 
 def checksum(path: str | Path) -> int:
@@ -64,16 +61,14 @@ def checksum(path: str | Path) -> int:
         raise WeightsError(f"{path}: cannot read weights: {reason_of(error)}") from error
 
 
-def weights_image(net: Net) -> bytes:
+def weights_image(weights: Weights) -> bytes:
     """The HDF5 file of a net's weights, as bytes."""
-    owned = {(p.layer, p.index) for p in net.learnable}
     with _in_memory() as (file, image):
         data = file.create_group("data")
-        for layer in net.layers:
-            group = data.require_group(layer.name)
-            for i, blob in enumerate(layer.blobs):
-                if (layer.name, i) in owned:  # a shared parameter is written once, by its owner
-                    group[str(i)] = blob.data
+        for layer, arrays in weights.items():
+            group = data.require_group(layer)
+            for i, array in arrays.items():
+                group[str(i)] = array
     return image.getvalue()
 
 

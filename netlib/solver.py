@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from netlib import engine as engines
-from netlib import report, schema, snapshot, solver_parameter
+from netlib import report, schema, snapshot, solver_parameter, weights
 from netlib.blob import Array
 from netlib.errors import DivergenceError
 from netlib.net import Net
@@ -64,8 +64,8 @@ class Solver:
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
         self.test_nets = self._make_test_nets()
         for names in param.weights:
-            for weights in names.split(","):
-                self.copy_weights(weights.strip())
+            for path in names.split(","):
+                self.copy_weights(path.strip())
         self._lap: tuple[int, float] = (0, time.perf_counter())
         self._saved_iter: int | None = None  # of the last snapshot
 
@@ -290,7 +290,7 @@ class Solver:
         weights_path, state_path = self.snapshot_paths(self.iter)
         log.info("Snapshotting to HDF5 file %s", weights_path)
         log.info("Snapshotting solver state to HDF5 file %s", state_path)
-        snapshot.write_pair(self.net, state_of(self, weights_path), weights_path, state_path)
+        snapshot.write_pair(weights.owned(self.net), state_of(self, weights_path), weights_path, state_path)
         self._saved_iter = self.iter
         return state_path
 

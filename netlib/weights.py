@@ -4,14 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from netlib import snapshot
-from netlib.blob import Array
+from netlib.blob import Array, Blobs
 from netlib.errors import LayerError, WeightsError
+from netlib.layer import Layer
+from netlib.sharing import Param
+from netlib.snapshot import Weights
 
-if TYPE_CHECKING:
-    from netlib.net import Net
+
+class Net(Protocol):
+    """What is asked of a net here."""
+
+    name: str
+    source: str
+    params: dict[str, Blobs]
+    layer_dict: dict[str, Layer]
+    learnable: list[Param]
+
+
+def owned(net: Net) -> Weights:
+    """Layer name -> parameter index -> array, for all layers; a shared parameter stands with its owner alone."""
+    own = {(p.layer, p.index) for p in net.learnable}
+    return {
+        name: {i: blob.data for i, blob in enumerate(layer.blobs) if (name, i) in own}
+        for name, layer in net.layer_dict.items()
+    }
 
 
 def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib import TRAIN
 from netlib.blob import Blobs
-from netlib.layer import Layer
+from netlib.layer import TRAIN, Layer
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import pytest
 import netlib
 from netlib import snapshot
 from netlib.snapshot import SolverState
+from netlib.weights import owned
 
 NET = """
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
@@ -59,7 +60,7 @@ def test_weights_have_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
 
 def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
     """/iter, /current_step, /learned_net, a C string, /history/<index>; what is ours stands in /netlib."""
-    snapshot.write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
+    snapshot.write_pair(owned(net), state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
     with h5py.File(tmp_path / "s.h5") as file:
         assert sorted(file) == ["current_step", "history", "iter", "learned_net", "netlib"]
         assert (int(file["iter"][0]), int(file["current_step"][0])) == (5, 2)
@@ -69,7 +70,7 @@ def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
 
 def test_what_is_written_is_read(net: netlib.Net, tmp_path: Path) -> None:
     """Weights by layer and index, and every field of the state."""
-    snapshot.write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
+    snapshot.write_pair(owned(net), state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
     found = snapshot.read_weights(tmp_path / "w.h5")
     assert {name: sorted(arrays) for name, arrays in found.items() if arrays} == {"a": [0, 1]}
     assert np.array_equal(found["a"][0], net.params["a"][0].data)
@@ -104,7 +105,7 @@ def test_a_failure_leaves_the_old_pair(
 ) -> None:
     """A disk that is full at any moment: the old files in every byte, no temporary file, one line."""
     paths = tmp_path / "w.h5", tmp_path / "s.h5"
-    snapshot.write_pair(net, state_of(net, 5), *paths)
+    snapshot.write_pair(owned(net), state_of(net, 5), *paths)
     before = everything_in(tmp_path)
     net.params["a"][0].data[...] = 9
     replace, calls = os.replace, []
@@ -120,7 +121,7 @@ def test_a_failure_leaves_the_old_pair(
         with pytest.raises(
             netlib.WeightsError, match=r"(w|s)\.h5: cannot write the snapshot: No space left on device$"
         ):
-            snapshot.write_pair(net, state_of(net, 6), *paths)
+            snapshot.write_pair(owned(net), state_of(net, 6), *paths)
     assert everything_in(tmp_path) == before
 
 
@@ -129,7 +130,7 @@ def test_a_process_that_dies_between_the_two_leaves_no_wrong_pair(
 ) -> None:
     """A state that exists has its weights, whichever renaming is the last that happens."""
     paths = tmp_path / "w.h5", tmp_path / "s.h5"
-    snapshot.write_pair(net, state_of(net, 5), *paths)
+    snapshot.write_pair(owned(net), state_of(net, 5), *paths)
     net.params["a"][0].data[...] = 9
 
     replace, calls = os.replace, []
@@ -142,7 +143,7 @@ def test_a_process_that_dies_between_the_two_leaves_no_wrong_pair(
 
     monkeypatch.setattr(os, "replace", once)
     with pytest.raises(KeyboardInterrupt):
-        snapshot.write_pair(net, state_of(net, 6), *paths)
+        snapshot.write_pair(owned(net), state_of(net, 6), *paths)
     if paths[1].exists():
         new_weights = (snapshot.read_weights(paths[0])["a"][0] == 9).all()
         assert snapshot.read_state(paths[1]).iter == (6 if new_weights else 5)
@@ -172,7 +173,7 @@ def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkey
 def pair(net: netlib.Net, tmp_path: Path) -> tuple[Path, Path]:
     """Weights and state."""
     paths = tmp_path / "w.caffemodel.h5", tmp_path / "s.solverstate.h5"
-    snapshot.write_pair(net, state_of(net), *paths)
+    snapshot.write_pair(owned(net), state_of(net), *paths)
     return paths
 
 
