@@ -3,8 +3,8 @@
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y  = x where x > 0, slope * x elsewhere
-dx = dy where x > 0, slope * dy elsewhere       (at 0, as in Caffe, the gradient is slope * dy)
+y  = g x
+dx = g dy        g = 1 where x > 0, slope elsewhere (as in Caffe, also at 0)
 
 In place x is y by the time of backward; its sign tells the same, unless the slope is negative.
 """
@@ -12,8 +12,6 @@ In place x is y by the time of backward; its sign tells the same, unless the slo
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -45,9 +43,9 @@ class ReLU(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
-        top[0].data[...] = np.where(x > 0, x, self.slope * x)
+        top[0].data[...] = x * ((x > 0) + self.slope * (x <= 0))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             x, dy = bottom[0].data, top[0].diff
-            bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)
+            bottom[0].diff[...] = dy * ((x > 0) + self.slope * (x <= 0))

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
@@ -100,11 +99,11 @@ class Pooling(Layer):
         for n in range(len(x)):
             windows = self.windows(self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape)
             if self.is_max:
-                self.winners[n] = windows.argmax(axis=-1)  # the first of equal values
-                y[n] = windows.max(axis=-1)
+                self.winners[n] = windows.argmax(axis=0)  # the first of equal values
+                y[n] = windows.max(axis=0)
             else:
                 with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
-                    y[n] = windows.sum(axis=-1) / self.area(x.shape, y.shape)
+                    y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)
         y[np.isneginf(y)] = NOTHING
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
@@ -134,9 +133,10 @@ class Pooling(Layer):
         return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
 
     def windows(self, padded: Array, y: tuple[int, ...]) -> Array:
-        """All windows of an image, their values row by row: (C, Ho, Wo, kh kw)."""
-        every = sliding_window_view(padded, self.kernel, axis=(1, 2))[:, :: self.stride[0], :: self.stride[1]]
-        return every[:, : y[2], : y[3]].reshape(*y[1:], -1)
+        """All windows of an image, (kh kw, C, Ho, Wo): row p holds what stands at place p of every window."""
+        (sh, sw), rows, columns = self.stride, (y[2] - 1) * self.stride[0] + 1, (y[3] - 1) * self.stride[1] + 1
+        places = np.ndindex(self.kernel)
+        return np.stack([padded[:, i : i + rows : sh, j : j + columns : sw] for i, j in places])
 
     def area(self, x: tuple[int, ...], y: tuple[int, ...]) -> Array:
         """(Ho, Wo): size of each window, clipped where the padding ends."""
