@@ -26,11 +26,15 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
-from handpose import dataset, synthetic, workers
-from handpose.evaluation import predict, score
-from handpose.synthetic import Generator, HandShape, PosePrior
-from layers import kinematics
-from netlib import atomic, parallel
+from handpose.data import parts
+from handpose.scoring.held_out import figures_of, predict_all
+from handpose.synthetic import workers
+from handpose.synthetic.flesh import HandShape
+from handpose.synthetic.generator import Generator
+from handpose.synthetic.many import generate
+from handpose.synthetic.pose_prior import PosePrior
+from layers.hand import skeleton
+from netlib import atomic, engine
 from netlib.net import Net
 from tools import train
 from tools.console import DONE, guarded, positive
@@ -140,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
             status, weights, net = trained(study, data, test, seed, args)
             if status != DONE:
                 return status
-            figures = score(predict(Net(net, weights, netlib.TEST)), kinematics.load())
+            figures = figures_of(predict_all(Net(net, weights, netlib.TEST)), skeleton.load())
             errors.append(figures["error_14_mm"])
         rows.append(f"| {study.title} | {np.mean(errors):.1f} | {', '.join(f'{e:.1f}' for e in errors)} |")
         print(rows[-1], file=sys.stderr, flush=True)
@@ -154,12 +158,12 @@ def _data_name(study: Study) -> str:
 
 def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
     """Frames in one file with its list, unless they are there already; returns the list."""
-    part = dataset.Part(prefix.with_suffix(".h5"), count, repr(generator.recipe()))
-    if not dataset.is_whole(part):
-        with workers.processes(parallel.available_cpus()) as pool:
-            pieces = (frames.arrays() for frames in synthetic.generate(count, generator, pool))
-            dataset.write_part(part, synthetic.empty_frames().arrays(), pieces, lambda: {"made_from": "synthetic"})
-    atomic.replace_text(prefix.with_suffix(".txt"), dataset.list_text([part.path]))
+    part = parts.Part(prefix.with_suffix(".h5"), count, repr(generator.recipe()))
+    if not parts.is_whole(part):
+        with workers.processes(engine.available_cpus()) as pool:
+            pieces = (frames.arrays() for frames in generate(count, generator, pool))
+            parts.write_part(part, generator.columns(), pieces, lambda: {"made_from": "synthetic"})
+    atomic.replace_text(prefix.with_suffix(".txt"), parts.list_text([part.path]))
     return prefix.with_suffix(".txt")
 
 

@@ -20,7 +20,8 @@ class Paper:
     """Depth images (N, 1, 128, 128) and joints (N, 93) of ``FRAMES`` hands, and the nets on them."""
 
     def __init__(self, folder: Path, workers: int) -> None:
-        from handpose.synthetic.generator import Generator, generate
+        from handpose.synthetic.generator import Generator
+        from handpose.synthetic.many import generate
 
         self.folder = folder
         blocks = list(generate(FRAMES, Generator(seed=0, split="train"), workers=workers))

@@ -8,7 +8,9 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
-from layers.kinematics import Skeleton, Step, rotation
+from fast.kinematics import FastKinematics
+from layers.hand.kinematics import rotation
+from layers.hand.skeleton import Motion, Skeleton
 from netlib.net import Net
 
 WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
@@ -21,6 +23,7 @@ class TorchHandByJoint(nn.Module):
         super().__init__()
         self.skeleton = skeleton
         self.initial = torch.tensor(skeleton.initial, dtype=torch.float32)
+        self.steps = [self._steps(joint) for joint in range(len(skeleton.joint_names))]
         self.bones = []
         for axis, length in zip(skeleton.bone_axes, skeleton.bones):
             T = torch.eye(4)
@@ -38,20 +41,29 @@ class TorchHandByJoint(nn.Module):
                 return done[joint]
             parent = int(self.skeleton.parents[joint])
             M = torch.eye(4).expand(len(x), 4, 4) if parent < 0 else of(parent)
-            for step in self.skeleton.steps[joint]:
-                M = M @ self._motion(step, theta)
+            for step in self.steps[joint]:
+                M = M @ (step if isinstance(step, torch.Tensor) else self._motion(step, theta))
             done[joint] = M @ self.bones[joint]
             return done[joint]
 
         return torch.stack([of(j)[:, :3, 3] for j in range(len(self.bones))], 1).reshape(len(x), -1)
 
-    @staticmethod
-    def _motion(step: Step, theta: torch.Tensor) -> torch.Tensor:
-        """The 4 x 4 transform of one motion, (N, 4, 4) or, if it is fixed, (4, 4)."""
-        if step.matrix is not None:
+    def _steps(self, joint: int) -> list[torch.Tensor | Motion]:
+        """The joint's motions in order; fixed rotations are multiplied out to transforms (4, 4)."""
+        steps: list[torch.Tensor | Motion] = []
+        for motion in self.skeleton.motions[joint]:
+            if motion.kind == "translate" or motion.row >= 0:
+                steps.append(motion)
+                continue
             T = torch.eye(4)
-            T[:3, :3] = torch.tensor(step.matrix, dtype=torch.float32)
-            return T
+            turned = rotation(motion.axis, motion.sign * self.skeleton.initial[motion.dof])
+            T[:3, :3] = torch.tensor(turned, dtype=torch.float32)
+            steps.append(steps.pop() @ T if steps and isinstance(steps[-1], torch.Tensor) else T)
+        return steps
+
+    @staticmethod
+    def _motion(step: Motion, theta: torch.Tensor) -> torch.Tensor:
+        """The 4 x 4 transform of one motion, (N, 4, 4)."""
         T = torch.eye(4).repeat(len(theta), 1, 1)
         t = step.sign * theta[:, step.dof]
         if step.kind == "translate":
@@ -68,11 +80,11 @@ class TorchHand(nn.Module):
 
     def __init__(self, skeleton: Skeleton) -> None:
         super().__init__()
-        self.skeleton = skeleton
+        self.kinematics = FastKinematics(skeleton)
         self.register_buffer("initial", torch.tensor(skeleton.initial, dtype=torch.float32))
         self.register_buffer("free", torch.tensor(~skeleton.fixed))
         self.register_buffer("bones", torch.tensor(skeleton.bones, dtype=torch.float32))
-        for i, group in enumerate(skeleton._groups):
+        for i, group in enumerate(self.kinematics.groups):
             for s, do in enumerate(group.operations):
                 if do.kind == "constant":
                     self.register_buffer(f"c{i}_{s}", torch.tensor(do.matrices, dtype=torch.float32))
@@ -89,16 +101,16 @@ class TorchHand(nn.Module):
         theta = torch.where(self.free, x, torch.zeros((), dtype=x.dtype)) + self.initial
         X: list[torch.Tensor] = [x] * len(self.bones)
         frames: list[torch.Tensor] = []
-        for i, group in enumerate(self.skeleton._groups):
+        for i, group in enumerate(self.kinematics.groups):
             if group.parent < 0:
                 F = torch.eye(3).expand(N, 1, 3, 3)
                 p = torch.zeros(N, 1, 3)
             else:
-                parent = self.skeleton._groups[group.parent]
+                parent = self.kinematics.groups[group.parent]
                 F = frames[group.parent][:, group.slots]
                 p = torch.stack([X[j] for j in parent.joints], 1)[:, group.slots]
             for s, do in enumerate(group.operations):
-                dofs = self.skeleton.driven[do.rows]
+                dofs = self.kinematics.driven[do.rows]
                 if do.kind == "constant":
                     F = F @ getattr(self, f"c{i}_{s}")
                 elif do.kind == "translate":

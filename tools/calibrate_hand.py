@@ -29,18 +29,13 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
-from handpose.angles import rotations
-from handpose.calibrate import (
-    FEWEST_FRAMES,
-    Annotation,
-    Calibration,
-    calibrate,
-    read_annotation,
-    skeleton_text,
-)
-from handpose.nyu import CUBE_MM
-from layers import kinematics
-from layers.kinematics import Skeleton
+from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.angles import rotations
+from handpose.fitting.calibration import Calibration, calibrate
+from handpose.fitting.calibration_problem import FEWEST_FRAMES
+from handpose.fitting.observations import Observations, read_observations
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
 from netlib.atomic import replace_text
 from netlib.errors import NetlibError, reason_of
 from tools.console import DONE, duration, guarded, natural, positive, progress_bar
@@ -77,8 +72,8 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Calibrate as the parsed arguments say. Raises NetlibError."""
     _check_out(args.out, args.force)
-    template = kinematics.load(args.template) if args.template else kinematics.load()
-    frames = read_annotation(
+    template = skeletons.load(args.template) if args.template else skeletons.load()
+    frames = read_observations(
         args.annotations, template, args.joints, args.frames, args.seed, args.half_cube or CUBE_MM / 2
     )
     cubes, counts = np.unique(frames.half_cube, return_counts=True)
@@ -94,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
             bar.close()
     try:
         replace_text(
-            args.out, skeleton_text(found.skeleton, args.out.stem, _comment(args, template, frames, found, unit))
+            args.out, skeletons.text_of(found.skeleton, args.out.stem, _comment(args, template, frames, found, unit))
         )
     except OSError as error:
         raise NetlibError(f"{args.out}: cannot write the skeleton: {reason_of(error)}") from None
@@ -117,7 +112,9 @@ def _check_out(out: Path, force: bool) -> None:
         raise NetlibError(f"{out}: is there already; choose another --out, or use --force to replace it")
 
 
-def _comment(args: argparse.Namespace, template: Skeleton, frames: Annotation, found: Calibration, unit: float) -> str:
+def _comment(
+    args: argparse.Namespace, template: Skeleton, frames: Observations, found: Calibration, unit: float
+) -> str:
     """The top of the file: what it was made from, and what the numbers mean."""
     before, after = (float(np.nanmean(r)) * unit for r in (found.before, found.after))
     some = "" if len(frames.joints) == len(template.parents) else f": {_names(template, frames)}"
@@ -141,7 +138,7 @@ def _comment(args: argparse.Namespace, template: Skeleton, frames: Annotation, f
     return "\n".join(textwrap.fill(" ".join(part.split()), 110) for part in (facts, undetermined, meaning))
 
 
-def _names(template: Skeleton, frames: Annotation) -> str:
+def _names(template: Skeleton, frames: Observations) -> str:
     return ", ".join(template.joint_names[j] for j in frames.joints)
 
 
@@ -149,7 +146,7 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names) or "nothing"
 
 
-def _report(template: Skeleton, frames: Annotation, found: Calibration, unit: float) -> str:
+def _report(template: Skeleton, frames: Observations, found: Calibration, unit: float) -> str:
     """What was found, in mm and degrees."""
     skeleton = found.skeleton
     lines = [f"{'bone, mm':<22}{'template':>9}{'now':>9}{'+-':>7}"]

@@ -34,10 +34,21 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import angles, fit, metrics, nyu
-from handpose.metrics import joint_errors
-from handpose.published import BENCHMARKS, FORMATS, THRESHOLDS_MM, Benchmark, Score, read_joints, score
-from layers import kinematics
+from handpose.facts import nyu
+from handpose.fitting import angles
+from handpose.fitting.levenberg_marquardt import fit_joints
+from handpose.scoring import metrics
+from handpose.scoring.metrics import joint_errors
+from handpose.scoring.published_predictions import (
+    BENCHMARKS,
+    FORMATS,
+    THRESHOLDS_MM,
+    Benchmark,
+    Score,
+    read_joints,
+    score_on,
+)
+from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools import pictures
 from tools.console import DONE, aligned, guarded, progress_bar
@@ -97,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         if len(predicted) != len(truth):
             raise DataError(f"{path}: {len(predicted)} frames, the ground truth {args.groundtruth} has {len(truth)}")
         predictions[name] = predicted
-        scores[name] = score(joint_errors(predicted, truth), benchmark)
+        scores[name] = score_on(benchmark, joint_errors(predicted, truth))
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
             print(f"warning: {path}: a mean error of {scores[name].mean_mm:.0f} mm; are these {args.format}, "
                   f"y up if xyz, of the same {benchmark.name} frames?", file=sys.stderr)  # fmt: skip
@@ -134,7 +145,7 @@ class Angles:
 
 def compare_angles(truth: Array, predictions: Mapping[str, Array]) -> dict[str, Angles]:
     """Fit the hand to true joints (N, 14, 3) in mm and to those of each method, and compare."""
-    skeleton = kinematics.load()
+    skeleton = skeletons.load()
     half = nyu.half_cubes(len(truth))
     if warning := nyu.one_size_for_all(len(truth)):
         print(warning, file=sys.stderr)
@@ -145,7 +156,7 @@ def compare_angles(truth: Array, predictions: Mapping[str, Array]) -> dict[str, 
         bar = progress_bar(len(joints), 0, " frames")
         if bar:
             bar.set_description(what)
-        found = fit.fit(
+        found = fit_joints(
             skeleton, targets, nyu.EVALUATION_JOINTS, progress=bar.update if bar else lambda done: None, **options
         )
         if bar:

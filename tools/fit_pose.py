@@ -29,13 +29,19 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 import h5py
 import numpy as np
 
-from handpose import dataset, fit, fit_data, metrics, nyu
-from handpose.camera import NYU
-from handpose.published import FORMATS, read_joints
-from layers import kinematics
-from layers.hdf5_data import read_list
+from handpose.data import parts
+from handpose.facts import nyu
+from handpose.facts.cameras import NYU
+from handpose.fitting import companions
+from handpose.fitting.levenberg_marquardt import fit_joints
+from handpose.fitting.particle_swarm import fit_joints_by_swarm
+from handpose.scoring import metrics
+from handpose.scoring.published_predictions import FORMATS, read_joints
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
 from netlib import atomic
 from netlib.errors import DataError, NetlibError, reason_of
+from netlib.hdf5 import read_list
 from tools.console import DONE, duration, guarded, positive, progress_bar
 
 
@@ -72,7 +78,7 @@ def _weight(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Fit as the parsed arguments say."""
-    skeleton = kinematics.load(args.skeleton) if args.skeleton else kinematics.load()
+    skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     begun = time.perf_counter()
     if _is_list(args.joints):
         if args.swarm or args.frames:
@@ -103,7 +109,7 @@ def _is_list(path: str) -> bool:
     return False
 
 
-def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[Any, float]:
+def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, float]:
     chosen = list(nyu.EVALUATION_JOINTS)
     if max(chosen) >= len(skeleton.parents):
         raise DataError(f"skeleton {skeleton.name!r} has {len(skeleton.parents)} joints, expected the 31 of NYU's hand")
@@ -117,10 +123,10 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
     bar = progress_bar(len(rows), 0, " frames")
     progress = bar.update if bar else lambda done: None
     if args.swarm:
-        found = fit.swarm(skeleton, targets, chosen, particles=args.particles, generations=args.generations,
+        found = fit_joints_by_swarm(skeleton, targets, chosen, particles=args.particles, generations=args.generations,
                           progress=progress)  # fmt: skip
     else:
-        found = fit.fit(skeleton, targets, chosen, limits=not args.no_limits, ridge=args.ridge, starts=args.starts,
+        found = fit_joints(skeleton, targets, chosen, limits=not args.no_limits, ridge=args.ridge, starts=args.starts,
                         progress=progress)  # fmt: skip
     if bar:
         bar.close()
@@ -145,23 +151,23 @@ def _fit_text(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[
     return residuals, _broken(found.inputs, skeleton)
 
 
-def _fit_list(args: argparse.Namespace, skeleton: kinematics.Skeleton) -> tuple[Any, float]:
+def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, float]:
     if not args.out:
         raise NetlibError(f"{args.joints}: a list of HDF5 files; expected --out FOLDER for their angles")
     files, out = read_list(args.joints, None), Path(args.out)
-    targets = fit_data.companions(files, out)
+    targets = companions.companions_of(files, out)
     residuals, inputs = [], []
     for number, (path, target) in enumerate(zip(files, targets), 1):
-        residuals.append(fit_data.fit_file(path, target, skeleton, limits=not args.no_limits, ridge=args.ridge,
+        residuals.append(companions.fit_file(path, target, skeleton, limits=not args.no_limits, ridge=args.ridge,
                                            starts=args.starts))  # fmt: skip
         with h5py.File(target, "r") as file:
             inputs.append(file["dof"][...])
         print(f"{number} of {len(files)}: {target}, {np.nanmean(residuals[-1]):.3f} mm", file=sys.stderr)
-    atomic.replace_text(out / Path(args.joints).name, dataset.list_text(targets))
+    atomic.replace_text(out / Path(args.joints).name, parts.list_text(targets))
     return np.concatenate(residuals), _broken(np.concatenate(inputs), skeleton)
 
 
-def _broken(inputs: Any, skeleton: kinematics.Skeleton) -> float:
+def _broken(inputs: Any, skeleton: Skeleton) -> float:
     return metrics.fraction_out_of_limits(inputs, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6)
 
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -31,11 +30,14 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import dataset, nyu
-from handpose.crop import restore_joints, window
-from handpose.synthetic import BLOCK, Frames, Generator, Hands, Split, empty_frames, generate
-from handpose.workers import no_interrupt, processes
-from netlib import atomic
+from handpose.data import nyu_files, parts
+from handpose.data.crops import restore_joints, window
+from handpose.data.images import pack_depth
+from handpose.facts.nyu import frame_name
+from handpose.synthetic.generator import BLOCK, Generator, Scene, Split
+from handpose.synthetic.many import generate
+from handpose.synthetic.workers import no_interrupt, processes
+from netlib import atomic, engine
 from netlib.errors import NetlibError, reason_of
 from netlib.paths import names_in
 from tools.console import duration, guarded, progress_bar
@@ -43,7 +45,7 @@ from tools.stopper import StoppedError, Stopper
 
 FRAMES_PER_FILE = 2500
 RAW_BYTES = 60_000  # of a frame of NYU's format, more than it takes
-MADE_FROM = nyu.SYNTHETIC
+MADE_FROM = nyu_files.SYNTHETIC
 MARKER = "synthetic.json"  # in a folder of NYU's format: ours, and made so
 DESCRIPTION = (
     "Rendered capsule hands with Kinect-like noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the crop "
@@ -54,7 +56,7 @@ DESCRIPTION = (
 class Piece(NamedTuple):
     """Which frames of which split a file is made of."""
 
-    part: dataset.Part
+    part: parts.Part
     generator: Generator
     start: int
 
@@ -73,10 +75,10 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
     """Write what is missing of ``counts`` frames a split into the folder ``out``. Raises NetlibError."""
     pieces = {split: _pieces(out, Generator(seed, split), count) for split, count in counts.items()}
     every = [piece for split in pieces.values() for piece in split]
-    lists = {out / f"{split}.txt": dataset.list_text(p.part.path for p in pieces[split]) for split in pieces}
+    lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
     if not force:
-        dataset.refuse_foreign([piece.part.path for piece in every], list(lists), [MADE_FROM])
-    missing = every if force else [piece for piece in every if not dataset.is_whole(piece.part)]
+        parts.refuse_foreign([piece.part.path for piece in every], list(lists), [MADE_FROM])
+    missing = every if force else [piece for piece in every if not parts.is_whole(piece.part)]
     if not missing and all(atomic.text_of(path) == text for path, text in lists.items()):
         print(f"{out}: {_summary(counts, seed)} are already there, kept")
         return 0
@@ -85,7 +87,7 @@ def run(out: Path, counts: dict[Split, int], seed: int, workers: int, force: boo
         out.mkdir(parents=True, exist_ok=True)
         for path in lists if missing else ():
             path.unlink(missing_ok=True)  # no list may name files of two kinds
-        dataset.check_space(out, [piece.part for piece in missing], empty_frames().arrays())
+        parts.check_space(out, [piece.part for piece in missing], every[0].generator.columns())
         _write_all(missing, workers, stopper)
         for path, text in lists.items():
             atomic.replace_text(path, text)
@@ -116,8 +118,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--train", type=_at_least(1), default=20000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--test", type=_at_least(1), default=2000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--seed", type=_at_least(0), default=0, metavar="N", help="random seed (default: %(default)s)")
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    help_ = "processes (default: one a core, %(default)s)"
+    workers = engine.available_cpus()
+    help_ = "processes (default: one per processor, %(default)s)"
     parser.add_argument("--workers", type=_at_least(1), default=workers, metavar="N", help=help_)
     parser.add_argument("--force", action="store_true", help="replace whatever is there, real data too")
     return parser.parse_args(argv)
@@ -143,7 +145,7 @@ def _pieces(out: Path, generator: Generator, count: int) -> list[Piece]:
         # all that the file depends on
         recipe = json.dumps({**generator.recipe(), "start": start, "frames": rows}, sort_keys=True)
         path = out / f"{generator.split}_{i:03d}.h5"
-        pieces.append(Piece(dataset.Part(path, rows, recipe), generator, start))
+        pieces.append(Piece(parts.Part(path, rows, recipe), generator, start))
     return pieces
 
 
@@ -152,7 +154,6 @@ def _pieces(out: Path, generator: Generator, count: int) -> list[Piece]:
 
 def _write_all(pieces: list[Piece], workers: int, stopper: Stopper) -> None:
     bar = progress_bar(sum(piece.part.rows for piece in pieces), 0, " frames") if pieces else None
-    columns = empty_frames().arrays()
     with contextlib.ExitStack() as stack:
         if bar:
             stack.callback(bar.close)
@@ -167,26 +168,15 @@ def _write_all(pieces: list[Piece], workers: int, stopper: Stopper) -> None:
 
         for piece in pieces:
             facts = {"made_from": MADE_FROM, "seed": piece.generator.seed, "description": DESCRIPTION}
-            dataset.write_part(piece.part, columns, rows(piece), lambda facts=facts: facts)  # type: ignore[misc]
+            parts.write_part(piece.part, piece.generator.columns(), rows(piece), lambda facts=facts: facts)  # type: ignore[misc]
 
 
 # ------------------------------------------------------------------------------------------ NYU's format
 
 
-class Remembering(Generator):
-    """Keeps the hands of the last block, whose joints are not yet clipped to the cube."""
-
-    last: Hands
-
-    def hands(self, rng: np.random.Generator, count: int) -> Hands:
-        """Draw hands, and keep them."""
-        self.last = super().hands(rng, count)
-        return self.last
-
-
 def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force: bool) -> int:
     """Write ``counts`` frames a split in NYU's format into the folder ``out``. Raises NetlibError."""
-    generators: list[Remembering] = [Remembering(seed, split) for split in counts]
+    generators = [Generator(seed, split) for split in counts]
     recipes = {g.split: json.dumps({**g.recipe(), "frames": counts[g.split]}, sort_keys=True) for g in generators}
     missing = []
     for generator in generators:
@@ -194,7 +184,7 @@ def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force:
         marker = atomic.text_of(folder / MARKER)
         if not force and marker is None and names_in(folder):
             raise NetlibError(f"{folder}: holds what this tool did not make; choose another --out, or use --force")
-        if force or marker != recipes[generator.split] or not (folder / nyu.LABELS).is_file():
+        if force or marker != recipes[generator.split] or not (folder / nyu_files.ANNOTATION).is_file():
             missing.append(generator)
     if not missing:
         print(f"{out}: {_summary(counts, seed)} are already there in NYU's format, kept")
@@ -203,7 +193,7 @@ def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force:
     def work(stopper: Stopper) -> None:
         out.mkdir(parents=True, exist_ok=True)
         need = sum(counts[g.split] for g in missing) * RAW_BYTES
-        dataset.check_room(out, need)
+        parts.check_room(out, need)
         bar = progress_bar(sum(counts[g.split] for g in missing), 0, " frames")
         with contextlib.ExitStack() as stack:
             if bar:
@@ -218,10 +208,10 @@ def run_raw(out: Path, counts: dict[Split, int], seed: int, workers: int, force:
     return _stoppable(out, work, "whole splits are", f"{_summary(counts, seed)} in NYU's format, made")
 
 
-def _write_raw(folder: Path, generator: Remembering, count: int, recipe: str, workers: int) -> Iterator[int]:
+def _write_raw(folder: Path, generator: Generator, count: int, recipe: str, workers: int) -> Iterator[int]:
     """Write one split; the labels come last, and make it whole. Yields numbers of frames."""
     folder.mkdir(exist_ok=True)
-    (folder / nyu.LABELS).unlink(missing_ok=True)
+    (folder / nyu_files.ANNOTATION).unlink(missing_ok=True)
     for name in names_in(folder) if (folder / MARKER).exists() else ():  # from an earlier run
         if name.startswith("depth_1_") and name.endswith(".png"):
             (folder / name).unlink()
@@ -239,27 +229,27 @@ def _write_raw(folder: Path, generator: Remembering, count: int, recipe: str, wo
         for block in results:
             labels.append(block)
             yield len(block)
-    nyu.write_labels(folder / nyu.LABELS, np.concatenate(labels), MADE_FROM)
+    nyu_files.write_annotation(folder / nyu_files.ANNOTATION, np.concatenate(labels), MADE_FROM)
 
 
-def _raw_block(generator: Remembering, number: int, folder: Path, count: int) -> NDArray[np.float64]:
+def _raw_block(generator: Generator, number: int, folder: Path, count: int) -> NDArray[np.float64]:
     """Write the images of a block; returns the 36 annotated joints (n, 36, 3) in mm."""
-    frames = generator.block(number)
+    scene = generator.scene(number)
     for n in range(min(BLOCK, count - number * BLOCK)):
         # level 1 is twice as fast as OpenCV's default, and these images are mostly empty
-        png = cv2.imencode(".png", nyu.pack_depth(_image(frames, n, generator)), (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]
-        path = folder / nyu.frame_name(int(frames.index[n]))
+        png = cv2.imencode(".png", pack_depth(_image(scene, n, generator)), (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]
+        path = folder / frame_name(number * BLOCK + n)
         atomic.replace(path, lambda temporary, png=png: temporary.write_bytes(png.tobytes()), sync=False)  # type: ignore[misc]
-    center = generator.camera.unproject(frames.center_uvd.astype(np.float64))
-    xyz = restore_joints(generator.last.joints, center, generator.cube_mm / 2)
-    return nyu.annotation_of(xyz, center)[: count - number * BLOCK]
+    center = generator.camera.unproject(scene.center_uvd)
+    xyz = restore_joints(scene.hands.joints, center, generator.cube_mm / 2)
+    return nyu_files.annotation_of(xyz, center)[: count - number * BLOCK]
 
 
-def _image(frames: Frames, n: int, generator: Generator) -> NDArray[np.float64]:
+def _image(scene: Scene, n: int, generator: Generator) -> NDArray[np.float64]:
     """The whole depth image in mm of one frame: its crop, enlarged to the pixels it was picked from; 0 around it."""
     camera, half = generator.camera, generator.cube_mm / 2
-    center = frames.center_uvd[n : n + 1].astype(np.float64)
-    crop = frames.depth[n, 0].astype(np.float64)
+    center = scene.center_uvd[n : n + 1]
+    crop = scene.depth[n].astype(np.float64)
     mm = np.where(crop <= -1, np.floor(center[0, 2] - half), np.rint(center[0, 2] + crop * half))
     mm[crop >= 1] = 0
     picked = window(center, generator.cube_mm, camera)

@@ -23,7 +23,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import icvl
+from handpose.data import icvl_files
 from tools.console import guarded
 from tools.prepare_nyu import arguments, run
 
@@ -32,7 +32,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns its exit status."""
     assert __doc__
     args = arguments(argv, __doc__, "ICVL_ROOT", Path("data/icvl"), "palm")
-    return guarded(lambda: run(args, icvl.check, icvl.annotated, ["ICVL"]))
+    return guarded(lambda: run(args, icvl_files.check_split, icvl_files.read_split, ["ICVL"]))
 
 
 if __name__ == "__main__":

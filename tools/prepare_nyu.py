@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import sys
 import time
 from collections import Counter
@@ -29,18 +28,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
 
-from handpose import dataset, nyu
-from handpose.annotated import (
-    Annotated,
-    BadFrameError,
-    Outcome,
-    Problem,
-    parts_of,
-    statistics,
-    write_annotated,
-)
-from handpose.dataset import Part
-from netlib import atomic
+from handpose.data import nyu_files
+from handpose.data import parts as files
+from handpose.data.bad_frames import BadFrameError
+from handpose.data.flaws import Flaw
+from handpose.data.parts import Part
+from handpose.data.preparation import Outcome, parts_of, write_parts
+from handpose.data.published_frames import PublishedFrames, statistics
+from handpose.facts.nyu import CENTER_JOINT
+from netlib import atomic, engine
 from netlib.errors import DataError, NetlibError, reason_of
 from tools.console import DONE, FAILED, duration, guarded, positive, progress_bar
 from tools.stopper import StoppedError, Stopper
@@ -49,15 +45,15 @@ FRAMES_PER_FILE = 2500
 NAMED = 10  # bad frames of a split that are named on the screen; the file bad_SPLIT.txt names all
 SPLITS = ("train", "test")
 
-Check = Callable[[Path, str], tuple[list[str], list[Problem]]]
-Read = Callable[[Path, str, Path | None], Annotated]
+Check = Callable[[Path, str], tuple[list[str], list[Flaw]]]
+Read = Callable[[Path, str, Path | None], PublishedFrames]
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns its exit status."""
     assert __doc__
-    args = arguments(argv, __doc__, "NYU_ROOT", Path("data/nyu"), f"joint{nyu.CENTER_JOINT}")
-    return guarded(lambda: run(args, nyu.check, nyu.annotated, ["NYU", nyu.SYNTHETIC]))
+    args = arguments(argv, __doc__, "NYU_ROOT", Path("data/nyu"), f"joint{CENTER_JOINT}")
+    return guarded(lambda: run(args, nyu_files.check_split, nyu_files.read_split, ["NYU", nyu_files.SYNTHETIC]))
 
 
 def arguments(argv: list[str] | None, doc: str, root: str, out: Path, center: str) -> argparse.Namespace:
@@ -65,7 +61,7 @@ def arguments(argv: list[str] | None, doc: str, root: str, out: Path, center: st
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("root", type=Path, metavar=root, help="the data set as published")
     parser.add_argument("--out", type=Path, default=out, help="folder to write to (default: %(default)s)")
-    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cpus = engine.available_cpus()
     parser.add_argument("--workers", type=positive, default=cpus, metavar="N", help="threads (default: %(default)s)")
     parser.add_argument(
         "--center", default=center, metavar=f"{center}|FILE", help="crop centres (default: %(default)s)"
@@ -106,20 +102,22 @@ def _center_file(center: str | None, split: str) -> Path | None:
     return None if center is None else Path(center.replace("{split}", split))
 
 
-def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, force: bool, own: Sequence[str]) -> int:
+def prepare(
+    splits: Sequence[PublishedFrames], out: Path, workers: int, strict: bool, force: bool, own: Sequence[str]
+) -> int:
     """Write what is missing of the splits into the folder ``out``, and tell what was found. Raises NetlibError."""
     parts = {frames.split: parts_of(frames, out, FRAMES_PER_FILE) for frames in splits}
     lists = [out / f"{frames.split}.txt" for frames in splits]
     every = [part for some in parts.values() for part in some]
     if not force:
-        dataset.refuse_foreign([part.path for part in every], lists, own)
-    missing = every if force else [part for part in every if not dataset.is_whole(part)]
+        files.refuse_foreign([part.path for part in every], lists, own)
+    missing = every if force else [part for part in every if not files.is_whole(part)]
     begun = time.perf_counter()
     outcomes: list[Outcome] = []
     try:
         with Stopper() as stopper, contextlib.ExitStack() as stack:
             out.mkdir(parents=True, exist_ok=True)
-            dataset.check_space(out, missing, splits[0].columns())
+            files.check_space(out, missing, splits[0].columns())
             bar = progress_bar(sum(part.rows for part in missing), 0, " frames") if missing else None
             if bar:
                 stack.callback(bar.close)
@@ -147,7 +145,7 @@ def prepare(splits: Sequence[Annotated], out: Path, workers: int, strict: bool, 
 
 
 def _write(
-    frames: Annotated,
+    frames: PublishedFrames,
     parts: list[Part],
     out: Path,
     workers: int,
@@ -165,7 +163,7 @@ def _write(
         if len(named) <= NAMED:
             print(f"{frames.split} {named[-1]}", file=sys.stderr)
 
-    outcome = write_annotated(frames, parts, workers, advance, on_bad, force)
+    outcome = write_parts(frames, parts, workers, advance, on_bad, force)
     bad = out / f"bad_{frames.split}.txt"
     if named:
         atomic.replace_text(bad, "".join(f"{line}\n" for line in named))
@@ -177,11 +175,11 @@ def _write(
         raise DataError(f"{frames.files[0].parent}: none of the {len(frames)} {frames.split} frames can be used")
     used = {i // FRAMES_PER_FILE for i in outcome.index}
     some = [part.path for n, part in enumerate(parts) if n in used]  # HDF5Data wants no file without rows
-    atomic.replace_text(out / f"{frames.split}.txt", dataset.list_text(some))
+    atomic.replace_text(out / f"{frames.split}.txt", files.list_text(some))
     return outcome
 
 
-def _report(frames: Annotated, outcome: Outcome) -> str:
+def _report(frames: PublishedFrames, outcome: Outcome) -> str:
     """What became of a split, in one line or two."""
     counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
     bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"

@@ -21,13 +21,13 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import draw
-from layers import kinematics
-from layers.hdf5_data import read_list
+from handpose.data.images import read_crop
+from handpose.drawing import hands, sheets
+from layers.hand import skeleton as skeletons
 from netlib.errors import DataError, reason_of
+from netlib.hdf5 import read_list
 from tools import pictures
 from tools.console import DONE, guarded, positive
-from tools.predict import read_crop
 
 Frame = tuple[NDArray[np.float32], "NDArray[np.float64] | None"]  # crop (128, 128) in [-1, 1], joints in half-cubes
 
@@ -49,20 +49,20 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
-    skeleton = kinematics.load()
+    skeleton = skeletons.load()
     images, titles = [], []
     for name in args.sets:
         frames = frames_of(Path(name), args.frames)
         for number, (crop, joints) in enumerate(frames):
             if args.plain or joints is None or joints.size != 3 * len(skeleton.parents):
-                images.append(draw.picture(crop, args.zoom))
+                images.append(hands.picture(crop, args.zoom))
             else:
-                images.append(draw.overlay(crop, joints, skeleton, zoom=args.zoom))
+                images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))
             titles.append(Path(name).name if number == 0 else "")
         while len(images) % args.columns:  # each set begins a row
             images.append(np.full_like(images[-1], 255))
             titles.append("")
-    pictures.write_image(args.out, draw.sheet(images, args.columns, titles, gap=4))
+    pictures.write_image(args.out, sheets.sheet(images, args.columns, titles, gap=4))
     print(f"wrote {args.out}", file=sys.stderr)
     return DONE
 

@@ -30,14 +30,20 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import angles, dataset, draw, fit, fit_data, metrics, nyu
-from handpose.evaluation import Predictions, data_layer, predict, score
-from handpose.published import nyu_benchmark
-from handpose.published import score as curves_of
-from layers import kinematics
-from layers.hdf5_data import read_list
+from handpose.data import parts
+from handpose.drawing import hands, sheets
+from handpose.facts import nyu
+from handpose.fitting import angles, companions
+from handpose.fitting.levenberg_marquardt import fit_joints
+from handpose.predicting.nets import data_layer
+from handpose.scoring import metrics
+from handpose.scoring.held_out import Predictions, figures_of, predict_all
+from handpose.scoring.published_predictions import nyu_benchmark, score_on
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
 from netlib import atomic
 from netlib.errors import NetlibError, reason_of
+from netlib.hdf5 import read_list
 from netlib.net import Net
 from tools import evaluate, pictures, train
 from tools.console import DONE, duration, guarded, natural, positive
@@ -98,7 +104,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Train what is not trained yet, evaluate, write."""
-    skeleton = kinematics.load()
+    skeleton = skeletons.load()
     with train.with_advice():
         files = {split: read_list(str(DATA / f"{split}.txt"), None) for split in ("train", "test")}
     for folder in (args.work, args.out):
@@ -114,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
         weights, status = trained(network, files["train"], args)
         if status != DONE:
             return status
-        predictions = predict(Net(network.model, weights, netlib.TEST))
+        predictions = predict_all(Net(network.model, weights, netlib.TEST))
         found[network.name] = (network, predictions, angles_of(network, predictions, skeleton))
     results = {name: result_of(p, inputs, truth, skeleton) for name, (_, p, inputs) in found.items()}
     write(args, found, results, truth, skeleton)
@@ -126,21 +132,21 @@ def run(args: argparse.Namespace) -> int:
 
 def data_name(files: Sequence[Path]) -> str:
     """A folder name for training data: where they are from, and a checksum of all that they depend on."""
-    facts = [(path.name, path.stat().st_size, dataset.attributes(path) or {}) for path in files]
+    facts = [(path.name, path.stat().st_size, parts.attributes(path) or {}) for path in files]
     origin = str(facts[0][2].get("made_from", "unknown")).lower()
     recipes = "\n".join(f"{name} {found.get('recipe', size)}" for name, size, found in facts)
     return f"{re.sub(r'[^a-z0-9]+', '_', origin)}_{zlib.crc32(recipes.encode()):08x}"
 
 
-def fit_angles(files: dict[str, list[Path]], skeleton: kinematics.Skeleton) -> Array:
+def fit_angles(files: dict[str, list[Path]], skeleton: Skeleton) -> Array:
     """Fit the hand to all annotated joints, if that is not done yet; returns the inputs of the test frames."""
     inputs = []
     for split, paths in files.items():
-        targets = fit_data.companions(paths, ANGLES)
+        targets = companions.companions_of(paths, ANGLES)
         begun, residuals = time.perf_counter(), []
         for path, target in zip(paths, targets):
-            residuals.append(fit_data.fit_file(path, target, skeleton, ridge=RIDGE))
-        atomic.replace_text(ANGLES / f"{split}.txt", dataset.list_text(targets))
+            residuals.append(companions.fit_file(path, target, skeleton, ridge=RIDGE))
+        atomic.replace_text(ANGLES / f"{split}.txt", parts.list_text(targets))
         mean, took = float(np.nanmean(np.concatenate(residuals))), duration(time.perf_counter() - begun)
         _say(f"{split}: the hand fitted to {sum(map(len, residuals))} frames, {mean:.2f} mm left, {took}")
         if split == "test":
@@ -152,7 +158,7 @@ def fit_angles(files: dict[str, list[Path]], skeleton: kinematics.Skeleton) -> A
 
 def trained(network: Network, files: Sequence[Path], args: argparse.Namespace) -> tuple[Path, int]:
     """The weights of a network after the iterations asked for, and the exit status of its training."""
-    labels = f"_ridge{RIDGE:g}_v{fit_data.VERSION}" if network.name == "direct_parameter" else ""
+    labels = f"_ridge{RIDGE:g}_v{companions.VERSION}" if network.name == "direct_parameter" else ""
     prefix = args.work / f"{network.name}{labels}_seed{args.seed}_of{args.iterations}"
     final = Path(f"{prefix}_iter_{args.iterations}.caffemodel.h5")
     if final.is_file():
@@ -214,17 +220,17 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     atomic.replace(path, fill)
 
 
-def angles_of(network: Network, predictions: Predictions, skeleton: kinematics.Skeleton) -> Array:
+def angles_of(network: Network, predictions: Predictions, skeleton: Skeleton) -> Array:
     """Inputs (N, 47) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
     if predictions.dof is not None:
         return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
     _say(f"{network.title}: fitting the hand to {len(predictions.joints)} frames of predicted joints")
-    return fit.fit(skeleton, predictions.joints.astype(np.float64), limits=True, starts=4).inputs
+    return fit_joints(skeleton, predictions.joints.astype(np.float64), limits=True, starts=4).inputs
 
 
-def result_of(p: Predictions, inputs: Array, truth: Array, skeleton: kinematics.Skeleton) -> Result:
+def result_of(p: Predictions, inputs: Array, truth: Array, skeleton: Skeleton) -> Result:
     """The figures of a network."""
-    figures = score(p, skeleton)
+    figures = figures_of(p, skeleton)
     return Result(
         error_14_mm=figures["error_14_mm"],
         error_mm=figures["error_mm"],
@@ -242,7 +248,7 @@ def write(
     found: dict[str, tuple[Network, Predictions, Array]],
     results: dict[str, Result],
     truth: Array,
-    skeleton: kinematics.Skeleton,
+    skeleton: Skeleton,
 ) -> None:
     """docs/results/table1.md with its pictures and the figures as JSON."""
     first = next(iter(found.values()))[1]
@@ -253,7 +259,7 @@ def write(
     for network, p, _ in found.values():
         scale = p.half_cube[:, None, None]
         errors = metrics.joint_errors(p.joints[:, chosen] * scale, p.truth[:, chosen] * scale)
-        scores[network.title] = curves_of(errors, benchmark)
+        scores[network.title] = score_on(benchmark, errors)
     evaluate.plot(scores, benchmark, frames, args.out / "table1_joints.png")
     errors_deg = {n.title: angles.angle_errors(skeleton, inputs, truth) for n, _, inputs in found.values()}
     plot_angles(errors_deg, skeleton, args.out / "table1_angles.png")
@@ -340,7 +346,7 @@ def findings(results: dict[str, Result]) -> list[str]:
     return [f"- {claim}: {'confirmed' if true else 'not confirmed'}, {figures}" for claim, true, figures in claims]
 
 
-def plot_angles(errors: dict[str, Array], skeleton: kinematics.Skeleton, out: Path) -> None:
+def plot_angles(errors: dict[str, Array], skeleton: Skeleton, out: Path) -> None:
     """Frames by mean angle error, and the mean error of every rotation. Raises NetlibError."""
     figure = pictures.new_figure(12, 7.5)
     above, below = figure.subplots(2, 1)
@@ -365,7 +371,7 @@ def plot_angles(errors: dict[str, Array], skeleton: kinematics.Skeleton, out: Pa
 
 
 def write_overlays(
-    out: Path, found: dict[str, tuple[Network, Predictions, Array]], skeleton: kinematics.Skeleton, count: int = 4
+    out: Path, found: dict[str, tuple[Network, Predictions, Array]], skeleton: Skeleton, count: int = 4
 ) -> None:
     """Frames of middling error, a network a column. Raises NetlibError."""
     data = data_layer(Net(NETWORKS[0].model, netlib.TEST))
@@ -378,9 +384,9 @@ def write_overlays(
         crop = data.row(int(n))[depth][0]
         for network, p, _ in found.values():
             error = np.linalg.norm(p.joints[n] - p.truth[n], axis=1).mean() * p.half_cube[n]
-            images.append(draw.overlay(crop, p.joints[n], skeleton, p.truth[n], zoom=2))
+            images.append(hands.overlay(crop, p.joints[n], skeleton, p.truth[n], zoom=2))
             titles.append(f"{network.title}, {error:.0f} mm")
-    pictures.write_image(out, draw.sheet(images, len(found), titles))
+    pictures.write_image(out, sheets.sheet(images, len(found), titles))
 
 
 def _say(text: str) -> None:

@@ -22,10 +22,11 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
-from handpose import draw
-from handpose.evaluation import Predictions, data_layer, hand_layer, predict, score
-from handpose.metrics import joint_errors
-from layers import kinematics
+from handpose.drawing import hands, sheets
+from handpose.predicting.nets import data_layer, hand_layer
+from handpose.scoring.held_out import Predictions, figures_of, predict_all
+from handpose.scoring.metrics import joint_errors
+from layers.hand import skeleton as skeletons
 from netlib.net import Net
 from tools import pictures
 from tools.console import DONE, aligned, guarded, progress_bar
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         net.copy_from(snapshot, strict=True)
         predictions = _run(net, snapshot)
         hand = hand_layer(net)
-        figures = score(predictions, hand.skeleton if hand else kinematics.load())
+        figures = figures_of(predictions, hand.skeleton if hand else skeletons.load())
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures})
     if args.picture:
         write_picture(args.picture, net, predictions)
@@ -86,16 +87,16 @@ def run(args: argparse.Namespace) -> int:
 def _run(net: Net, snapshot: str) -> Predictions:
     bar = progress_bar(data_layer(net).rows, 0, "frame")
     if bar is None:
-        return predict(net)
+        return predict_all(net)
     with bar:
         bar.set_description(Path(snapshot).name)
-        return predict(net, progress=lambda done: bar.update(done - bar.n))
+        return predict_all(net, progress=lambda done: bar.update(done - bar.n))
 
 
 def write_picture(path: str, net: Net, predictions: Predictions, count: int = 12) -> None:
     """Frames spread over the test set: the predicted hand in colour and the true one in white, and both in 3-D."""
     hand, data = hand_layer(net), data_layer(net)
-    skeleton = hand.skeleton if hand else kinematics.load()
+    skeleton = hand.skeleton if hand else skeletons.load()
     chosen = np.linspace(0, data.rows - 1, min(count, data.rows)).astype(int)
     depth = data.spec.top.index("depth")
     images = []
@@ -103,12 +104,12 @@ def write_picture(path: str, net: Net, predictions: Predictions, count: int = 12
         crop = data.row(int(i))[depth][0]
         joints = predictions.joints[i] if predictions.skeleton is None else predictions.skeleton[i]
         truth = predictions.truth[i] if len(predictions.truth[i]) == len(joints) else None
-        images.append(draw.overlay(crop, joints, skeleton, truth, zoom=3))
-        images.append(draw.view_3d(joints, skeleton, truth, size=384))
+        images.append(hands.overlay(crop, joints, skeleton, truth, zoom=3))
+        images.append(hands.view_3d(joints, skeleton, truth, size=384))
     errors = joint_errors(predictions.joints[chosen], predictions.truth[chosen]).mean(axis=1)
     titles = [t for i, e in zip(chosen, errors * predictions.half_cube[chosen]) for t in (f"frame {i}", f"{e:.0f} mm")]
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    pictures.write_image(path, draw.sheet(images, 6, titles))
+    pictures.write_image(path, sheets.sheet(images, 6, titles))
     print(f"wrote {path}", file=sys.stderr)
 
 

@@ -21,10 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.camera import NYU, Camera
+from handpose.facts.cameras import NYU, Camera
+from netlib.blob import Array
 from netlib.errors import DataError
-
-Array = NDArray[np.float64]
 
 SIZE = 128  # pixels on a side
 
@@ -122,14 +121,10 @@ def crop(
     return np.asarray((out - d) / (cube_mm / 2), dtype=np.float32)
 
 
-def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike, clip: bool = False) -> Array:
-    """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube`` mm, one or (N,).
-
-    ``clip`` moves what lies outside the cube onto its faces, as the released system does with its targets.
-    """
+def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:
+    """Joints (N, K, 3) in mm, camera axes, to half-cubes from the centre (N, 3); ``half_cube`` mm, one or (N,)."""
     center, half = np.asarray(center_xyz)[..., None, :], np.asarray(half_cube)[..., None, None]
-    joints = np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
-    return np.clip(joints, -1.0, 1.0) if clip else joints
+    return np.asarray((np.asarray(xyz, dtype=np.float64) - center) / half)
 
 
 def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:

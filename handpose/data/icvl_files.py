@@ -1,10 +1,6 @@
-"""What is particular to the ICVL hand posture data set (Tang et al., 2014).
+"""The files of the ICVL hand posture data set: a folder per split, with the folder Depth and text files of joints.
 
-More than 300,000 training frames (the recorded ones and copies turned in the image plane) and 702 + 894 test frames
-of two sequences, 320 x 240, with 16 joints: the palm, and root, mid and tip of each finger from the thumb on.
-
-ICVL shows the mirror image of NYU's hand. Files, pictures and joints here are as published; the skeleton
-(``prototxt/hand/icvl.prototxt``) is the mirrored one.
+Files, pictures and joints are as published; ICVL shows the mirror image of NYU's hand (``handpose.facts.icvl``).
 """
 
 from __future__ import annotations
@@ -15,51 +11,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from handpose.annotated import (
-    WRONG_SIZE,
-    Annotated,
-    BadFrameError,
-    Problem,
-    read_centers,
-    read_png,
-    recognise,
-)
-from handpose.camera import ICVL
-from layers import kinematics
+from handpose.data.bad_frames import WRONG_SIZE, BadFrameError
+from handpose.data.flaws import Flaw, recognise
+from handpose.data.images import read_png
+from handpose.data.published_frames import PublishedFrames, read_centers
+from handpose.facts.cameras import ICVL
+from handpose.facts.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAIN_FRAMES
+from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 from netlib.paths import names_in
 
-Array = NDArray[np.float64]
-
-CUBE_MM = 250.0  # edge of the cube around the hand
-CENTER_JOINT = 0  # the palm, at which crops are centred unless other centres are given
-TEST_FRAMES = (702, 894)  # of the two test sequences
-TRAIN_FRAMES = 300_000  # at least
-FINGERS = ("thumb", "index", "middle", "ring", "little")
-JOINTS = ("palm", *(f"{finger}_{part}" for finger in FINGERS for part in ("root", "mid", "tip")))
-
-# For each joint, the one or two joints of the model's 31 in whose middle it is. A "tip" of ICVL lies in the last
-# phalanx: along NYU's fingers, scaled to ICVL's, it is the DIP point, and not the tip.
-MODEL_JOINTS: dict[str, tuple[str, ...]] = {"palm": ("palm",)}
-for _finger in FINGERS[1:]:
-    MODEL_JOINTS[f"{_finger}_root"] = (f"{_finger}_base",)
-    MODEL_JOINTS[f"{_finger}_mid"] = (f"{_finger}_pip_a", f"{_finger}_pip_b")
-    MODEL_JOINTS[f"{_finger}_tip"] = (f"{_finger}_dip",)
-MODEL_JOINTS |= {"thumb_root": ("thumb_pip",), "thumb_mid": ("thumb_dip",), "thumb_tip": ("thumb_tip",)}
-
-LABELS: dict[str, tuple[str, ...]] = {
+ANNOTATION: dict[str, tuple[str, ...]] = {
     "train": ("Training/labels.txt",),
     "test": ("Testing/test_seq_1.txt", "Testing/test_seq_2.txt"),
 }
-
-
-def from_model_joints(joints: ArrayLike) -> Array:
-    """The 16 joints (N, 16, 3) among the model's 31 (N, 31, 3). They are still NYU's hand: mirror x for ICVL's."""
-    name = kinematics.load().joint_names.index
-    joints = np.asarray(joints, dtype=np.float64)
-    return np.stack([joints[:, [name(j) for j in MODEL_JOINTS[own]]].mean(axis=1) for own in JOINTS], axis=1)
 
 
 def read_icvl_depth(path: str | Path) -> NDArray[np.float32]:
@@ -70,15 +37,15 @@ def read_icvl_depth(path: str | Path) -> NDArray[np.float32]:
     return image.astype(np.float32)
 
 
-class Labels(NamedTuple):
-    """The annotation of one split."""
+class IcvlAnnotation(NamedTuple):
+    """The joints of one split."""
 
     files: list[Path]  # depth images, N
     uvd: Array  # (N, 16, 3) px, px, mm
 
 
-def read_labels(paths: Sequence[Path]) -> Labels:
-    """The labels of some files, one after the other. Raises DataError.
+def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
+    """The joints of some files, one after the other. Raises DataError.
 
     Each line is the path of an image below Depth/, and 16 times u v d.
     """
@@ -101,7 +68,7 @@ def read_labels(paths: Sequence[Path]) -> Labels:
     if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
         raise DataError(f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
                         f"{ICVL.width} x {ICVL.height}, and mm")  # fmt: skip
-    return Labels(files, uvd)
+    return IcvlAnnotation(files, uvd)
 
 
 def _append(values: array.array[float], words: list[str], where: str) -> None:
@@ -118,15 +85,15 @@ def _append(values: array.array[float], words: list[str], where: str) -> None:
         ) from None
 
 
-def annotated(root: Path, split: str, centers: Path | None = None) -> Annotated:
+def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
     """The frames of a split. ``centers`` is a file of crop centres; without it the palm. Raises DataError."""
-    labels = read_labels([path for path in (root / name for name in LABELS[split]) if path.is_file()])
-    count = len(labels.files)
-    return Annotated(
+    annotation = read_annotation([path for path in (root / name for name in ANNOTATION[split]) if path.is_file()])
+    count = len(annotation.files)
+    return PublishedFrames(
         split=split,
-        files=labels.files,
-        center_uvd=labels.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
-        joints=ICVL.unproject(labels.uvd),
+        files=annotation.files,
+        center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        joints=ICVL.unproject(annotation.uvd),
         cube_mm=np.full(count, CUBE_MM),
         camera=ICVL,
         read=read_icvl_depth,
@@ -135,39 +102,39 @@ def annotated(root: Path, split: str, centers: Path | None = None) -> Annotated:
     )
 
 
-def check(root: Path, split: str) -> tuple[list[str], list[Problem]]:
-    """What is there of a split, and what is wrong with it, a line each."""
+def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
+    """What is there of a split, and what is wrong with it, one line each."""
     if not root.is_dir():
-        return [], [Problem(f"{root}: no such folder")]
-    paths = [root / name for name in LABELS[split]]
+        return [], [Flaw(f"{root}: no such folder")]
+    paths = [root / name for name in ANNOTATION[split]]
     there = [path for path in paths if path.is_file()]
     folder = paths[0].parent
     if not there:
-        return [], [Problem(_no_labels(root, folder, paths[0]))]
+        return [], [Flaw(_no_labels(root, folder, paths[0]))]
     try:
-        labels = read_labels(there)
+        annotation = read_annotation(there)
     except DataError as error:
-        return [f"{folder}: no readable labels"], [Problem(str(error))]
-    problems = [
-        Problem(f"{path}: no such file; the test frames of one of the two sequences are missing", fatal=False)
+        return [f"{folder}: no readable labels"], [Flaw(str(error))]
+    flaws = [
+        Flaw(f"{path}: no such file; the test frames of one of the two sequences are missing", fatal=False)
         for path in paths
         if path not in there
     ]
-    count = len(labels.files)
+    count = len(annotation.files)
     if split == "train" and count < TRAIN_FRAMES:
         text = f"{there[0]}: {count} labelled frames, the whole training set with its turned copies has over 300,000"
-        problems.append(Problem(text, fatal=False))
+        flaws.append(Flaw(text, fatal=False))
     if split == "test" and len(there) == 2 and count != sum(TEST_FRAMES):
         text = f"{folder}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + {TEST_FRAMES[1]}"
-        problems.append(Problem(text, fatal=False))
-    names = {parent: names_in(parent) for parent in {path.parent for path in labels.files}}
-    missing = [path for path in labels.files if path.name not in names[path.parent]]
+        flaws.append(Flaw(text, fatal=False))
+    names = {parent: names_in(parent) for parent in {path.parent for path in annotation.files}}
+    missing = [path for path in annotation.files if path.name not in names[path.parent]]
     if missing:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
-        problems.append(Problem(text, fatal=len(missing) == count))
+        flaws.append(Flaw(text, fatal=len(missing) == count))
     else:
-        problems += _first_frame(labels.files[0])
-    return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], problems
+        flaws += _first_frame(annotation.files[0])
+    return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
 
 
 def _no_labels(root: Path, folder: Path, labels: Path) -> str:
@@ -183,11 +150,11 @@ def _no_labels(root: Path, folder: Path, labels: Path) -> str:
     return f"{root}: no folder {folder.name!r} with ICVL labels; it {told}"
 
 
-def _first_frame(path: Path) -> list[Problem]:
+def _first_frame(path: Path) -> list[Flaw]:
     try:
         shape = read_icvl_depth(path).shape
     except BadFrameError as error:
-        return [Problem(str(error), fatal=error.kind == WRONG_SIZE)]
+        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
     if shape != (ICVL.height, ICVL.width):
-        return [Problem(f"{path}: {shape[1]} x {shape[0]} pixels, expected {ICVL.width} x {ICVL.height}")]
+        return [Flaw(f"{path}: {shape[1]} x {shape[0]} pixels, expected {ICVL.width} x {ICVL.height}")]
     return []

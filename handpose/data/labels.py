@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.nyu import CUBE_MM
-from layers.hdf5_data import File
+from handpose.facts.nyu import CUBE_MM
+from netlib.blob import Array
 from netlib.errors import DataError
-
-Array = NDArray[np.float64]
+from netlib.hdf5 import File
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
     stored = File(file.path, ("half_cube",)).arrays[0]
     if stored.shape not in ((file.rows,), (file.rows, 1)):
         raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
-                        "mm, one number a frame")  # fmt: skip
+                        "mm, one number per frame")  # fmt: skip
     half_cube = stored.astype(np.float64).reshape(file.rows)
     wrong = ~(np.isfinite(half_cube) & (half_cube > 0))
     if wrong.any():

@@ -1,8 +1,4 @@
-"""What is particular to the NYU hand pose data set (Tompson et al., 2014).
-
-72,757 training and 8,252 test frames of a Kinect v1, 640 x 480, with 36 annotated joints. The annotation
-counts joints from 0 here: "joint 34", the centre of every crop, is the 35th.
-"""
+"""The files of the NYU hand pose data set: a folder per split, with depth frames and joint_data.mat, the annotation."""
 
 from __future__ import annotations
 
@@ -15,68 +11,29 @@ import numpy as np
 import scipy.io
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.annotated import (
-    WRONG_SIZE,
-    Annotated,
-    BadFrameError,
-    Problem,
-    read_centers,
-    read_png,
-    recognise,
+from handpose.data.bad_frames import WRONG_SIZE, BadFrameError
+from handpose.data.flaws import Flaw, recognise
+from handpose.data.images import read_png, unpack_depth
+from handpose.data.published_frames import PublishedFrames, read_centers
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import (
+    ANNOTATED_JOINTS,
+    ANNOTATION_OF_JOINT,
+    CENTER_JOINT,
+    CUBE_MM,
+    SECOND_SUBJECT,
+    TEST_FRAMES,
+    TRAIN_FRAMES,
+    cube_of_test_frame,
+    frame_name,
 )
-from handpose.camera import NYU
 from netlib import atomic
+from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.paths import names_in
 
-Array = NDArray[np.float64]
-
-LABELS = "joint_data.mat"  # beside the depth frames of each split
-ANNOTATED_JOINTS = 36  # points a frame in joint_data.mat
-CENTER_JOINT = 34  # the annotated joint at which crops are centred
-TRAIN_FRAMES = 72757
-TEST_FRAMES = 8252
-SECOND_SUBJECT = 2440  # test frames from this 0-based index on show a second, smaller hand
+ANNOTATION = "joint_data.mat"  # beside the depth frames of each split
 SYNTHETIC = "synthetic"  # what a folder says, in a variable made_from, that tools/make_synthetic.py --raw made
-CUBE_MM = 300.0  # edge of the cube around the hand
-SECOND_CUBE_MM = 300.0 * 0.87  # ... around the second subject's hand
-
-# The annotated joint of each of the model's 31 joints.
-ANNOTATION_OF_JOINT = (
-    *(0, 1, 2, 3, 4),  # little finger, tip to base
-    *(6, 7, 8, 9, 10),  # ring
-    *(12, 13, 14, 15, 16),  # middle
-    *(18, 19, 20, 21, 22),  # index
-    *(5, 11, 17, 23),  # knuckles: little, ring, middle, index
-    *(32, 30, 31),  # palm, two points of the wrist
-    *(28, 27, 25, 24),  # thumb, root to tip
-)
-
-# The 14 joints on which results on NYU are compared, as annotated, and the same as joints of the model.
-EVALUATION_ANNOTATIONS = (0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 27, 30, 31, 32)
-EVALUATION_JOINTS = tuple(ANNOTATION_OF_JOINT.index(j) for j in EVALUATION_ANNOTATIONS)
-
-
-def cube_of_test_frame(index: ArrayLike) -> NDArray[np.float64]:
-    """Edge in mm of the cube around the hand in each test frame, by its 0-based index."""
-    return np.where(np.asarray(index) < SECOND_SUBJECT, CUBE_MM, SECOND_CUBE_MM)
-
-
-def half_cubes(frames: int) -> NDArray[np.float64]:
-    """Half the cube's edge in mm of ``frames`` test frames: both subjects' if they are all, else the first's."""
-    return cube_of_test_frame(np.arange(frames) if frames == TEST_FRAMES else np.zeros(frames)) / 2
-
-
-def one_size_for_all(frames: int) -> str:
-    """A warning if ``half_cubes`` takes one subject's size for all of ``frames`` test frames, else nothing."""
-    if frames == TEST_FRAMES:
-        return ""
-    return f"warning: {frames} of {TEST_FRAMES} test frames; the first subject's size of hand is used for all"
-
-
-def frame_name(index: int) -> str:
-    """File name of the depth frame with this 0-based index."""
-    return f"depth_1_{index + 1:07d}.png"
 
 
 def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
@@ -88,21 +45,15 @@ def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
     if image.ndim != 3 or image.shape[2] < 3 or image.dtype != np.uint8:
         found = f"found {image.dtype} of shape {image.shape}, expected 8-bit RGB packing the depth"
         raise BadFrameError(path, WRONG_SIZE, found)
-    return image[..., 1].astype(np.float32) * 256 + image[..., 0]
+    return unpack_depth(image)
 
 
-def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
-    """The inverse of ``read_nyu_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame, blue first."""
-    mm = np.asarray(depth).astype(np.uint16)
-    return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)
-
-
-# ---------------------------------------------------------------------------------------------- the labels
+# ------------------------------------------------------------------------------------------ the annotation
 
 
 @dataclass(frozen=True)
-class Labels:
-    """The annotation of one split, as seen by the first of the three cameras."""
+class NyuAnnotation:
+    """The joints of one split, as seen by the first of the three cameras."""
 
     uvd: Array  # (N, 36, 3) px, px, mm
     xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
@@ -112,8 +63,8 @@ class Labels:
         return len(self.uvd)
 
 
-def read_labels(path: Path) -> Labels:
-    """The labels in a ``joint_data.mat``, of MATLAB's version 5 or 7.3. Raises DataError."""
+def read_annotation(path: Path) -> NyuAnnotation:
+    """The joints in a ``joint_data.mat``, of MATLAB's version 5 or 7.3. Raises DataError."""
     if not path.is_file():
         raise DataError(f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames")
     try:
@@ -132,7 +83,7 @@ def read_labels(path: Path) -> Labels:
     if len(uvd) != len(xyz) or not len(uvd):
         raise DataError(f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0")
     _check_axes(path, uvd, xyz)
-    return Labels(uvd, xyz, str(found.get("made_from", "NYU")))
+    return NyuAnnotation(uvd, xyz, str(found.get("made_from", "NYU")))
 
 
 def _read_matlab(path: Path) -> dict[str, Any]:
@@ -196,7 +147,7 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
     return xyz
 
 
-def write_labels(path: Path, xyz: Array, made_from: str) -> None:
+def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
     """Write a ``joint_data.mat`` of one camera, version 5, whole or not at all; xyz (N, 36, 3) mm, camera axes."""
     variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
     atomic.replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
@@ -211,51 +162,51 @@ def folder_of(root: Path, split: str) -> Path:
     return inner if inner.is_dir() and not (root / split).is_dir() else root / split
 
 
-def annotated(root: Path, split: str, centers: Path | None = None) -> Annotated:
+def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
     """The frames of a split. ``centers`` is a file of crop centres; without it joint 34. Raises DataError."""
     folder = folder_of(root, split)
-    labels = read_labels(folder / LABELS)
-    count = len(labels)
+    annotation = read_annotation(folder / ANNOTATION)
+    count = len(annotation)
     cubes = cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM)
-    return Annotated(
+    return PublishedFrames(
         split=split,
         files=[folder / frame_name(i) for i in range(count)],
-        center_uvd=labels.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
-        joints=labels.xyz[:, list(ANNOTATION_OF_JOINT)],
-        cube_mm=np.full(count, CUBE_MM) if labels.made_from == SYNTHETIC else cubes,
+        center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        joints=annotation.xyz[:, list(ANNOTATION_OF_JOINT)],
+        cube_mm=np.full(count, CUBE_MM) if annotation.made_from == SYNTHETIC else cubes,
         camera=NYU,
         read=read_nyu_depth,
-        made_from=labels.made_from,
+        made_from=annotation.made_from,
         centre=f"annotated joint {CENTER_JOINT}" if centers is None else f"centres of {centers.name}",
     )
 
 
-def check(root: Path, split: str) -> tuple[list[str], list[Problem]]:
-    """What is there of a split, and what is wrong with it, a line each."""
+def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
+    """What is there of a split, and what is wrong with it, one line each."""
     if not root.is_dir():
-        return [], [Problem(f"{root}: no such folder")]
+        return [], [Flaw(f"{root}: no such folder")]
     folder = folder_of(root, split)
     if not folder.is_dir():
-        return [], [Problem(_no_split(root, split))]
+        return [], [Flaw(_no_split(root, split))]
     names = names_in(folder)
     numbers = {i for i in map(_number, names) if i is not None}
-    problems = []
+    flaws = []
     if not numbers:
-        problems.append(Problem(_no_frames(folder, names)))
+        flaws.append(Flaw(_no_frames(folder, names)))
     try:
-        labels = read_labels(folder / LABELS)
+        annotation = read_annotation(folder / ANNOTATION)
     except DataError as error:
-        problems.append(Problem(str(error)))
-        return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], problems
-    found = [f"{folder}: {len(labels)} labelled frames ({labels.made_from}), {len(numbers)} depth frames of camera 1"]
-    if labels.made_from != SYNTHETIC:
-        problems += _count_problems(folder, split, len(labels))
-    missing = sorted(set(range(len(labels))) - numbers)
+        flaws.append(Flaw(str(error)))
+        return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], flaws
+    labelled = f"{len(annotation)} labelled frames ({annotation.made_from})"
+    if annotation.made_from != SYNTHETIC:
+        flaws += _count_flaws(folder, split, len(annotation))
+    missing = sorted(set(range(len(annotation))) - numbers)
     if numbers and missing:
-        problems.append(Problem(_missing(folder, split, len(labels), missing), fatal=False))
+        flaws.append(Flaw(_missing(folder, split, len(annotation), missing), fatal=False))
     if numbers and not missing:
-        problems += _first_frame(folder)
-    return found, problems
+        flaws += _first_frame(folder)
+    return [f"{folder}: {labelled}, {len(numbers)} depth frames of camera 1"], flaws
 
 
 def _number(name: str) -> int | None:
@@ -265,7 +216,7 @@ def _number(name: str) -> int | None:
 
 
 def _no_split(root: Path, split: str) -> str:
-    if (root / LABELS).is_file() or any(_number(name) is not None for name in names_in(root)):
+    if (root / ANNOTATION).is_file() or any(_number(name) is not None for name in names_in(root)):
         return f"{root}: is itself a split; give the folder above it, which holds train and test"
     held = recognise(root)
     if held == "the NYU hand pose data set":
@@ -288,16 +239,16 @@ def _no_frames(folder: Path, names: set[str]) -> str:
     return f"{folder}: no depth frames such as {frame_name(0)}; found {only}"
 
 
-def _count_problems(folder: Path, split: str, labelled: int) -> list[Problem]:
+def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
     expected = TEST_FRAMES if split == "test" else TRAIN_FRAMES
     if labelled == expected:
         return []
-    text = f"{folder / LABELS}: {labelled} labelled frames, the whole {split} set has {expected}"
+    text = f"{folder / ANNOTATION}: {labelled} labelled frames, the whole {split} set has {expected}"
     if split == "test" and labelled == SECOND_SUBJECT:
-        return [Problem(f"{text}; these are the first of the two test subjects only", fatal=False)]
+        return [Flaw(f"{text}; these are the first of the two test subjects only", fatal=False)]
     if split == "test" and labelled == TEST_FRAMES - SECOND_SUBJECT:
-        return [Problem(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
-    return [Problem(text, fatal=labelled > expected)]
+        return [Flaw(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
+    return [Flaw(text, fatal=labelled > expected)]
 
 
 def _missing(folder: Path, split: str, labelled: int, missing: list[int]) -> str:
@@ -311,13 +262,11 @@ def _missing(folder: Path, split: str, labelled: int, missing: list[int]) -> str
     return text
 
 
-def _first_frame(folder: Path) -> list[Problem]:
+def _first_frame(folder: Path) -> list[Flaw]:
     try:
         shape = read_nyu_depth(folder / frame_name(0)).shape
     except BadFrameError as error:
-        return [Problem(str(error), fatal=error.kind == WRONG_SIZE)]
+        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
     if shape != (NYU.height, NYU.width):
-        return [
-            Problem(f"{folder / frame_name(0)}: {shape[1]} x {shape[0]} pixels, expected {NYU.width} x {NYU.height}")
-        ]
+        return [Flaw(f"{folder / frame_name(0)}: {shape[1]} x {shape[0]} pixels, expected {NYU.width} x {NYU.height}")]
     return []

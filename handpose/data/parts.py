@@ -18,12 +18,11 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from netlib import atomic
+from netlib.blob import Array
 from netlib.errors import DataError
 
-Array = NDArray[Any]
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
 _COPY = 64  # rows copied at a time
@@ -99,8 +98,8 @@ def write_part(
 ) -> int:
     """Write the rows that ``pieces`` yield; returns their number, at most ``part.rows``.
 
-    ``columns`` are arrays without rows, of the shapes and types of those in ``pieces``; ``attributes`` is asked
-    for the attributes of the file once before the pieces, and again after them if they had too few rows.
+    columns     arrays without rows, of the shapes and types of those in ``pieces``
+    attributes  is asked for the attributes of the file before the pieces, and again after them if their rows are fewer
     """
     written = 0
 
@@ -108,22 +107,28 @@ def write_part(
         nonlocal written
         written = _fill(path, part.rows, columns, pieces, {**attributes(), "recipe": part.recipe})
         if written < part.rows:
-            long = path.with_name(f"{path.name}.long.tmp")
-            path.replace(long)
-            try:
-                offsets = _offsets(long)
-                with long.open("rb") as file:
-                    _fill(path, written, columns, _rows(file, offsets, columns, written),
-                          {**attributes(), "recipe": part.recipe})  # fmt: skip
-            finally:
-                long.unlink(missing_ok=True)
+            _shorten(path, written, columns, {**attributes(), "recipe": part.recipe})
 
     atomic.replace(part.path, fill)
     return written
 
 
+def _shorten(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> None:
+    """Keep the first ``rows`` rows of a file; HDF5 cannot cut data sets in one piece, so they are copied to another."""
+    long = path.with_name(f"{path.name}.long.tmp")
+    path.replace(long)
+    try:
+        with long.open("rb") as file:
+            _fill(path, rows, columns, _rows(file, _offsets(long), columns, rows), attributes)
+    finally:
+        long.unlink(missing_ok=True)
+
+
 def _fill(path: Path, rows: int, columns: Columns, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> int:
-    """HDF5 lays out the file, plain writes fill it: where HDF5 fails to write, it takes the process with it."""
+    """HDF5 lays out the file, plain writes fill it: a write that fails within HDF5 would end the process.
+
+    Returns the number of rows.
+    """
     with path.open("wb") as file:
         _reserve(file.fileno(), rows * row_bytes(columns) + _PAGE)
     offsets = _lay_out(path, rows, columns, attributes)
@@ -146,7 +151,7 @@ def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, o
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    # Whole pages, so that readers can map the frames into memory.
+    # Data sets begin on whole pages, so that readers can map them into memory.
     with h5py.File(path, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
         for name, value in attributes.items():
             file.attrs[name] = value

@@ -1,4 +1,4 @@
-"""Pictures of poses: skeletons on depth crops, skeletons in space, and sheets of such pictures.
+"""Pictures of hands: skeletons on depth crops, and in space.
 
 All pictures are (height, width, 3) uint8 arrays in OpenCV's colour order, ready for ``cv2.imwrite``.
 Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from the camera.
@@ -6,21 +6,18 @@ Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.camera import NYU, Camera
-from handpose.crop import crop_pixels, restore_joints
-from handpose.nyu import CUBE_MM
-from layers.kinematics import Skeleton
+from handpose.data.crops import crop_pixels, restore_joints
+from handpose.drawing import strokes
+from handpose.drawing.strokes import Colour, Image
+from handpose.facts.cameras import NYU, Camera
+from handpose.facts.nyu import CUBE_MM
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
 from netlib.errors import DataError
-
-Image = NDArray[np.uint8]
-Colour = tuple[int, int, int]
-Array = NDArray[np.float64]
 
 # Blue, green, red. A part is what a joint's name has before the first "_"; parts without a finger's name are grey.
 COLOURS: dict[str, Colour] = {
@@ -34,7 +31,6 @@ GREY: Colour = (200, 200, 200)
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
-_SUBPIXEL = 4  # cv2 draws at multiples of 1 / 2**4 of a pixel
 
 
 def overlay(
@@ -111,11 +107,13 @@ def view_3d(
     for line in lines:
         for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
             start, stop = place(np.array(ends, dtype=np.float64))
-            _line(canvas, start, stop, (222, 222, 222), 1)
+            strokes.line(canvas, start, stop, (222, 222, 222), 1)
     for label, end in (("x", (-0.6, floor, -1)), ("y", (-1, floor + 0.4, -1)), ("z", (-1, floor, -0.6))):
         start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
-        _line(canvas, start, stop, (110, 110, 110), 2)
-        _text(canvas, label, stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4), (110, 110, 110), 0.45)
+        strokes.line(canvas, start, stop, (110, 110, 110), 2)
+        strokes.text(
+            canvas, label, stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4), (110, 110, 110), 0.45
+        )
 
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
@@ -124,28 +122,6 @@ def view_3d(
     if truth is not None:
         points = _checked(truth, skeleton)
         _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
-    return canvas
-
-
-def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[str] = (), gap: int = 8) -> Image:
-    """Pictures in rows of ``columns``, each in the middle of a cell of the largest one's size, titles above."""
-    if not images or columns < 1:
-        raise DataError(f"{len(images)} pictures in {columns} columns, expected at least one of each")
-    if titles and len(titles) != len(images):
-        raise DataError(f"{len(titles)} titles for {len(images)} pictures")
-    height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
-    head = 22 if titles else 0
-    rows = -(-len(images) // columns)
-    columns = min(columns, len(images))
-    canvas = np.full((rows * (height + head + gap) + gap, columns * (width + gap) + gap, 3), 255, dtype=np.uint8)
-    for n, image in enumerate(images):
-        row, column = divmod(n, columns)
-        top, left = gap + row * (height + head + gap), gap + column * (width + gap)
-        if titles:
-            _fit_text(canvas, titles[n], left, top + head - 7, width)
-        top, left = top + head + (height - image.shape[0]) // 2, left + (width - image.shape[1]) // 2
-        colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
-        canvas[top : top + image.shape[0], left : left + image.shape[1]] = colour
     return canvas
 
 
@@ -172,36 +148,10 @@ def _draw(
     own = [colour or COLOURS.get(name.partition("_")[0], GREY) for name in skeleton.joint_names]
     if rim:
         for parent, joint in bones:
-            _line(canvas, at[parent], at[joint], BLACK if colour is None else (90, 90, 90), thick + 2)
+            strokes.line(canvas, at[parent], at[joint], BLACK if colour is None else (90, 90, 90), thick + 2)
     for parent, joint in bones:
-        _line(canvas, at[parent], at[joint], own[joint], thick)
+        strokes.line(canvas, at[parent], at[joint], own[joint], thick)
     for joint in np.argsort(-away, kind="stable"):
         if rim:
-            _dot(canvas, at[joint], thick + 2, BLACK if colour is None else (90, 90, 90))
-        _dot(canvas, at[joint], thick + 1 if rim else thick, own[joint])
-
-
-def _fixed(point: Array) -> tuple[int, int]:
-    """A point for cv2's drawing with ``shift``; far outside is as good as at the limit of its integers."""
-    x, y = np.rint(np.clip(point, -1e4, 1e4) * 2**_SUBPIXEL).astype(int)
-    return int(x), int(y)
-
-
-def _line(canvas: Image, start: Array, stop: Array, colour: Colour, thick: int) -> None:
-    cv2.line(canvas, _fixed(start), _fixed(stop), colour, thick, cv2.LINE_AA, _SUBPIXEL)
-
-
-def _dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
-    cv2.circle(canvas, _fixed(at), radius << _SUBPIXEL, colour, -1, cv2.LINE_AA, _SUBPIXEL)
-
-
-def _text(canvas: Image, text: str, at: Array, colour: Colour, scale: float) -> None:
-    x, y = np.rint(at).astype(int)
-    cv2.putText(canvas, text, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
-
-
-def _fit_text(canvas: Image, text: str, left: int, bottom: int, width: int) -> None:
-    """Text no wider than ``width`` pixels: smaller if need be."""
-    scale = 0.5
-    taken = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0]
-    _text(canvas, text, np.array([left, bottom]), (40, 40, 40), scale * min(1.0, width / max(taken, 1)))
+            strokes.dot(canvas, at[joint], thick + 2, BLACK if colour is None else (90, 90, 90))
+        strokes.dot(canvas, at[joint], thick + 1 if rim else thick, own[joint])

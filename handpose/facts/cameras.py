@@ -46,6 +46,7 @@ NYU = Camera("nyu", 588.03, 587.07, 320.0, 240.0, 640, 480)
 ICVL = Camera("icvl", 240.99, 240.96, 160.0, 120.0, 320, 240)
 MSRA15 = Camera("msra15", 241.42, 241.42, 160.0, 120.0, 320, 240)
 KINECT2 = Camera("kinect2", 363.9, 363.9, 255.4, 206.3, 512, 424)
-SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)  # one pixel value is 0.125 mm
+SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)
 
 CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}
+UNIT_MM = {"sr305": 0.125}  # what a pixel's value of 1 stands for in a camera's pictures, where it is not 1 mm

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from layers.kinematics import Skeleton
-
-Array = NDArray[np.float64]
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
 
 
 @dataclass(frozen=True)
@@ -42,31 +41,27 @@ def wrap(angles: ArrayLike) -> Array:
 
 def rotations(skeleton: Skeleton) -> NDArray[np.int_]:
     """The free DoFs that are rotations, ascending: 23 of the NYU hand."""
-    return np.unique(skeleton.driven[skeleton.turns & ~skeleton.fixed[skeleton.driven]])
+    return np.unique(skeleton.driven[skeleton.turns])
 
 
 def flips(skeleton: Skeleton) -> list[Flip]:
     """The pairs of angles that mean one pose, from the roots to the tips; none with a DoF of several joints."""
     found = []
     driven = skeleton.driven.tolist()
-    for joint in range(len(skeleton.parents)):
-        turns = [step for step in skeleton.steps[joint] if step.kind == "rotate"]
-        if any(driven.count(step.dof) > 1 for step in turns):  # a DoF of several joints cannot flip in one
+    for joint, motions in enumerate(skeleton.motions):
+        turns = tuple(motion for motion in motions if motion.kind == "rotate" and motion.row >= 0)
+        if any(driven.count(motion.dof) > 1 for motion in turns):  # a DoF of several joints cannot flip in one
             continue
-        if len(turns) == 3 and len(skeleton.steps[joint]) == len([*_translations(skeleton, joint), *turns]):
+        if len(turns) == 3 and turns == tuple(motion for motion in motions if motion.kind == "rotate"):
             a, b, c = turns
             if len({a.axis, b.axis, c.axis}) == 3:
                 found.append(Flip((a.dof, c.dof), b.dof, (), whole=True))
-        elif len(turns) == 2 and turns[0].axis != turns[1].axis and skeleton.steps[joint][-2:] == turns:
+        elif len(turns) == 2 and turns[0].axis != turns[1].axis and motions[-2:] == turns:
             a, b = turns
             negated = _passed_down(skeleton, joint, 3 - a.axis - b.axis)
             if negated is not None and not any(driven.count(dof) > 1 for dof in negated):
                 found.append(Flip((a.dof,), b.dof, tuple(negated), whole=False))
     return found
-
-
-def _translations(skeleton: Skeleton, joint: int) -> list[object]:
-    return [step for step in skeleton.steps[joint] if step.kind == "translate"]
 
 
 def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
@@ -78,11 +73,11 @@ def _passed_down(skeleton: Skeleton, joint: int, c: int) -> list[int] | None:
         return None
     negated = []
     for child in np.flatnonzero(skeleton.parents == joint):
-        for step in skeleton.steps[child]:
-            if step.kind != "rotate":
+        for motion in skeleton.motions[child]:
+            if motion.kind != "rotate" or motion.row < 0:
                 return None
-            if step.axis != c:
-                negated.append(step.dof)
+            if motion.axis != c:
+                negated.append(motion.dof)
         below = _passed_down(skeleton, int(child), c)
         if below is None:
             return None
@@ -129,7 +124,7 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
 def angle_errors(
     skeleton: Skeleton, inputs: ArrayLike, truth: ArrayLike, dofs: NDArray[np.int_] | None = None
 ) -> Array:
-    """Differences (N, R) in degrees, 0 to 180, between two lots of inputs (N, D), both in canonical form.
+    """Differences (N, R) in degrees, 0 to 180, between inputs (N, D) and the true ones, both in canonical form.
 
     ``dofs`` are the DoFs compared, by default all free rotations (the paper's "mean rotation angle error" is the mean).
     """

@@ -19,18 +19,18 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from handpose import dataset, fit, labels
-from layers.kinematics import Skeleton
+from handpose.data import labels, parts
+from handpose.fitting.levenberg_marquardt import fit_joints
+from layers.hand.skeleton import Skeleton
 from netlib import atomic
+from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
-Array = NDArray[np.float64]
 VERSION = 2  # to be raised when a change of the code changes the angles
 
 
-def companions(files: Sequence[Path], out: Path) -> list[Path]:
+def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     """Where the companion of each file goes. Raises DataError if two of them, or a file and its own, are the same."""
     targets = [out / path.name for path in files]
     for path, target in zip(files, targets):
@@ -61,7 +61,7 @@ def fit_file(
          "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
         sort_keys=True,
     )  # fmt: skip
-    kept = dataset.attributes(target)
+    kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
         with h5py.File(target, "r") as file:
             residuals = file["residual_mm"][...].astype(np.float64)
@@ -70,7 +70,7 @@ def fit_file(
     told = labels.read(path, [len(skeleton.parents)])
     joints = np.where(told.seen[..., None], told.joints, np.nan)
     try:
-        found = fit.fit(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     others = [name for name in told.names if name not in ("dof", "residual_mm")]

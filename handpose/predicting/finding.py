@@ -1,21 +1,23 @@
 """Where is the hand in a depth image? The nearest thing, as everyone holds it; then its centre of mass.
 
 Good enough to start from: ``recenter`` then moves the crop to where the network sees the palm, as training crops have
-it (joint 34 of the NYU annotation; ``handpose.synthetic.PosePrior.center_in_palm``).
+it (joint 34 of the NYU annotation).
 """
 
 from __future__ import annotations
+
+import functools
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.camera import Camera
-from handpose.synthetic import PosePrior
-from layers.kinematics import Skeleton
+from handpose.facts.cameras import Camera
+from handpose.facts.nyu import CENTER_IN_PALM
+from layers.hand.kinematics import kinematics_of
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
 from netlib.errors import DataError
-
-Array = NDArray[np.float64]
 
 # Tuned on synthetic frames in NYU's format (tools/make_synthetic.py --raw): half of the centres are within 31 mm of the
 # true one, nine of ten within 55 mm.
@@ -70,18 +72,46 @@ def depth_around(depth: ArrayLike, u: float, v: float, reach: int = 8) -> Array:
 
 
 def recenter(
-    inputs: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, mirrored: bool = False
+    joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, mirrored: bool = False
 ) -> Array:
-    """The crop centre (3,) at which training has the hand that was predicted as ``inputs`` (D,) about ``center_uvd``.
+    """The crop centre (3,) at which training has the hand whose joints were predicted in the crop at ``center_uvd``.
+
+    joints    (K, 3) half-cubes from the crop centre
+    mirrored  the hand is the mirror image of the skeleton's
 
     Training with NYU's centres, that is: those of other data sets lie elsewhere in the palm (ICVL's at its joint).
-    ``mirrored``: the inputs are of the mirror image of the crop. Raises DataError if the skeleton has no palm.
+    Raises DataError if the skeleton has no palm.
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")
-    pose = skeleton.forward(np.asarray(inputs, dtype=np.float64).reshape(1, -1))
+    side = (-1, 1, 1) if mirrored else (1, 1, 1)
+    hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3) * side
+    palm = hand[skeleton.joint_names.index("palm")]
+    move = palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM
+    return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * side)
+
+
+def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
+    """How the palm is turned: world_from_palm (3, 3) of joints (K, 3).
+
+    With p_k the joints fixed to the palm, from it and in its frame, and x_k the same as given, the rotation that
+    minimises sum_k |x_k - R p_k|² is R = U diag(1, 1, det(U Vᵀ)) Vᵀ with sum_k x_k p_kᵀ = U S Vᵀ (Kabsch, 1976).
+    Raises DataError if the skeleton has too few such joints.
+    """
+    fixed, in_palm = _fixed_to_palm(skeleton)
+    from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
+    U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+@functools.lru_cache(maxsize=16)
+def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
+    """The joints that move with the palm and no other way, and where they are (n, 3) from it and in its frame."""
     palm = skeleton.joint_names.index("palm")
-    offset = skeleton.rotation_of(pose, palm)[0] @ PosePrior().center_in_palm
-    center = camera.unproject(np.asarray(center_uvd, dtype=np.float64))
-    move = pose.joints[palm, :, 0] * cube_mm / 2 + offset
-    return camera.project(center + (move * (-1, 1, 1) if mirrored else move))
+    fixed = np.flatnonzero((skeleton.moves == skeleton.moves[:, [palm]]).all(axis=0))
+    kinematics = kinematics_of(skeleton)
+    pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
+    in_palm = (pose.joints[0, fixed] - pose.joints[0, palm]) @ kinematics.rotation_of(pose, palm)[0]
+    if np.linalg.matrix_rank(in_palm) < 2:
+        raise DataError(f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned")
+    return fixed, in_palm

@@ -5,20 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from handpose import labels, metrics
-from handpose.nyu import ANNOTATION_OF_JOINT
-from layers import kinematics
-from layers.hand_model import HandModel
-from layers.hdf5_data import HDF5Data
+from handpose.data import labels
+from handpose.facts.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
+from handpose.predicting.nets import data_layer, hand_layer
+from handpose.scoring import metrics
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -34,20 +31,7 @@ class Predictions:
     made_from: str  # what the data are
 
 
-def data_layer(net: Net) -> HDF5Data:
-    """The layer that feeds a test net. Raises NetlibError if there is none."""
-    for layer in net.layers:
-        if isinstance(layer, HDF5Data):
-            return layer
-    raise NetlibError(f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set")
-
-
-def hand_layer(net: Net) -> HandModel | None:
-    """The layer that turns angles into joints, if the net has one."""
-    return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
-
-
-def predict(
+def predict_all(
     net: Net, prediction: str = "pred", truth: str = "joint", progress: Callable[[int], None] = lambda done: None
 ) -> Predictions:
     """Run the whole test set once, from its first frame. ``progress`` is told the number of frames done."""
@@ -86,7 +70,7 @@ def predict(
     )
 
 
-def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:
+def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     """Figures of a test set: mean errors in mm, and fractions of frames.
 
     error_mm          mean over all joints               error_14_mm   over the 14 evaluation joints
@@ -101,7 +85,7 @@ def score(p: Predictions, skeleton: kinematics.Skeleton) -> dict[str, float]:
             )
     scale = p.half_cube[:, None, None]
     errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
-    few = errors[:, list(metrics.EVALUATION_JOINTS)] if errors.shape[1] == len(ANNOTATION_OF_JOINT) else errors
+    few = errors[:, list(EVALUATION_JOINTS)] if errors.shape[1] == len(ANNOTATION_OF_JOINT) else errors
     within = metrics.success_rate(few, [20.0, 40.0])
     figures = {
         "error_mm": metrics.mean_error(errors),

@@ -1,27 +1,16 @@
 """How good a pose is: joint errors in mm, success rates, broken limits.
 
-Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` (indices of the model's 31), and means nothing
-without the centre of its crops, which for NYU is the annotated joint 34.
+Every figure on NYU is over the 14 ``EVALUATION_JOINTS`` of ``handpose.facts.nyu`` (indices of the model's 31), and
+means nothing without the centre of its crops, which for NYU is the annotated joint 34.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from handpose.nyu import EVALUATION_JOINTS
+from netlib.blob import Array
 from netlib.errors import DataError
-
-__all__ = [
-    "EVALUATION_JOINTS",
-    "fraction_out_of_limits",
-    "joint_errors",
-    "mean_error",
-    "mean_error_per_joint",
-    "success_rate",
-]
-
-Array = NDArray[np.float64]
 
 
 def joint_errors(predicted: ArrayLike, truth: ArrayLike) -> Array:

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from handpose import icvl, metrics, nyu
-from handpose.camera import ICVL, NYU, Camera
-from layers import kinematics
+from handpose.facts import icvl, nyu
+from handpose.facts.cameras import ICVL, NYU, Camera
+from handpose.scoring import metrics
+from layers.hand import skeleton
+from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
-Array = NDArray[np.float64]
 Format = Literal["uvd", "xyz"]
 
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
@@ -39,8 +39,8 @@ class Benchmark:
 
 
 def nyu_benchmark() -> Benchmark:
-    """The 14 joints of NYU, by the names of the model's joints there, and the two test subjects."""
-    names = kinematics.load().joint_names
+    """The 14 joints of NYU, by the names of the model's joints, and the two test subjects."""
+    names = skeleton.load().joint_names
     return Benchmark(
         name="NYU",
         camera=NYU,
@@ -125,8 +125,8 @@ class Score:
     success_mean: list[float]  # frames whose mean error is
 
 
-def score(errors: Array, benchmark: Benchmark) -> Score:
-    """The figures of a method from the errors (N, K) in mm of its joints."""
+def score_on(benchmark: Benchmark, errors: Array) -> Score:
+    """The figures of a method on a benchmark from the errors (N, K) in mm of its joints."""
     parts = benchmark.parts if len(errors) == benchmark.frames else {}
     return Score(
         mean_mm=metrics.mean_error(errors),

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.camera import NYU, Camera
-from handpose.crop import SIZE, window
+from handpose.data.crops import SIZE, window
+from handpose.facts.cameras import NYU, Camera
 from netlib.errors import DataError
 
 Floats = NDArray[np.float32]
@@ -58,14 +58,6 @@ def render_crop(
     x = _slopes(columns, camera.u0, camera.fx)
     y = _slopes(rows, camera.v0, camera.fy)
     return render(capsules, x, y, far)
-
-
-def render_image(capsules: Capsules, camera: Camera = NYU, background: float = np.inf) -> Floats:
-    """Depth (N, height, width) in mm of the whole image; ``background`` where there is no capsule."""
-    N = len(capsules.a)
-    x = np.broadcast_to((np.arange(camera.width) - camera.u0) / camera.fx, (N, camera.width))
-    y = np.broadcast_to((np.arange(camera.height) - camera.v0) / camera.fy, (N, camera.height))
-    return render(capsules, x, y, np.full(N, background))
 
 
 def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> Floats:

@@ -4,7 +4,7 @@
 
 Three faults in the order in which they arise: matching takes the depth of a neighbour (``_shift``), the disparity is
 noisy and rounded (``_measure``), some pixels at depth steps are not read at all (``_drop``). A change of this code
-changes synthetic frames: raise ``handpose.synthetic.VERSION``.
+changes synthetic frames: raise ``handpose.synthetic.generator.VERSION``.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.camera import Camera
-from handpose.render import Floats
+from handpose.facts.cameras import Camera
+from handpose.synthetic.render import Floats
 
 _CHUNK = 4  # frames worked on together: their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
@@ -38,6 +38,9 @@ class Sensor:
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
 
 
+KINECT = Sensor()
+
+
 def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera) -> Floats:
     """Depth (N, H, W) in mm as ``sensor`` would read it; ``far`` (N,) mm is the background, and what is not read."""
     out = np.empty_like(depth)
@@ -51,7 +54,7 @@ def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], se
 
 
 def _draw(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> Floats:
-    """One number a frame between ``bounds``, (count, 1, 1)."""
+    """One number per frame between ``bounds``, (count, 1, 1)."""
     return rng.uniform(*bounds, (count, 1, 1)).astype(np.float32)
 
 

@@ -100,11 +100,10 @@ class Pooling(Layer):
             windows = self.windows(self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape)
             if self.is_max:
                 self.winners[n] = windows.argmax(axis=0)  # the first of equal values
-                y[n] = windows.max(axis=0)
+                y[n] = np.maximum(windows.max(axis=0), NOTHING)
             else:
                 with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
                     y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)
-        y[np.isneginf(y)] = NOTHING
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import ablation
 from netlib import prototxt, schema
-from netlib.net import load_parameter
+from netlib.net_parameter import load_parameter
 from netlib.schema import SolverParameter
 
 

@@ -4,22 +4,23 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.fit import fit
-from handpose.nyu import EVALUATION_JOINTS
-from handpose.synthetic import Generator
-from layers import kinematics
+from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.fitting.levenberg_marquardt import fit_joints
+from handpose.synthetic.pose_prior import HandSampler
+from layers.hand import skeleton as skeletons
+from layers.hand.kinematics import kinematics_of
 from tools import calibrate_hand
 
-HAND = kinematics.load()
+HAND = skeletons.load()
 
 
 @pytest.fixture(scope="module")
 def frames():
     """60 frames of a hand that is a tenth smaller than the packaged one, with a longer thumb."""
     bones = 0.9 * HAND.bones * np.where(np.char.startswith(HAND.joint_names, "thumb"), 1.1, 1)
-    inputs = Generator(seed=3).hands(np.random.default_rng(3), 60).inputs
+    inputs = HandSampler().hands(np.random.default_rng(3), 60).inputs
     inputs[:, :3] += 0.1 * HAND.initial[:3]
-    return np.clip(HAND.joints(inputs, np.tile(bones, (60, 1))), -1, 1)
+    return np.clip(kinematics_of(HAND).joints(inputs, np.tile(bones, (60, 1))), -1, 1)
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def test_a_hand(work, frames, capsys):
     assert calibrate_hand.main(["me.h5", "--out", "me.prototxt", "--percentile", "0"]) == 0
     out, err = capsys.readouterr()
     assert not err and "wrote me.prototxt in " in out
-    hand = kinematics.load(work / "me.prototxt")
+    hand = skeletons.load(work / "me.prototxt")
     thumb = HAND.joint_names.index("thumb_dip")
     assert hand.name == "me" and hand.bones[thumb] == pytest.approx(0.99 * HAND.bones[thumb], rel=1e-3)
     line = next(line.split() for line in out.splitlines() if line.startswith("thumb_dip "))
@@ -52,7 +53,7 @@ def test_a_hand(work, frames, capsys):
     for fact in ("60 of the 60", "'me.h5'", "31 of 31", "half-cubes of 125 mm", "wrist_left_rot_y"):
         assert fact in text[: text.index("name:")].replace("\n# ", " ")
     seen = np.where((np.abs(frames) >= 1).any(axis=2, keepdims=True), np.nan, frames)
-    assert np.nanmean(fit(hand, seen).residuals) * 125 < 0.05
+    assert np.nanmean(fit_joints(hand, seen).residuals) * 125 < 0.05
     assert [path.name for path in work.iterdir() if "tmp" in path.name] == []
 
 
@@ -82,7 +83,7 @@ def test_a_list_without_half_cube_and_an_own_template(work, frames, capsys):
     assert calibrate_hand.main(["train.txt", "--out", "one.prototxt"]) == 0
     assert "is 150 mm" in capsys.readouterr().out
     assert calibrate_hand.main(["train.txt", "--out", "two.prototxt", "--template", "one.prototxt"]) == 0
-    one, two = (kinematics.load(work / f"{name}.prototxt") for name in ("one", "two"))
+    one, two = (skeletons.load(work / f"{name}.prototxt") for name in ("one", "two"))
     assert np.allclose(one.bones, two.bones, atol=1e-4)
     assert "size: 1.000 of the template" in capsys.readouterr().out
 
@@ -90,7 +91,9 @@ def test_a_list_without_half_cube_and_an_own_template(work, frames, capsys):
 def test_people_who_differ_are_warned_of(work, capsys):
     """No hand has the joints of noise."""
     rng = np.random.default_rng(0)
-    write("noise.h5", np.clip(HAND.joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9))
+    write(
+        "noise.h5", np.clip(kinematics_of(HAND).joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9)
+    )
     assert calibrate_hand.main(["noise.h5", "--out", "noise.prototxt"]) == 0
     assert "mm from the hand on the mean; are all frames of one person" in capsys.readouterr().err
 

@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.camera import ICVL, NYU
-from handpose.nyu import EVALUATION_JOINTS
-from handpose.synthetic import Generator, PosePrior
-from layers import kinematics
+from handpose.facts.cameras import ICVL, NYU
+from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from layers.hand import skeleton as skeletons
+from layers.hand.kinematics import kinematics_of
 from tests.tools.conftest import ROOT
 from tools import evaluate
 
@@ -147,12 +148,14 @@ def test_without_matplotlib(files, monkeypatch, capsys):
 def test_angles(tmp_path, monkeypatch, capsys):
     """Predictions on the hand model have its angles, and one of three frames one beyond its limit; noise has none."""
     monkeypatch.chdir(tmp_path)
-    skeleton, rng = kinematics.load(), np.random.default_rng(0)
-    inputs = Generator(prior=PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), 3).inputs
+    skeleton, rng = skeletons.load(), np.random.default_rng(0)
+    inputs = HandSampler(PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), 3).inputs
     bent = inputs.copy()
     dof = skeleton.dof_names.index("index_base_rot_z")
     bent[1, dof] = skeleton.upper[dof] + 0.3
-    truth, predicted = (skeleton.joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700) for x in (inputs, bent))
+    truth, predicted = (
+        kinematics_of(skeleton).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700) for x in (inputs, bent)
+    )
     noise = truth + rng.normal(0, 5, truth.shape)
     for name, joints in (("truth", truth), ("bent", predicted), ("noise", noise)):
         np.savetxt(f"{name}.txt", NYU.project(joints).reshape(3, 42), fmt="%.6f")

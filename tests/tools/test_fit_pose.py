@@ -6,13 +6,14 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.camera import NYU
-from handpose.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.synthetic import Generator, PosePrior
-from layers import kinematics
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from layers.hand import skeleton as skeletons
+from layers.hand.kinematics import kinematics_of
 from tools import fit_pose
 
-SKELETON = kinematics.load()
+SKELETON = skeletons.load()
 FRAMES = 5
 FILES = ["part_0.h5", "part_1.h5"]
 
@@ -21,14 +22,14 @@ FILES = ["part_0.h5", "part_1.h5"]
 def inputs():
     """Poses of hands with the packaged bones."""
     prior = PosePrior(scale_std=0, bone_std=0)
-    return Generator(prior=prior).hands(np.random.default_rng(2), FRAMES).inputs
+    return HandSampler(prior).hands(np.random.default_rng(2), FRAMES).inputs
 
 
 @pytest.fixture
 def joints(inputs, tmp_path, monkeypatch):
     """xyz.txt and uvd.txt: the 14 joints of hands 800 mm before the camera, which are returned in mm."""
     monkeypatch.chdir(tmp_path)
-    xyz = SKELETON.joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (20, -30, 800)
+    xyz = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (20, -30, 800)
     np.savetxt("xyz.txt", xyz.reshape(FRAMES, -1), fmt="%.6f")
     np.savetxt("uvd.txt", NYU.project(xyz).reshape(FRAMES, -1), fmt="%.6f")
     return xyz
@@ -39,7 +40,7 @@ def data(inputs, tmp_path, monkeypatch):
     """data/train.txt and its two files of frames: depth and joints."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").mkdir()
-    rows = SKELETON.joints(inputs).reshape(FRAMES, 93).clip(-1, 1)
+    rows = kinematics_of(SKELETON).joints(inputs).reshape(FRAMES, 93).clip(-1, 1)
     for name, some in zip(FILES, (rows[:2], rows[2:])):
         with h5py.File(f"data/{name}", "w") as file:
             file["joint"], file["depth"] = some, np.zeros((len(some), 1, 4, 4))
@@ -59,7 +60,7 @@ def placed(path):
     """The 14 joints in mm where the angles of a file put them."""
     with h5py.File(path) as file:
         half, center = file["half_cube"][...][:, None, None], file["center"][...][:, None]
-        return SKELETON.joints(file["dof"][...])[:, EVALUATION_JOINTS] * half + center
+        return kinematics_of(SKELETON).joints(file["dof"][...])[:, EVALUATION_JOINTS] * half + center
 
 
 # ------------------------------------------------------------------------------------------- text files
@@ -121,7 +122,7 @@ def test_limits_and_ridge(joints, capsys):
 
 def test_another_hand(joints, tmp_path, capsys):
     """--skeleton names a file like prototxt/hand/nyu.prototxt."""
-    text = kinematics.NYU_HAND.read_text().replace("length: 0.307286", "length: 0.5")
+    text = skeletons.NYU_HAND.read_text().replace("length: 0.307286", "length: 0.5")
     (tmp_path / "longer.prototxt").write_text(text)
     assert fit_pose.main(["uvd.txt", "--skeleton", "longer.prototxt"]) == 0
     assert float(re.search(r"residual (\S+) mm", capsys.readouterr().out)[1]) > 1
@@ -141,7 +142,7 @@ def test_the_files_of_a_list(data, tmp_path, capsys):
     for name in FILES:
         with h5py.File(f"angles/{name}") as file:
             assert file["depth"].shape == (len(file["dof"]), 1, 4, 4)
-            found.append(SKELETON.joints(file["dof"][...]))
+            found.append(kinematics_of(SKELETON).joints(file["dof"][...]))
     found = np.concatenate(found).reshape(FRAMES, 93)
     assert found[np.abs(data) < 1] == pytest.approx(data[np.abs(data) < 1], abs=1e-4)
 

@@ -19,8 +19,9 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose import nyu
-from handpose.synthetic import Generator
+from handpose.data import nyu_files
+from handpose.facts.nyu import CENTER_JOINT, frame_name
+from handpose.synthetic.generator import Generator
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
@@ -239,13 +240,13 @@ def raw(out: Path, *more: str, train: int = 5) -> list[str]:
 def test_raw_files(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder a split, with an image a frame and the labels of all 36 joints, not clipped to the cube."""
     assert tool.main(raw(tmp_path, train=70)) == 0
-    images = [nyu.frame_name(i) for i in range(70)]
+    images = [frame_name(i) for i in range(70)]
     assert names(tmp_path / "train") == [*images, "joint_data.mat", "synthetic.json"]
-    labels = nyu.read_labels(tmp_path / "train" / nyu.LABELS)
+    labels = nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)
     assert labels.uvd.shape == (70, 36, 3) and np.isfinite(labels.xyz).all() and labels.made_from == "synthetic"
-    from_center = np.abs(labels.xyz - labels.xyz[:, nyu.CENTER_JOINT, None])
+    from_center = np.abs(labels.xyz - labels.xyz[:, CENTER_JOINT, None])
     assert 150 < from_center.max() < 260
-    depth = nyu.read_nyu_depth(tmp_path / "train" / nyu.frame_name(69))
+    depth = nyu_files.read_nyu_depth(tmp_path / "train" / frame_name(69))
     assert depth.shape == (480, 640) and (depth == 0).mean() > 0.5
     assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in capsys.readouterr().out
 
@@ -254,7 +255,7 @@ def test_raw_images_are_solid(tool: ModuleType, tmp_path: Path) -> None:
     """The hand has no grid of holes where the crop picks every other pixel."""
     tool.main(raw(tmp_path))
     for i in range(5):
-        seen = (nyu.read_nyu_depth(tmp_path / "train" / nyu.frame_name(i)) > 0).astype(np.uint8)
+        seen = (nyu_files.read_nyu_depth(tmp_path / "train" / frame_name(i)) > 0).astype(np.uint8)
         closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         assert (closed > seen).sum() < 0.03 * seen.sum()
 
@@ -268,19 +269,19 @@ def test_raw_keeps_what_is_there(tool: ModuleType, tmp_path: Path, capsys: pytes
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()} == before
     assert tool.main(raw(tmp_path, train=2)) == 0
     assert len(names(tmp_path / "train")) == 4
-    (tmp_path / "train" / nyu.LABELS).unlink()
+    (tmp_path / "train" / nyu_files.ANNOTATION).unlink()
     assert tool.main(raw(tmp_path, train=2)) == 0
-    assert len(nyu.read_labels(tmp_path / "train" / nyu.LABELS)) == 2
+    assert len(nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)) == 2
 
 
 def test_raw_leaves_real_data_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder that this tool did not make is not written to without --force."""
     (tmp_path / "train").mkdir()
-    (tmp_path / "train" / nyu.frame_name(0)).write_text("a real frame")
+    (tmp_path / "train" / frame_name(0)).write_text("a real frame")
     assert tool.main(raw(tmp_path)) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "did not make" in error
-    assert (tmp_path / "train" / nyu.frame_name(0)).read_text() == "a real frame"
+    assert (tmp_path / "train" / frame_name(0)).read_text() == "a real frame"
     assert tool.main(raw(tmp_path, "--force")) == 0
 
 
@@ -289,7 +290,7 @@ def test_raw_workers_change_no_byte(tool: ModuleType, tmp_path: Path) -> None:
     tool.main(raw(tmp_path / "a", train=70))
     done = run_tool(*raw(tmp_path / "b", train=70)[:-1], "2")
     assert (done.returncode, done.stderr) == (0, "")
-    for name in (nyu.frame_name(0), nyu.frame_name(69)):
+    for name in (frame_name(0), frame_name(69)):
         assert (tmp_path / "a" / "train" / name).read_bytes() == (tmp_path / "b" / "train" / name).read_bytes()
-    a, b = (nyu.read_labels(tmp_path / folder / "train" / nyu.LABELS) for folder in "ab")
+    a, b = (nyu_files.read_annotation(tmp_path / folder / "train" / nyu_files.ANNOTATION) for folder in "ab")
     np.testing.assert_array_equal(a.xyz, b.xyz)

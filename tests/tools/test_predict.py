@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose import detect
-from handpose.camera import KINECT2, NYU, SR305
-from handpose.crop import crop
-from handpose.nyu import CUBE_MM, pack_depth
-from handpose.render import render_image
-from handpose.synthetic import Generator, HandShape
+from handpose.data.crops import crop
+from handpose.data.images import pack_depth, read_crop, read_frame
+from handpose.facts.cameras import KINECT2, NYU, SR305
+from handpose.facts.nyu import CUBE_MM
+from handpose.predicting import finding
+from handpose.synthetic.flesh import HandShape
+from handpose.synthetic.pose_prior import HandSampler
+from tests.handpose.whole_images import render_image
 from tests.tools.conftest import ROOT
 from tools import predict
 
@@ -43,7 +45,7 @@ def test_joints_and_picture(snapshot, capsys):
 def test_crop_is_normalised(snapshot):
     """Grey 0 is the near plane -1, 255 the far plane 1; other sizes are resized by nearest neighbour."""
     cv2.imwrite("two.png", np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8)))
-    crop = predict.read_crop("two.png")
+    crop = read_crop("two.png")
     assert crop.shape == (128, 128)
     assert (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
 
@@ -101,9 +103,9 @@ def frame(snapshot):
 
 def hand_before(camera):
     """Depth (height, width) in whole mm of a hand 700 mm before a camera; 0 where there is none."""
-    generator, rng = Generator(shape=HandShape(forearm_towards_camera=-0.2)), np.random.default_rng(1)
-    hand = generator.hands(rng, 1)
-    flesh = generator.flesh(rng, hand.joints * CUBE_MM / 2 + (30, -20, 700), hand.scale)
+    sampler, rng = HandSampler(shape=HandShape(forearm_towards_camera=-0.2)), np.random.default_rng(1)
+    hand = sampler.hands(rng, 1)
+    flesh = sampler.flesh.capsules(rng, hand.joints * CUBE_MM / 2 + (30, -20, 700), hand.scale)
     depth = render_image(flesh, camera)[0]
     return np.where(np.isfinite(depth), depth, 0).astype(np.uint16)
 
@@ -125,7 +127,7 @@ def mistake(capsys, *arguments):
 def test_a_whole_frame(frame, capsys):
     """The nearest thing is cut out as a cube; its joints are as of any crop, and the centre is told in both ways."""
     (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "0")
-    center = detect.find_hand(frame, KINECT2)
+    center = finding.find_hand(frame, KINECT2)
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
     assert found["center_mm"] == pytest.approx(KINECT2.unproject(center), abs=0.01)
     assert found["center_mm"] == pytest.approx((30, -20, 700), abs=60)
@@ -158,8 +160,8 @@ def test_the_unit_of_a_pixel(frame, capsys):
     cv2.imwrite("frame.png", frame)
     assert [quarters] == predicted(capsys, "frame.png", "--camera", "kinect2")
     cv2.imwrite("eighths.png", np.full((480, 640), 8000, np.uint16))
-    assert (predict.read_frame("eighths.png", SR305, None) == 1000).all()
-    assert (predict.read_frame("eighths.png", SR305, 0.1) == 800).all()
+    assert (read_frame("eighths.png", SR305, None) == 1000).all()
+    assert (read_frame("eighths.png", SR305, 0.1) == 800).all()
 
 
 def test_centers(frame, capsys):
@@ -169,7 +171,7 @@ def test_centers(frame, capsys):
     (found,) = predicted(capsys, "frame.png", *whole, "--center", "250,200,690")
     assert found["center_uvd"] == [250, 200, 690]
     (found,) = predicted(capsys, "frame.png", *whole, "--center", f"{u},{v}")
-    assert found["center_uvd"] == pytest.approx(detect.depth_around(frame, u, v), abs=0.01)
+    assert found["center_uvd"] == pytest.approx(finding.depth_around(frame, u, v), abs=0.01)
     shutil.copy("frame.png", "again.png")
     centers = [[250, 200, 690], [260, 210, 700]]
     for given in (centers[:1], centers):
@@ -181,7 +183,7 @@ def test_centers(frame, capsys):
 @pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
 def test_the_crop_is_moved_to_the_palm(frame, capsys, monkeypatch, times, moved):
     """As often as --refine says, each time to where the last prediction has it."""
-    monkeypatch.setattr(detect, "recenter", lambda inputs, skeleton, center, *rest: center + (5, 0, 0))
+    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: center + (5, 0, 0))
     (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--center", "250,200,700", "--refine", times)
     assert found["center_uvd"] == [250 + moved, 200, 700]
 
@@ -189,7 +191,7 @@ def test_the_crop_is_moved_to_the_palm(frame, capsys, monkeypatch, times, moved)
 @pytest.mark.parametrize("astray", [(0, 0, -600), (5000, 0, 0)])
 def test_a_crop_is_not_moved_out_of_sight(frame, capsys, monkeypatch, astray):
     """By a prediction that puts the palm at the camera, or beside the image."""
-    monkeypatch.setattr(detect, "recenter", lambda inputs, skeleton, center, *rest: center + astray)
+    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: center + astray)
     (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--center", "250,200,700")
     assert found["center_uvd"] == [250, 200, 700]
 
@@ -213,9 +215,9 @@ def test_the_other_hand(snapshot, capsys):
 
 
 def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypatch):
-    """The inputs are of the mirrored crop, and recenter is told so."""
+    """The hand is the mirror image of the skeleton's, and recenter is told so."""
     told = []
-    monkeypatch.setattr(detect, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
+    monkeypatch.setattr(finding, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
     predicted(capsys, "frame.png", "--camera", "kinect2", "--mirror", "--refine", "1")
     predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "1")
     assert told == [True, False]

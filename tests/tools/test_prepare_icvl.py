@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose import icvl
-from handpose.camera import ICVL
-from handpose.crop import crop
+from handpose.data import icvl_files
+from handpose.data.crops import crop
+from handpose.facts.cameras import ICVL
 from netlib import prototxt
 from tools import prepare_icvl
 
@@ -49,7 +49,7 @@ def prepare(root: Path, *more: str) -> int:
 def test_frames(root, capsys):
     """Crops about the palm in the 250 mm cube, 16 joints in half-cubes, the two test sequences one after the other."""
     assert prepare(root) == 0
-    labels = icvl.read_labels([root / name for name in icvl.LABELS["test"]])
+    labels = icvl_files.read_annotation([root / name for name in icvl_files.ANNOTATION["test"]])
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         assert file.attrs["made_from"] == "ICVL"
         assert file["joint"].shape == (12, 48) and file["depth"].shape == (12, 1, 128, 128)

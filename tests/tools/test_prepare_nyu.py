@@ -16,9 +16,11 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handpose import nyu
-from handpose.camera import NYU
-from handpose.crop import crop, window
+from handpose.data import nyu_files
+from handpose.data.crops import crop, window
+from handpose.data.images import pack_depth
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import ANNOTATION_OF_JOINT, frame_name
 from tools import make_synthetic, prepare_nyu
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +60,7 @@ def names(folder: Path) -> list[str]:
 def write_labels(folder: Path, uvd: np.ndarray, made_from: str = "NYU") -> None:
     """Labels of ``uvd`` (N, 36, 3)."""
     folder.mkdir(parents=True, exist_ok=True)
-    nyu.write_labels(folder / nyu.LABELS, NYU.unproject(uvd), made_from)
+    nyu_files.write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), made_from)
 
 
 def hand(count: int) -> np.ndarray:
@@ -68,7 +70,7 @@ def hand(count: int) -> np.ndarray:
 
 def write_frame(path: Path, depth: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), nyu.pack_depth(depth))
+    assert cv2.imwrite(str(path), pack_depth(depth))
 
 
 # ------------------------------------------------------------------------------------------- what it makes
@@ -114,7 +116,7 @@ def test_the_published_crop(tmp_path):
         assert file.attrs["made_from"] == "NYU"
         np.testing.assert_array_equal(np.rint((file["depth"][0, 0] + 1) / 2 * 255), published)
         mm = NYU.unproject(uvd)[0]
-        expected = np.clip((mm[list(nyu.ANNOTATION_OF_JOINT)] - mm[34]) / 150, -1, 1).reshape(-1)
+        expected = np.clip((mm[list(ANNOTATION_OF_JOINT)] - mm[34]) / 150, -1, 1).reshape(-1)
         np.testing.assert_allclose(file["joint"][0], expected, atol=1e-6)
         np.testing.assert_allclose(file["center"][0], mm[34], rtol=1e-6)
         palm = file["joint"][0].reshape(31, 3)[24]
@@ -126,7 +128,7 @@ def test_second_subject(tmp_path):
     """Test frames from 2440 on have the cube of 261 mm; training frames never."""
     for split in ("train", "test"):
         write_labels(tmp_path / split, hand(2442))
-        frames = nyu.annotated(tmp_path, split)
+        frames = nyu_files.read_split(tmp_path, split)
         cubes = frames.cube_mm[[0, 2439, 2440, 2441]]
         np.testing.assert_allclose(cubes, [300, 300, 261, 261] if split == "test" else 300)
 
@@ -147,9 +149,9 @@ def test_other_centres(root, kind, capsys):
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         some = file["index"][:]
         np.testing.assert_allclose(file["center_uvd"][:], centers[some])
-        depth = nyu.read_nyu_depth(root / "test" / nyu.frame_name(int(some[-1])))
+        depth = nyu_files.read_nyu_depth(root / "test" / frame_name(int(some[-1])))
         np.testing.assert_array_equal(file["depth"][-1, 0], crop(depth, centers[some[-1]], 300))
-        labels = nyu.read_labels(root / "test" / nyu.LABELS).xyz[some][:, list(nyu.ANNOTATION_OF_JOINT)]
+        labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION).xyz[some][:, list(ANNOTATION_OF_JOINT)]
         expected = (labels - NYU.unproject(centers[some])[:, None]) / 150
         np.testing.assert_allclose(file["joint"][:].reshape(-1, 31, 3), np.clip(expected, -1, 1), atol=1e-5)
     assert f"centres of centers_test.{kind}" in capsys.readouterr().out
@@ -167,7 +169,7 @@ def test_resume(root, small, capsys):
     capsys.readouterr()
     assert prepare(root) == 0
     assert "all kept" in capsys.readouterr().out
-    write_frame(root / "train" / nyu.frame_name(13), np.full((480, 640), 800))
+    write_frame(root / "train" / frame_name(13), np.full((480, 640), 800))
     assert prepare(root) == 0
     assert "made 12 frames" in capsys.readouterr().out
     changed = {path.name for path in out.glob("*.h5") if path.stat().st_mtime_ns != times[path.name]}
@@ -183,7 +185,7 @@ def test_workers_change_no_byte(root):
 
 def break_frames(root: Path) -> None:
     """One frame of each kind of damage, 2 to 7 of the training set."""
-    at = [root / "train" / nyu.frame_name(i) for i in range(30)]
+    at = [root / "train" / frame_name(i) for i in range(30)]
     at[2].unlink()
     at[3].write_bytes(at[3].read_bytes()[:-100])
     write_frame(at[4], np.full((240, 320), 800))
@@ -205,13 +207,13 @@ def test_bad_frames(root, small, capsys):
         assert "2 truncated" in out and "2 wrong size" in out
         assert "warning: " in err and "1 of 30 depth frames are missing, the first is depth_1_0000003.png" in err
         for i in range(2, 8):
-            assert f"train frame {i}: {root}/train/{nyu.frame_name(i)}: " in err
+            assert f"train frame {i}: {root}/train/{frame_name(i)}: " in err
     folder = root.parent / "out"
     assert (folder / "bad_train.txt").read_text().count("\n") == 6 and not (folder / "bad_test.txt").exists()
     with h5py.File(folder / "train_000.h5") as file:
         np.testing.assert_array_equal(file["index"], [0, 1, 8, 9, 10, 11])
         assert all(len(file[name]) == 6 for name in file)
-        depth = crop(nyu.read_nyu_depth(root / "train" / nyu.frame_name(9)), file["center_uvd"][3].astype(float), 300)
+        depth = crop(nyu_files.read_nyu_depth(root / "train" / frame_name(9)), file["center_uvd"][3].astype(float), 300)
         np.testing.assert_array_equal(file["depth"][3, 0], depth)
     assert not [name for name in names(folder) if name.endswith(".tmp")]
 
@@ -220,7 +222,7 @@ def test_mended_frames_are_taken_in(root, raw, small, capsys):
     """When a missing frame has come, the next run makes that file again."""
     break_frames(root)
     prepare(root)
-    shutil.copy(raw / "train" / nyu.frame_name(2), root / "train")
+    shutil.copy(raw / "train" / frame_name(2), root / "train")
     assert prepare(root) == 0
     assert "train: 25 frames" in capsys.readouterr().out
 
@@ -230,17 +232,17 @@ def test_strict(root, raw, small, capsys, frame):
     """--strict stops at the first bad frame with one line about it, and keeps only whole files."""
     break_frames(root)
     for i in range(2, frame):
-        shutil.copy(raw / "train" / nyu.frame_name(i), root / "train")
+        shutil.copy(raw / "train" / frame_name(i), root / "train")
     assert prepare(root, "--strict", "--splits", "test", "train") == 1
     error = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
-    assert len(error) == 1 and nyu.frame_name(frame) in error[0] and any(kind in error[0] for kind in KINDS)
+    assert len(error) == 1 and frame_name(frame) in error[0] and any(kind in error[0] for kind in KINDS)
     assert "train_000.h5" not in names(root.parent / "out") and "train.txt" not in names(root.parent / "out")
 
 
 def test_nothing_usable(root, small, capsys):
     """A split without any good frame is an error, and gets no list."""
     for i in range(20):
-        write_frame(root / "test" / nyu.frame_name(i), np.zeros((480, 640)))
+        write_frame(root / "test" / frame_name(i), np.zeros((480, 640)))
     assert prepare(root, "--splits", "test") == 1
     error = capsys.readouterr().err
     assert "none of the 20 test frames can be used" in error and "10 more bad frames, see" in error
@@ -250,7 +252,7 @@ def test_nothing_usable(root, small, capsys):
 def test_file_without_good_frames_is_not_listed(root, small):
     """HDF5Data wants rows in every file."""
     for i in range(12):
-        (root / "train" / nyu.frame_name(i)).write_bytes(b"")
+        (root / "train" / frame_name(i)).write_bytes(b"")
     for _ in range(2):
         assert prepare(root, "--splits", "train") == 0
         listed = (root.parent / "out" / "train.txt").read_text().splitlines()
@@ -259,9 +261,9 @@ def test_file_without_good_frames_is_not_listed(root, small):
 
 def test_labels_that_are_no_numbers(root, capsys):
     """A frame whose annotation is NaN is a bad frame."""
-    labels = nyu.read_labels(root / "test" / nyu.LABELS)
+    labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION)
     labels.xyz[4, 0] = np.nan
-    nyu.write_labels(root / "test" / nyu.LABELS, labels.xyz, "synthetic")
+    nyu_files.write_annotation(root / "test" / nyu_files.ANNOTATION, labels.xyz, "synthetic")
     assert prepare(root, "--splits", "test") == 0
     assert "test frame 4: " in capsys.readouterr().err
 
@@ -269,13 +271,13 @@ def test_labels_that_are_no_numbers(root, capsys):
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_interrupted(root):
     """SIGTERM leaves whole files only, and the next run completes them."""
-    source = root / "test" / nyu.frame_name(0)
+    source = root / "test" / frame_name(0)
     count = 4000
-    labels = nyu.read_labels(root / "test" / nyu.LABELS).xyz[:1].repeat(count, axis=0)
-    nyu.write_labels(root / "test" / nyu.LABELS, labels, "synthetic")
+    labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION).xyz[:1].repeat(count, axis=0)
+    nyu_files.write_annotation(root / "test" / nyu_files.ANNOTATION, labels, "synthetic")
     for i in range(1, count):
-        (root / "test" / nyu.frame_name(i)).unlink(missing_ok=True)
-        os.link(source, root / "test" / nyu.frame_name(i))
+        (root / "test" / frame_name(i)).unlink(missing_ok=True)
+        os.link(source, root / "test" / frame_name(i))
     out = root.parent / "out"
     command = [sys.executable, str(ROOT / "tools" / "prepare_nyu.py"), str(root), "--out", str(out), "--splits", "test"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -329,7 +331,7 @@ def test_check_counts(tmp_path, capsys):
     for count, told in ((2440, "the first of the two test subjects only"), (5812, "the second test subject only"),
                         (100, "100 labelled frames, the whole test set has 8252")):  # fmt: skip
         write_labels(tmp_path / "test", hand(count))
-        write_frame(tmp_path / "test" / nyu.frame_name(0), np.full((480, 640), 800))
+        write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
         lines = check(tmp_path, capsys, "--splits", "test")
         assert told in lines[0] and f"{count - 1} of {count} depth frames are missing" in lines[1]
     write_labels(tmp_path / "test", hand(5812))
@@ -340,7 +342,7 @@ def test_check_missing_subject(tmp_path, capsys):
     """All labels, but the frames of one subject only."""
     write_labels(tmp_path / "test", hand(8252))
     for i in range(2440):
-        (tmp_path / "test" / nyu.frame_name(i)).touch()
+        (tmp_path / "test" / frame_name(i)).touch()
     (line,) = check(tmp_path, capsys, "--splits", "test")
     assert "5812 of 8252 depth frames are missing, the first is depth_1_0002441.png" in line
     assert "all of the second test subject's are" in line
@@ -392,7 +394,7 @@ def test_check_places(root, capsys):
 
 
 def damage_labels(path: Path, how: str) -> None:
-    joints = nyu.read_labels(path).xyz
+    joints = nyu_files.read_annotation(path).xyz
     uvd = NYU.project(joints)
     if how == "absent":
         path.unlink()
@@ -426,21 +428,21 @@ def damage_labels(path: Path, how: str) -> None:
 )
 def test_check_labels(root, capsys, how, told):
     """Every way in which joint_data.mat can be wrong is one line, and stops the run."""
-    damage_labels(root / "test" / nyu.LABELS, how)
+    damage_labels(root / "test" / nyu_files.ANNOTATION, how)
     refused(root, root.parent / "out", capsys)
     (line,) = check(root, capsys)
-    assert told in line and str(root / "test" / nyu.LABELS) in line
+    assert told in line and str(root / "test" / nyu_files.ANNOTATION) in line
 
 
 def test_labels_of_version_73(root, capsys):
     """MATLAB's version 7.3 is HDF5 with the axes in reverse order; of three cameras the first is taken."""
-    path = root / "test" / nyu.LABELS
-    labels = nyu.read_labels(path)
+    path = root / "test" / nyu_files.ANNOTATION
+    labels = nyu_files.read_annotation(path)
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, array in (("joint_uvd", labels.uvd), ("joint_xyz", labels.xyz)):
             file[name] = np.stack([array, array + 1, array + 2]).T
         file["made_from"] = np.array([[ord(c)] for c in "synthetic"], np.uint16)
-    again = nyu.read_labels(path)
+    again = nyu_files.read_annotation(path)
     np.testing.assert_array_equal(again.uvd, labels.uvd)
     np.testing.assert_array_equal(again.xyz, labels.xyz)
     assert check(root, capsys) == []

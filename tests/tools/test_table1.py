@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.evaluation import Predictions
-from layers import kinematics
+from handpose.scoring.held_out import Predictions
+from layers.hand import skeleton as skeletons
+from layers.hand.kinematics import kinematics_of
 from netlib import prototxt, schema
 from tools import table1, train
 
 pytest.importorskip("matplotlib")
 
-SKELETON = kinematics.load()
+SKELETON = skeletons.load()
 NAMES = ["direct_joint", "direct_parameter", "no_limit", "ours", "bottleneck"]
 MODELS = [network.model for network in table1.NETWORKS]  # as they are; the tests train narrow ones
 PICTURES = ["table1_joints.png", "table1_angles.png", "table1_hands.jpg"]
@@ -280,7 +281,7 @@ def test_angles_and_figures_of_a_perfect_network(first, place):
     """The true joints, with the true angles or with fitted ones: no error, but for angles that joints leave open."""
     files = [Path(line) for line in (place / "data" / "nyu" / "test.txt").read_text().split()]
     truth = table1.fit_angles({"test": files}, SKELETON)
-    joints = SKELETON.joints(truth)
+    joints = kinematics_of(SKELETON).joints(truth)
     perfect = Predictions(joints, joints, truth, joints, np.full(len(truth), 150.0), {}, "a test")
     found = []
     for predictions in (perfect, replace(perfect, dof=None)):

@@ -15,12 +15,19 @@ def test_lines_are_caffes(work, capsys):
     assert re.search(r"^Average Forward-Backward: [\d.]+ ms\.$", out, re.MULTILINE)
 
 
-def test_memory(work, capsys):
-    """Whole blobs are listed with their size, hidden ones are not stored."""
+def test_memory(work, capsys, engine_in_use):
+    """Whole blobs are listed with their size; those that the fast engine hides are not stored."""
     assert time.main(["net.prototxt", "--memory"]) == 0
     out = capsys.readouterr().out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)
-    assert "convL1" not in out and "not stored: the whole of the hidden blobs" in out
+    hidden = "convL1" not in out and " 0.00 MiB  not stored: the whole of the hidden blobs" not in out
+    assert hidden == (engine_in_use == "fast")
+
+
+def test_engine(work, capsys, engine_in_use):
+    """--engine chooses, whatever the process does otherwise."""
+    assert time.main(["net.prototxt", "--iterations", "1", "--engine", "plain"]) == 0
+    assert capsys.readouterr().out.startswith("Engine plain; BLAS: ")
 
 
 def test_mistakes(capsys):

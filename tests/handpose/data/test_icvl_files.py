@@ -1,4 +1,4 @@
-"""handpose/icvl.py, and the hand for it, prototxt/hand/icvl.prototxt"""
+"""handpose/data/icvl_files.py; more of it in the tests of the tools that use it"""
 
 from __future__ import annotations
 
@@ -7,96 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose import icvl
-from handpose.camera import ICVL
-from layers import kinematics
-from layers.kinematics import Skeleton
+from handpose.data import icvl_files
 from netlib.errors import DataError
-
-HAND = Path(__file__).parents[2] / "prototxt" / "hand" / "icvl.prototxt"
-DATA = Path(__file__).parents[2].parent / "shared" / "data" / "icvl"
-needs_real = pytest.mark.skipif(not DATA.is_dir(), reason="needs ICVL's annotation")
-
-
-@pytest.fixture
-def hand() -> Skeleton:
-    """The hand for ICVL."""
-    return kinematics.load(HAND)
-
-
-def mm(name: str) -> np.ndarray:
-    """Recorded joints (1596, 16, 3) in mm."""
-    return ICVL.unproject(np.loadtxt(DATA / name).reshape(-1, 16, 3))
-
-
-def test_joints(hand: Skeleton) -> None:
-    """The first 16 joints are ICVL's in ICVL's order; the DoFs are those of the NYU hand, limits and all."""
-    nyu = kinematics.load()
-    assert (
-        tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(icvl.MODEL_JOINTS[name] and name for name in icvl.JOINTS)
-    )
-    assert hand.dof_names == nyu.dof_names
-    for name in ("lower", "upper", "fixed"):
-        np.testing.assert_array_equal(getattr(hand, name), getattr(nyu, name))
-    np.testing.assert_array_equal(hand.initial[3:], nyu.initial[3:])
-    np.testing.assert_array_equal(hand.initial[:3], 0)
-
-
-def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
-    """With the same bones, and NYU's doubled joints in one place, every pose is NYU's with x mirrored."""
-    nyu = kinematics.load()
-    inputs = np.random.default_rng(0).normal(0, 0.4, (50, 47))
-    bones = nyu.bones.copy()
-    for own, length in zip(hand.joint_names, hand.bones):
-        if own != "palm":
-            like = icvl.MODEL_JOINTS.get(own, (own,))
-            bones[nyu.joint_names.index(like[0])] = np.sign(nyu.bones[nyu.joint_names.index(like[0])]) * abs(length)
-            for other in like[1:]:  # the second of NYU's two points falls on the first
-                bones[nyu.joint_names.index(other)] = 0
-    same = inputs.copy()
-    same[:, :3] -= nyu.initial[:3]
-    posed = nyu.joints(same, np.broadcast_to(bones, (50, 31)))
-    np.testing.assert_allclose(hand.joints(inputs)[:, :16], icvl.from_model_joints(posed) * (-1, 1, 1), atol=1e-12)
-
-
-def test_from_model_joints() -> None:
-    """Joints of the model are picked by name, and the middle finger's mid lies between its two points."""
-    joints = np.random.default_rng(0).normal(size=(3, 31, 3))
-    few, name = icvl.from_model_joints(joints), kinematics.load().joint_names.index
-    assert few.shape == (3, 16, 3)
-    np.testing.assert_array_equal(few[:, 0], joints[:, name("palm")])
-    np.testing.assert_array_equal(few[:, 15], joints[:, name("little_dip")])
-    np.testing.assert_allclose(few[:, 8], (joints[:, name("middle_pip_a")] + joints[:, name("middle_pip_b")]) / 2)
-
-
-def handedness(joints: np.ndarray) -> np.ndarray:
-    """To which side of the palm's plane (index, little, palm) the fingertips are bent: opposite for a mirrored hand."""
-    normal = np.cross(joints[:, 4] - joints[:, 0], joints[:, 13] - joints[:, 0])
-    bent = joints[:, [6, 9, 12, 15]].mean(axis=1) - joints[:, [4, 7, 10, 13]].mean(axis=1)
-    return np.sign((normal * bent).sum(axis=1))
-
-
-@needs_real
-def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
-    """ICVL's annotated hands bend their fingers to the side that this skeleton does, and NYU's does not."""
-    inputs = np.zeros((1, 47))
-    angles = ~hand.fixed & (hand.upper < 10)
-    inputs[:, angles] = hand.lower[angles] * 0.9 + hand.upper[angles] * 0.1  # a fist
-    ours, nyus = hand.joints(inputs)[:, :16], icvl.from_model_joints(kinematics.load().joints(inputs))
-    assert handedness(ours)[0] == -handedness(nyus)[0]
-    real = handedness(mm("test_groundtruth_uvd.txt"))
-    assert (real == handedness(ours)).mean() > 0.9
-
-
-@needs_real
-def test_bones(hand: Skeleton) -> None:
-    """The paper's published ICVL predictions have the bones of this hand, to 3%."""
-    published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
-    for j, name in enumerate(icvl.JOINTS):
-        if name.endswith(("_mid", "_tip")):
-            length = np.linalg.norm(published[:, j] - published[:, j - 1], axis=1)
-            assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
-            assert length.std() / length.mean() < 0.03  # a rigid bone
 
 
 def test_labels_of_two_sequences(tmp_path: Path) -> None:
@@ -105,7 +17,7 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
     line = " ".join(f"{value:.3f}" for value in joints)
     for n, path in ((1, "a/image_0000.png"), (2, "/b\\image_0007.png")):
         (tmp_path / f"test_seq_{n}.txt").write_text(f"{path} {line} \n\n")
-    files, uvd = icvl.read_labels([tmp_path / "test_seq_1.txt", tmp_path / "test_seq_2.txt"])
+    files, uvd = icvl_files.read_annotation([tmp_path / "test_seq_1.txt", tmp_path / "test_seq_2.txt"])
     assert files == [tmp_path / "Depth/a/image_0000.png", tmp_path / "Depth/b/image_0007.png"]
     np.testing.assert_array_equal(uvd, np.stack([joints.reshape(16, 3)] * 2))
 
@@ -123,5 +35,5 @@ def test_broken_labels(tmp_path: Path, text: str, told: str) -> None:
     """What is wrong with a file of labels is said with its line."""
     (tmp_path / "labels.txt").write_text(text)
     with pytest.raises(DataError) as error:
-        icvl.read_labels([tmp_path / "labels.txt"])
+        icvl_files.read_annotation([tmp_path / "labels.txt"])
     assert told in str(error.value)

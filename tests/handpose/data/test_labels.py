@@ -1,12 +1,12 @@
-"""handpose/labels.py: joints and half-cubes of an HDF5 file."""
+"""handpose/data/labels.py: joints and half-cubes of an HDF5 file."""
 
 import h5py
 import numpy as np
 import pytest
 
-from handpose import labels
-from layers.hdf5_data import File
+from handpose.data import labels
 from netlib.errors import DataError
+from netlib.hdf5 import File
 
 ROWS = np.linspace(-1, 1, 4 * 6).reshape(4, 6)  # four frames of two joints
 
@@ -42,7 +42,7 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
 @pytest.mark.parametrize("dtype", ["f4", "i2"])
 def test_half_cubes(tmp_path, shape, dtype):
-    """One a frame, of the labels and of an open file."""
+    """One per frame, of the labels and of an open file."""
     path = write(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
     for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
@@ -108,10 +108,10 @@ def test_labels_of_another_file(tmp_path):
         ),
         ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
         ({"half_cube": 150.0}, "data set 'half_cube' has no rows"),
-        ({"half_cube": np.ones(3)}, "data set 'half_cube' has shape (3,), expected (4,): mm, one number a frame"),
+        ({"half_cube": np.ones(3)}, "data set 'half_cube' has shape (3,), expected (4,): mm, one number per frame"),
         (
             {"half_cube": np.ones((4, 3))},
-            "data set 'half_cube' has shape (4, 3), expected (4,): mm, one number a frame",
+            "data set 'half_cube' has shape (4, 3), expected (4,): mm, one number per frame",
         ),
         ({"half_cube": at(np.ones(4), 0)}, "data set 'half_cube' is 0 in frame 1 (1 such frames), expected mm, more"),
         ({"half_cube": -np.ones(4)}, "data set 'half_cube' is -1 in frame 0 (4 such frames), expected mm, more than 0"),

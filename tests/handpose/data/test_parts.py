@@ -1,4 +1,4 @@
-"""handpose/dataset.py; more of it in the tests of the tools that use it"""
+"""handpose/data/parts.py; more of it in the tests of the tools that use it"""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose import dataset
-from handpose.dataset import Part
+from handpose.data import parts
+from handpose.data.parts import Part
 from netlib.errors import DataError
 
 COLUMNS = {"a": np.zeros((0, 200, 5), np.float32), "b": np.zeros((0,), np.int64)}
@@ -30,7 +30,7 @@ def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
     """A part whose pieces have fewer rows is as long as they are, with the attributes as they are in the end."""
     part = Part(tmp_path / "part.h5", 130, "recipe")
     counted = iter(range(9))
-    assert dataset.write_part(part, COLUMNS, pieces(rows), lambda: {"asked": next(counted)}) == rows
+    assert parts.write_part(part, COLUMNS, pieces(rows), lambda: {"asked": next(counted)}) == rows
     with h5py.File(part.path) as file:
         assert dict(file.attrs) == {"asked": 0 if rows == 130 else 1, "recipe": "recipe"}
         expected = [piece for piece in pieces(rows) if len(piece["b"])]
@@ -38,7 +38,7 @@ def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
             whole = np.concatenate([piece[name] for piece in expected]) if expected else COLUMNS[name]
             np.testing.assert_array_equal(file[name][...], whole)
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
-    assert dataset.is_whole(part) and not dataset.is_whole(Part(part.path, 130, "another"))
+    assert parts.is_whole(part) and not parts.is_whole(Part(part.path, 130, "another"))
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
@@ -50,13 +50,13 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
     (tmp_path / "part.h5").write_text("before")
     with pytest.raises(DataError, match="no more"):
-        dataset.write_part(Part(tmp_path / "part.h5", 60, ""), COLUMNS, failing(), dict)
+        parts.write_part(Part(tmp_path / "part.h5", 60, ""), COLUMNS, failing(), dict)
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
     assert (tmp_path / "part.h5").read_text() == "before"
 
 
 def test_room(tmp_path: Path) -> None:
     """Less than is needed is said in MB."""
-    dataset.check_room(tmp_path, 1)
+    parts.check_room(tmp_path, 1)
     with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
-        dataset.check_room(tmp_path, 10**18)
+        parts.check_room(tmp_path, 10**18)

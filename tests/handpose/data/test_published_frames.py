@@ -1,39 +1,19 @@
-"""handpose/annotated.py; more of it in the tests of the tools that use it"""
+"""handpose/data/published_frames.py; more of it in the tests of the tools that use it"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from handpose import annotated, nyu
-from handpose.annotated import Annotated, BadFrameError
-from handpose.camera import NYU
+from handpose.data import bad_frames, nyu_files
+from handpose.data.published_frames import PublishedFrames, statistics
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import TEST_FRAMES
 
 
-def test_png_that_is_not_whole(tmp_path: Path) -> None:
-    """Wherever a PNG file is cut, and whatever byte of it is wrong, it is refused before it is decoded."""
-    image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
-    raw = cv2.imencode(".png", image)[1].tobytes()
-    path = tmp_path / "image.png"
-    path.write_bytes(raw + b"more")
-    np.testing.assert_array_equal(annotated.read_png(path), image)
-    broken = [raw[:cut] for cut in (0, 7, 8, 20, 100, len(raw) // 2, len(raw) - 12, len(raw) - 1)]
-    for at in (3, 20, 60, len(raw) // 2, len(raw) - 5):
-        broken.append(raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])
-    for data in broken:
-        path.write_bytes(data)
-        with pytest.raises(BadFrameError, match="truncated, damaged or no PNG"):
-            annotated.read_png(path)
-    with pytest.raises(BadFrameError, match="no such file"):
-        annotated.read_png(tmp_path / "other.png")
-    with pytest.raises(BadFrameError, match="truncated, damaged or no PNG"):
-        annotated.read_png(tmp_path)
-
-
-def frames(**changes: object) -> Annotated:
+def frames(**changes: object) -> PublishedFrames:
     """Two frames of a plate."""
     facts: dict[str, object] = {
         "split": "test",
@@ -46,29 +26,30 @@ def frames(**changes: object) -> Annotated:
         "made_from": "plates",
         "centre": "the middle",
     }
-    return Annotated(**{**facts, **changes})  # type: ignore[arg-type]
+    return PublishedFrames(**{**facts, **changes})  # type: ignore[arg-type]
 
 
-def test_rows() -> None:
-    """A frame becomes a row; each kind of bad frame is told."""
-    arrays, bad = frames().rows(0, 2)
+def test_crops() -> None:
+    """A frame becomes a labelled crop; each kind of bad frame is told."""
+    found, bad = frames().crops(0, 2)
     assert not bad
-    np.testing.assert_allclose(arrays["depth"][0, 0, 64, 64], -20 / 150, rtol=1e-6)
-    np.testing.assert_array_equal(arrays["joint"][0], 0)
-    assert arrays["joint"][1].max() == pytest.approx(100 / 130.5)
+    np.testing.assert_allclose(found.depth[0, 0, 64, 64], -20 / 150, rtol=1e-6)
+    np.testing.assert_array_equal(found.joint[0], 0)
+    assert found.joint[1].max() == pytest.approx(100 / 130.5)
     nan = np.zeros((2, 4, 3)) * np.nan
     for changes, kind in (
-        ({"joints": nan}, annotated.UNLABELLED),
-        ({"center_uvd": np.array([[320, 240, 0.0]] * 2)}, annotated.UNLABELLED),
-        ({"center_uvd": np.array([[9999, 240, 800.0]] * 2)}, annotated.OUTSIDE),
-        ({"read": lambda path: np.full((480, 640), 2000.0)}, annotated.EMPTY),
-        ({"read": lambda path: np.zeros((480, 640))}, annotated.EMPTY),
-        ({"read": lambda path: np.full((640, 480), 780.0)}, annotated.WRONG_SIZE),
+        ({"joints": nan}, bad_frames.UNLABELLED),
+        ({"center_uvd": np.array([[320, 240, 0.0]] * 2)}, bad_frames.UNLABELLED),
+        ({"center_uvd": np.array([[9999, 240, 800.0]] * 2)}, bad_frames.OUTSIDE),
+        ({"read": lambda path: np.full((480, 640), 2000.0)}, bad_frames.EMPTY),
+        ({"read": lambda path: np.zeros((480, 640))}, bad_frames.EMPTY),
+        ({"read": lambda path: np.full((640, 480), 780.0)}, bad_frames.WRONG_SIZE),
     ):
-        arrays, bad = frames(**changes).rows(0, 2)
+        found, bad = frames(**changes).crops(0, 2)
         assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]
         assert all(
-            len(array) == 0 and array.shape[1:] == frames().columns()[name].shape[1:] for name, array in arrays.items()
+            len(array) == 0 and array.shape[1:] == frames().columns()[name].shape[1:]
+            for name, array in found.arrays().items()
         )
 
 
@@ -90,7 +71,7 @@ def test_recipe(tmp_path: Path) -> None:
 
 def test_statistics() -> None:
     """Millimetre figures say their centre and cube."""
-    told = annotated.statistics(frames(), [0, 1])
+    told = statistics(frames(), [0, 1])
     assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in told
     assert "0.0% of the frames have a joint outside the cube" in told
 
@@ -99,6 +80,6 @@ def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> No
     """Of NYU's test frames a fifth have an annotated joint outside the cube about joint 34."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
     (tmp_path / "test").mkdir()
-    nyu.write_labels(tmp_path / "test" / nyu.LABELS, NYU.unproject(uvd), "NYU")
-    told = annotated.statistics(nyu.annotated(tmp_path, "test"), range(nyu.TEST_FRAMES))
+    nyu_files.write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+    told = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
     assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in told

@@ -1,4 +1,4 @@
-"""handpose/camera.py"""
+"""handpose/facts/cameras.py"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.camera import CAMERAS, NYU, Camera
+from handpose.facts.cameras import CAMERAS, NYU, Camera
 
 
 def test_axes() -> None:

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handpose import angles
-from layers import kinematics
+from handpose.fitting import angles
+from layers.hand import skeleton as skeletons
+from layers.hand.kinematics import kinematics_of
 from netlib import prototxt, schema
 
-SKELETON = kinematics.load()
+SKELETON = skeletons.load()
 
 
 def draw(rng, N=20, spread=np.pi):
@@ -48,7 +49,7 @@ def test_a_flip_changes_no_joint(rng, number):
     other[:, list(flip.turned)] += np.pi
     other[:, flip.mirrored] = np.pi - other[:, flip.mirrored]
     other[:, list(flip.negated)] *= -1
-    a, b = (SKELETON.joints(t - SKELETON.initial) for t in (theta, other))
+    a, b = (kinematics_of(SKELETON).joints(t - SKELETON.initial) for t in (theta, other))
     assert np.abs(theta - other).max() > 0.1 and np.allclose(a, b, atol=1e-12)
 
 
@@ -56,7 +57,7 @@ def test_canonical_keeps_the_pose_and_is_unique(rng):
     """The same joints; all 64 combinations of flips, and whole turns, come to the same angles; once is enough."""
     x = draw(rng, 5)
     want = angles.canonical(SKELETON, x)
-    assert np.allclose(SKELETON.joints(want), SKELETON.joints(x), atol=1e-12)
+    assert np.allclose(kinematics_of(SKELETON).joints(want), kinematics_of(SKELETON).joints(x), atol=1e-12)
     assert np.allclose(angles.canonical(SKELETON, want), want, atol=1e-12)
     turns = angles.rotations(SKELETON)
     for pattern in range(64):
@@ -101,7 +102,7 @@ def test_no_flip_where_a_bone_would_feel_it():
             'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
         )
         text = dofs + first + f'joint {{ name: "t" parent: "r" {second} }} {extra}'
-        return kinematics.Skeleton(schema.read(prototxt.parse(text), kinematics.SkeletonParameter, "test"))
+        return skeletons.Skeleton(schema.read(prototxt.parse(text), skeletons.SkeletonParameter, "test"))
 
     assert len(angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: Y length: 1 }'))) == 1
     assert not angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: X length: 1 }'))

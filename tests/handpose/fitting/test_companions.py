@@ -1,4 +1,4 @@
-"""handpose/fit_data.py: angles beside the data that they belong to."""
+"""handpose/fitting/companions.py: angles beside the data that they belong to."""
 
 import os
 from dataclasses import replace
@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose import fit_data
-from handpose.synthetic import Generator, PosePrior
-from layers import kinematics
+from handpose.fitting import companions
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from layers.hand import skeleton
+from layers.hand.kinematics import kinematics_of
 from netlib.errors import DataError
 
-SKELETON = kinematics.load()
+SKELETON = skeleton.load()
 PACKAGED_BONES = PosePrior(scale_std=0, bone_std=0)
 FRAMES = 6
 SEEN_MM = 130.5  # half a cube
@@ -22,9 +23,11 @@ SEEN_MM = 130.5  # half a cube
 @pytest.fixture
 def source(tmp_path):
     """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are cut off."""
-    inputs = Generator(prior=PACKAGED_BONES).hands(np.random.default_rng(3), FRAMES).inputs
+    inputs = HandSampler(PACKAGED_BONES).hands(np.random.default_rng(3), FRAMES).inputs
     inputs[0, SKELETON.dof_names.index("palm_y")] += 0.6
-    write(tmp_path / "data" / "part.h5", joint=np.clip(SKELETON.joints(inputs), -1, 1).reshape(FRAMES, 93))
+    write(
+        tmp_path / "data" / "part.h5", joint=np.clip(kinematics_of(SKELETON).joints(inputs), -1, 1).reshape(FRAMES, 93)
+    )
     return tmp_path / "data" / "part.h5"
 
 
@@ -42,7 +45,7 @@ def write(path, **arrays):
 def fitted(source, name="part.h5", **options):
     """The companion angles/part.h5 and the residuals."""
     target = source.parent.parent / "angles" / name
-    return target, fit_data.fit_file(source, target, SKELETON, **options)
+    return target, companions.fit_file(source, target, SKELETON, **options)
 
 
 def net_on(files, net_of, *tops):
@@ -67,8 +70,8 @@ def test_the_angles_put_the_joints_where_they_are(source):
     with h5py.File(target) as file:
         dof, residual_mm = file["dof"][...], file["residual_mm"][...]
     assert (dof.dtype, dof.shape, residual_mm.shape) == (np.float32, (FRAMES, 47), (FRAMES, 31))
-    assert np.abs(SKELETON.joints(dof)[1:] - truth[1:]).max() < 1e-5
-    distances = np.linalg.norm(SKELETON.joints(dof) - truth, axis=2) * SEEN_MM
+    assert np.abs(kinematics_of(SKELETON).joints(dof)[1:] - truth[1:]).max() < 1e-5
+    distances = np.linalg.norm(kinematics_of(SKELETON).joints(dof) - truth, axis=2) * SEEN_MM
     known = ~np.isnan(residuals)
     assert residuals[known] == pytest.approx(distances[known], abs=1e-3)
     assert np.array_equal(residual_mm, residuals.astype(np.float32), equal_nan=True)
@@ -83,7 +86,9 @@ def test_joints_that_are_cut_off_are_left_out(source):
     assert np.array_equal(np.isnan(residuals), cut)
     assert np.nanmax(residuals) < 1e-3
     with h5py.File(target) as file:
-        assert np.abs(SKELETON.joints(file["dof"][:1])).max() > 1, "where the joint would be, outside the cube"
+        assert np.abs(kinematics_of(SKELETON).joints(file["dof"][:1])).max() > 1, (
+            "where the joint would be, outside the cube"
+        )
 
 
 def test_without_half_cubes_the_cube_is_the_usual_one(source):
@@ -184,8 +189,8 @@ def test_another_hand_of_the_same_name(source):
     """The numbers of a skeleton count, not what it is called: angles of another hand are fitted anew."""
     target, _ = fitted(source)
     longer = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in SKELETON.param.joint]
-    other = kinematics.Skeleton(replace(SKELETON.param, joint=tuple(longer)))
-    residuals = fit_data.fit_file(source, target, other)
+    other = skeleton.Skeleton(replace(SKELETON.param, joint=tuple(longer)))
+    residuals = companions.fit_file(source, target, other)
     assert other.name == SKELETON.name and np.nanmean(residuals) > 1
 
 
@@ -202,12 +207,15 @@ def test_a_companion_that_is_broken_is_made_again(source):
 def test_companions_go_to_another_folder(source, tmp_path):
     """Each by the name of its file. The data are never written over, nor one companion by another."""
     files = [source, source.with_name("more.h5")]
-    assert fit_data.companions(files, tmp_path / "out") == [tmp_path / "out" / "part.h5", tmp_path / "out" / "more.h5"]
+    assert companions.companions_of(files, tmp_path / "out") == [
+        tmp_path / "out" / "part.h5",
+        tmp_path / "out" / "more.h5",
+    ]
     for folder in (source.parent, source.parent / ".." / "data"):
         with pytest.raises(DataError, match=r"part.h5: would replace the data themselves; choose another --out"):
-            fit_data.companions(files, folder)
+            companions.companions_of(files, folder)
     with pytest.raises(DataError, match="two files of the list have the same name"):
-        fit_data.companions([source, tmp_path / "other" / "part.h5"], tmp_path / "out")
+        companions.companions_of([source, tmp_path / "other" / "part.h5"], tmp_path / "out")
 
 
 @pytest.mark.parametrize(

@@ -4,26 +4,34 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose import angles, fit
-from handpose.nyu import EVALUATION_JOINTS
-from handpose.synthetic import Generator
-from layers import kinematics
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import EVALUATION_JOINTS, cube_of_test_frame
+from handpose.fitting import angles, levenberg_marquardt
+from handpose.fitting.levenberg_marquardt import fit_joints
+from handpose.synthetic.pose_prior import HandSampler
+from layers.hand import skeleton as skeletons
+from layers.hand.kinematics import kinematics_of
 from netlib import prototxt, schema
 from netlib.errors import DataError
 
-SKELETON = kinematics.load()
+SKELETON = skeletons.load()
+
+
+def joints_of(body, inputs):
+    """Joints (N, K, 3)."""
+    return kinematics_of(body).joints(inputs)
 
 
 @pytest.fixture(scope="module")
 def inputs():
     """40 poses of synthetic hands; their joints are those of the packaged bones."""
-    return Generator(seed=7).hands(np.random.default_rng(7), 40).inputs
+    return HandSampler().hands(np.random.default_rng(7), 40).inputs
 
 
 @pytest.mark.parametrize("limits", [True, False])
 def test_all_joints_give_the_pose_back(inputs, limits):
     """31 joints come back to 1e-5 half-cubes, and in half of the frames all canonical angles to 0.01 degrees."""
-    found = fit.fit(SKELETON, SKELETON.joints(inputs), limits=limits, starts=32)
+    found = fit_joints(SKELETON, joints_of(SKELETON, inputs), limits=limits, starts=32)
     assert found.residuals.max() < 1e-5
     errors = angles.angle_errors(SKELETON, found.inputs, inputs)
     assert np.median(errors.max(axis=1)) < 0.01
@@ -31,8 +39,8 @@ def test_all_joints_give_the_pose_back(inputs, limits):
 
 def test_fourteen_joints_fit_exactly(inputs):
     """The joints that NYU is scored on are reproduced; the angles need not be, they are not determined."""
-    targets = SKELETON.joints(inputs)[:, EVALUATION_JOINTS]
-    found = fit.fit(SKELETON, targets, EVALUATION_JOINTS, starts=32)
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS]
+    found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, starts=32)
     assert found.residuals.shape == (40, 14) and found.residuals.mean(axis=1).max() < 1e-4
 
 
@@ -41,9 +49,9 @@ def test_a_body_whose_root_does_not_turn():
     text = """dof { name: "bend" }
         joint { name: "root" bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
-    arm = kinematics.Skeleton(schema.read(prototxt.parse(text), kinematics.SkeletonParameter, "arm"))
+    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), skeletons.SkeletonParameter, "arm"))
     bent = np.array([[0.5], [-2.0]])
-    assert np.allclose(fit.fit(arm, arm.joints(bent)).inputs, bent, atol=1e-6)
+    assert np.allclose(fit_joints(arm, joints_of(arm, bent)).inputs, bent, atol=1e-6)
 
 
 @pytest.mark.parametrize("limits", [True, False])
@@ -53,28 +61,28 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
         dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: X dof: "c" } bone { axis: Y length: 1 } }"""
-    arm = kinematics.Skeleton(schema.read(prototxt.parse(text), kinematics.SkeletonParameter, "arm"))
-    found = fit.fit(arm, arm.joints(rng.uniform(-2, 1, (50, 3))), limits=limits)
+    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), skeletons.SkeletonParameter, "arm"))
+    found = fit_joints(arm, joints_of(arm, rng.uniform(-2, 1, (50, 3))), limits=limits)
     assert found.residuals.max() < 1e-5
     assert not limits or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()
 
 
 def test_joints_that_are_not_known(inputs):
     """A frame without some of its joints is fitted to the others, and puts the missing ones where they were."""
-    targets = SKELETON.joints(inputs)
+    targets = joints_of(SKELETON, inputs)
     hidden = targets.copy()
     hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb
     hidden[3, 7, 1] = np.nan  # one number is as bad as three
-    found = fit.fit(SKELETON, hidden, starts=32)
+    found = fit_joints(SKELETON, hidden, starts=32)
     assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
     assert np.nanmax(found.residuals) < 1e-5
-    assert np.abs(SKELETON.joints(found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
+    assert np.abs(joints_of(SKELETON, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
 
 
 def test_limits_hold(inputs, rng):
     """With limits no input is beyond them, without them the residual is lower."""
-    targets = SKELETON.joints(inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.05, (40, 14, 3))
-    inside, free = (fit.fit(SKELETON, targets, EVALUATION_JOINTS, limits=limits) for limits in (True, False))
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.05, (40, 14, 3))
+    inside, free = (fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=limits) for limits in (True, False))
     assert (inside.inputs >= SKELETON.lower - 1e-12).all() and (inside.inputs <= SKELETON.upper + 1e-12).all()
     assert (free.inputs[:, SKELETON.fixed] == 0).all()
     assert (free.residuals**2).sum() < (inside.residuals**2).sum()
@@ -83,11 +91,11 @@ def test_limits_hold(inputs, rng):
 
 def test_ridge_pulls_to_the_initial_pose(inputs, rng):
     """The larger the ridge, the smaller the angles and the larger the residual."""
-    targets = SKELETON.joints(inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
     fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
     sizes, residuals = [], []
     for ridge in (0, 3e-3, 0.1):
-        found = fit.fit(SKELETON, targets, EVALUATION_JOINTS, ridge=ridge)
+        found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, ridge=ridge)
         sizes.append((found.inputs[:, fingers] ** 2).sum())
         residuals.append((found.residuals**2).sum())
     assert sizes[0] > sizes[1] > sizes[2] and residuals[0] < residuals[1] < residuals[2]
@@ -95,11 +103,11 @@ def test_ridge_pulls_to_the_initial_pose(inputs, rng):
 
 def test_the_result_is_a_minimum(inputs, rng):
     """No small step of any angle lowers the cost: checked by differences, not by the fit's own derivative."""
-    targets = SKELETON.joints(inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
-    found = fit.fit(SKELETON, targets, EVALUATION_JOINTS, limits=False)
+    targets = joints_of(SKELETON, inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
+    found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=False)
 
     def cost(x):
-        return ((SKELETON.joints(x)[:, EVALUATION_JOINTS] - targets) ** 2).sum(axis=(1, 2))
+        return ((joints_of(SKELETON, x)[:, EVALUATION_JOINTS] - targets) ** 2).sum(axis=(1, 2))
 
     for dof in np.unique(SKELETON.driven):
         for step in (1e-2, -1e-2):
@@ -110,46 +118,16 @@ def test_the_result_is_a_minimum(inputs, rng):
 
 def test_threads_change_nothing(inputs, rng, monkeypatch):
     """Bit for bit."""
-    monkeypatch.setattr(fit, "CHUNK", 8)
-    targets = SKELETON.joints(inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
+    monkeypatch.setattr(levenberg_marquardt, "CHUNK", 8)
+    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS] + rng.normal(0, 0.02, (40, 14, 3))
     before, results = netlib.threads(), []
     try:
         for count in (1, 2):
             netlib.set_threads(count)
-            results.append(fit.fit(SKELETON, targets, EVALUATION_JOINTS).inputs)
+            results.append(fit_joints(SKELETON, targets, EVALUATION_JOINTS).inputs)
     finally:
         netlib.set_threads(before)
     assert np.array_equal(*results)
-
-
-def test_swarm_comes_near_but_fit_comes_nearer(inputs):
-    """The paper's way on three hands: within a centimetre of a 300 mm cube, and never better than fit."""
-    targets = SKELETON.joints(inputs)[:3, EVALUATION_JOINTS]
-    swarm = fit.swarm(SKELETON, targets, EVALUATION_JOINTS, particles=64, generations=150)
-    best = fit.fit(SKELETON, targets, EVALUATION_JOINTS)
-    assert (swarm.inputs >= np.maximum(SKELETON.lower, -20)).all() and (
-        swarm.inputs <= np.minimum(SKELETON.upper, 20)
-    ).all()
-    assert best.residuals.mean() <= swarm.residuals.mean() < 0.15
-    again = fit.swarm(SKELETON, targets[1:2], EVALUATION_JOINTS, particles=64, generations=150)
-    assert again.inputs.shape == (1, 47)
-
-
-def test_a_swarm_on_a_body_without_limits():
-    """Turns go once around; for a part that slides without end there is no place to begin."""
-    text = """dof { name: "turn" } dof { name: "slide" %s }
-        joint { name: "root" rotate { axis: Z dof: "turn" } bone { axis: X length: 1 } }
-        joint { name: "tip" parent: "root" translate { axis: X dof: "slide" } }"""
-    free, bound = (
-        kinematics.Skeleton(schema.read(prototxt.parse(text % limits), kinematics.SkeletonParameter, "telescope"))
-        for limits in ("", "lower: 0 upper: 1")
-    )
-    inputs = np.array([[-2.5, 0.3]])
-    assert np.allclose(fit.swarm(bound, bound.joints(inputs)).inputs, inputs, atol=1e-3)
-    with pytest.raises(DataError, match="'' has translations without limits"):
-        fit.swarm(free, free.joints(inputs))
-    with pytest.raises(DataError, match="0 particles for 200 generations, expected 1 or more"):
-        fit.swarm(bound, bound.joints(inputs), particles=0)
 
 
 @pytest.mark.parametrize(
@@ -165,18 +143,15 @@ def test_a_swarm_on_a_body_without_limits():
 def test_wrong_joints_are_refused(targets, joints, message):
     """One line each."""
     with pytest.raises(DataError, match=message):
-        fit.fit(SKELETON, targets, joints)
+        fit_joints(SKELETON, targets, joints)
 
 
 def test_published_predictions_lie_on_the_model(nyu_data):
     """Every 40th frame of the released network's predictions fits to 0.001 mm: they come from this hand model."""
-    from handpose.camera import NYU
-    from handpose.nyu import cube_of_test_frame
-
     uvd = np.loadtxt(nyu_data / "predictions" / "IJCAI16_NYU_DeepModel.txt").reshape(-1, 14, 3)[::40]
     half = cube_of_test_frame(np.arange(0, 8252, 40))[:, None, None] / 2
     xyz = NYU.unproject(uvd)
-    found = fit.fit(
+    found = fit_joints(
         SKELETON, (xyz - xyz.mean(axis=1, keepdims=True)) / half, EVALUATION_JOINTS, limits=False, starts=64
     )
     assert (found.residuals * half[:, :, 0]).mean(axis=1).max() < 0.001

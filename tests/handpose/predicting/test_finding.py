@@ -1,16 +1,19 @@
-"""handpose/detect.py"""
+"""handpose/predicting/finding.py"""
 
 import numpy as np
 import pytest
 
-from handpose.camera import KINECT2, NYU
-from handpose.detect import PALM_MM, depth_around, find_hand, recenter
-from handpose.nyu import CENTER_JOINT, CUBE_MM, read_nyu_depth
-from handpose.render import render_image
-from handpose.synthetic import BLOCK, Generator, HandShape, PosePrior
-from layers import kinematics
+from handpose.data.nyu_files import read_nyu_depth
+from handpose.facts.cameras import KINECT2, NYU
+from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
+from handpose.predicting.finding import PALM_MM, depth_around, find_hand, palm_frame, recenter
+from handpose.synthetic.flesh import HandShape
+from handpose.synthetic.generator import BLOCK, Generator
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from layers.hand.skeleton import Skeleton, SkeletonParameter
 from netlib import prototxt, schema
 from netlib.errors import DataError
+from tests.handpose.whole_images import render_image
 from tools import make_synthetic
 
 ARM_BEHIND = HandShape(forearm_towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
@@ -20,10 +23,10 @@ COUNT = 16
 
 def whole_frames(camera, count=COUNT):
     """Depth images (N, height, width) in mm of hands in free space, and their crop centres (N, 3) in mm."""
-    generator, rng = Generator(shape=ARM_BEHIND, camera=camera), np.random.default_rng(7)
-    hands = generator.hands(rng, count)
-    center = camera.unproject(generator._centers(rng, count))
-    flesh = generator.flesh(rng, hands.joints * CUBE_MM / 2 + center[:, None], hands.scale)
+    sampler, rng = HandSampler(shape=ARM_BEHIND), np.random.default_rng(7)
+    hands = sampler.hands(rng, count)
+    center = camera.unproject(sampler.centers(rng, count, camera))
+    flesh = sampler.flesh.capsules(rng, hands.joints * CUBE_MM / 2 + center[:, None], hands.scale)
     return render_image(flesh, camera), center
 
 
@@ -51,9 +54,10 @@ def test_the_hand_is_found(camera):
 def test_in_frames_of_nyus_format():
     """With the sensor's noise, and cut off at the cube: nearly as the comment of the constants says."""
     generator = Generator(seed=3)
-    blocks = [generator.block(number) for number in range(3)]
-    images = [make_synthetic._image(block, n, generator) for block in blocks for n in range(BLOCK)]
-    median, most = np.percentile(distances(images, np.concatenate([block.center for block in blocks])), [50, 90])
+    scenes = [generator.scene(number) for number in range(3)]
+    images = [make_synthetic._image(scene, n, generator) for scene in scenes for n in range(BLOCK)]
+    centers = NYU.unproject(np.concatenate([scene.center_uvd for scene in scenes]))
+    median, most = np.percentile(distances(images, centers), [50, 90])
     assert median < 33 and most < 58
 
 
@@ -114,44 +118,66 @@ def test_too_little_to_be_a_hand():
 
 @pytest.fixture(scope="module")
 def hands():
-    """Inputs (N, 47) of hands as training crops have them, their crop centres (N, 3) in mm, and the generator."""
-    generator, rng = Generator(prior=EXACT), np.random.default_rng(7)
-    return generator.hands(rng, COUNT).inputs, NYU.unproject(generator._centers(rng, COUNT)), generator
+    """Inputs (N, 47) of hands as training crops have them, their crop centres (N, 3) in mm, and the sampler."""
+    sampler, rng = HandSampler(prior=EXACT), np.random.default_rng(7)
+    return sampler.hands(rng, COUNT).inputs, NYU.unproject(sampler.centers(rng, COUNT, NYU)), sampler
 
 
-def moved(inputs, generator, by):
-    """The inputs of the same hands seen from a crop centre from which they are ``by`` mm away."""
+def moved(inputs, sampler, by):
+    """The joints (N, 31, 3) of the same hands seen from a crop centre from which they are ``by`` mm away."""
     result = inputs.copy()
     for axis, distance in zip("xyz", by):
-        result[:, generator.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
-    return result
+        result[:, sampler.skeleton.dof_names.index(f"palm_{axis}")] += distance / (CUBE_MM / 2)
+    return sampler.kinematics.joints(result)
 
 
 def test_a_crop_as_in_training_stays(hands):
-    """The true inputs of a crop at the right place ask for no move."""
-    for inputs, center in zip(hands[0], hands[1]):
+    """The true joints of a crop at the right place ask for no move."""
+    inputs, centers, sampler = hands
+    for joints, center in zip(sampler.kinematics.joints(inputs), centers):
         uvd = NYU.project(center)
-        assert recenter(inputs, hands[2].skeleton, uvd, CUBE_MM, NYU) == pytest.approx(uvd, abs=1e-9)
+        assert recenter(joints, sampler.skeleton, uvd, CUBE_MM, NYU) == pytest.approx(uvd, abs=1e-9)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_crop_beside_moves_to_the_place_of_training(hands, mirrored):
-    """By as much as it is off; with the inputs of the mirrored crop to the other side in x."""
-    inputs, centers, generator = hands
+    """By as much as it is off; the mirror image of a hand too, whose joints are mirrored and whose centre is beside."""
+    inputs, centers, sampler = hands
+    side = np.array([-1, 1, 1]) if mirrored else np.ones(3)
     off = np.array([25.0, -40.0, 30.0])
-    seen = off * (-1, 1, 1) if mirrored else off
-    for own, center in zip(moved(inputs, generator, seen), centers):
-        found = recenter(own, generator.skeleton, NYU.project(center - off), CUBE_MM, NYU, mirrored)
+    for joints, center in zip(moved(inputs, sampler, off * side), centers):
+        found = recenter(joints * side, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, mirrored)
         assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
 
 
-def test_a_skeleton_without_a_palm():
-    """Has nothing to move the crop to."""
-    body = kinematics.Skeleton(
-        schema.read(prototxt.parse('name: "stick" joint { name: "a" }'), kinematics.SkeletonParameter, "test")
-    )
-    with pytest.raises(DataError, match="skeleton 'stick' has no joint 'palm' to move the crop to"):
-        recenter(np.zeros(0), body, (320, 240, 700), CUBE_MM, NYU)
+def test_how_the_palm_is_turned(hands):
+    """The frame of the joint 'palm', from positions alone; of joints with noise still a rotation, and nearly that."""
+    inputs, _, sampler = hands
+    pose = sampler.kinematics.forward(inputs)
+    truth = sampler.kinematics.rotation_of(pose, sampler.skeleton.joint_names.index("palm"))
+    rng = np.random.default_rng(0)
+    for joints, frame in zip(pose.joints, truth):
+        np.testing.assert_allclose(palm_frame(joints, sampler.skeleton), frame, atol=1e-12)
+        near = palm_frame(joints + rng.normal(0, 0.01, joints.shape), sampler.skeleton)
+        np.testing.assert_allclose(near.T @ near, np.eye(3), atol=1e-12)
+        assert np.linalg.det(near) == pytest.approx(1) and np.abs(near - frame).max() < 0.15
+
+
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        ('joint { name: "a" }', "skeleton 'stick' has no joint 'palm' to move the crop to"),
+        (
+            'joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }',
+            "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned",
+        ),
+    ],
+)
+def test_a_skeleton_without_a_palm(joints, message):
+    """Has nothing to move the crop to; a palm that is only a stick has no frame."""
+    body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
+    with pytest.raises(DataError, match=message):
+        recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
 
 
 # -------------------------------------------------------------------------------------------- depth_around

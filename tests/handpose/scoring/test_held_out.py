@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose import evaluation
-from layers import kinematics
+from handpose.scoring import held_out
+from layers.hand import skeleton
+from layers.hand.kinematics import kinematics_of
 from netlib import prototxt
 from netlib.errors import DataError, NetlibError
 
@@ -26,7 +27,7 @@ layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: 
 def frames(tmp_path: Path) -> Path:
     """Seven frames whose inputs are the pose itself, and whose joints are 10 mm beside it."""
     x = np.random.default_rng(0).normal(0, 0.2, (7, 47)).astype(np.float32)
-    joint = kinematics.load().joints(x) + np.array([10 / 150, 0, 0])
+    joint = kinematics_of(skeleton.load()).joints(x) + np.array([10 / 150, 0, 0])
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["x"], file["joint"] = x, joint.reshape(7, 93).astype(np.float32)
         file["half_cube"] = np.full(7, 150.0)
@@ -43,8 +44,8 @@ def net_of(folder: Path, batch: int = 7, extra: str = "") -> netlib.Net:
 def test_every_frame_counts_once(frames: Path, batch: int) -> None:
     """Whatever the batch size: the error is 10 mm, and the loss that of the seven frames."""
     told: list[int] = []
-    found = evaluation.predict(net_of(frames, batch), progress=told.append)
-    figures = evaluation.score(found, kinematics.load())
+    found = held_out.predict_all(net_of(frames, batch), progress=told.append)
+    figures = held_out.figures_of(found, skeleton.load())
     assert figures["error_mm"] == pytest.approx(10, rel=1e-5)
     assert figures["error_14_mm"] == pytest.approx(10, rel=1e-5)
     assert (figures["within_20_mm"], figures["out_of_limits"] > 0) == (1.0, True)
@@ -56,7 +57,7 @@ def test_every_frame_counts_once(frames: Path, batch: int) -> None:
 def test_a_second_run_begins_at_the_first_frame(frames: Path) -> None:
     """Two snapshots of one net are scored on the same frames."""
     net = net_of(frames, 3)
-    first, second = evaluation.predict(net), evaluation.predict(net)
+    first, second = held_out.predict_all(net), held_out.predict_all(net)
     assert np.array_equal(first.joints, second.joints)
 
 
@@ -65,7 +66,7 @@ def test_a_half_cube_that_gives_no_millimetres(frames: Path) -> None:
     with h5py.File(frames / "a.h5", "a") as file:
         file["half_cube"][2] = np.nan
     with pytest.raises(DataError, match=r"a\.h5: data set 'half_cube' is nan in frame 2"):
-        evaluation.predict(net_of(frames))
+        held_out.predict_all(net_of(frames))
 
 
 def test_joints_that_are_not_finite(frames: Path) -> None:
@@ -73,10 +74,10 @@ def test_joints_that_are_not_finite(frames: Path) -> None:
     with h5py.File(frames / "a.h5", "a") as file:
         file["joint"][3, 5] = np.nan
     with pytest.raises(DataError, match="the annotated joints of frame 3 are not finite"):
-        evaluation.score(evaluation.predict(net_of(frames)), kinematics.load())
+        held_out.figures_of(held_out.predict_all(net_of(frames)), skeleton.load())
 
 
 def test_a_shuffled_test_set(frames: Path) -> None:
     """Half-cubes belong to frames in order."""
     with pytest.raises(NetlibError, match="layer 'data' shuffles its frames"):
-        evaluation.predict(net_of(frames, extra="shuffle: true"))
+        held_out.predict_all(net_of(frames, extra="shuffle: true"))

@@ -1,4 +1,4 @@
-"""handpose/metrics.py"""
+"""handpose/scoring/metrics.py"""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose import metrics
-from handpose.camera import NYU
-from handpose.nyu import SECOND_SUBJECT
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import SECOND_SUBJECT
+from handpose.scoring import metrics
 from netlib.errors import DataError
 
 ERRORS = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])

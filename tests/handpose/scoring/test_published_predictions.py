@@ -1,4 +1,4 @@
-"""handpose/published.py"""
+"""handpose/scoring/published_predictions.py"""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose import published
-from handpose.camera import ICVL, NYU
-from handpose.metrics import joint_errors
-from handpose.published import Format, Score
+from handpose.facts.cameras import ICVL, NYU
+from handpose.scoring import published_predictions as published
+from handpose.scoring.metrics import joint_errors
+from handpose.scoring.published_predictions import Format, Score
 from netlib.errors import DataError
 from tests.handpose.conftest import SHARED
 
@@ -94,13 +94,13 @@ def test_score() -> None:
     """Figures of three frames with two joints, by hand; some frames of a test set are not told apart further."""
     benchmark = published.Benchmark("two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)})
     errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
-    found = published.score(errors, benchmark)
+    found = published.score_on(benchmark, errors)
     assert found.mean_mm == 13 and found.median_max_mm == 10
     assert found.parts_mm == {"first": 4, "others": 17.5} and found.joints_mm == {"a": 11, "b": 15}
     assert len(found.success_max) == len(found.success_mean) == 81
     assert [found.success_max[t] for t in (4, 5, 10, 40)] == [0, 1 / 3, 2 / 3, 1]
     assert [found.success_mean[t] for t in (3, 4, 30)] == [0, 1 / 3, 1]
-    assert published.score(errors[:2], benchmark).parts_mm == {}
+    assert published.score_on(benchmark, errors[:2]).parts_mm == {}
 
 
 def published_score(dataset: str, name: str) -> Score:
@@ -113,7 +113,7 @@ def published_score(dataset: str, name: str) -> Score:
         published.read_joints(folder / file, len(benchmark.joints), "uvd", benchmark.camera)
         for file in ("test_groundtruth_uvd.txt", f"predictions/{name}.txt")
     )
-    return published.score(joint_errors(predicted, truth), benchmark)
+    return published.score_on(benchmark, joint_errors(predicted, truth))
 
 
 @pytest.mark.parametrize(

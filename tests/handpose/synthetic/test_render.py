@@ -1,4 +1,4 @@
-"""handpose/render.py"""
+"""handpose/synthetic/render.py"""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from handpose.camera import NYU
-from handpose.crop import crop, window
-from handpose.render import Capsules, normalise_depth, render_crop, render_image
+from handpose.data.crops import crop, window
+from handpose.facts.cameras import NYU
+from handpose.synthetic.render import Capsules, normalise_depth, render_crop
 from netlib.errors import DataError
+from tests.handpose.whole_images import render_image
 
 CENTER = np.array([[320.0, 240.0, 800.0]])
 

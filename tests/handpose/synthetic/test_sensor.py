@@ -1,13 +1,18 @@
-"""handpose/sensor.py"""
+"""handpose/synthetic/sensor.py"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
+import pytest
 
-from handpose.camera import NYU
-from handpose.sensor import Sensor, sense
+from handpose.facts.cameras import NYU
+from handpose.synthetic.sensor import Sensor, sense
+
+FAR = np.array([950.0, 950.0])
+PERFECT = Sensor((0, 0), (0, 0), 75.0, (0, 0), 0.125, 15.0, (0, 0), (0, 0))
 
 
 def slope() -> np.ndarray:
@@ -19,8 +24,7 @@ def slope() -> np.ndarray:
 
 def test_sensor_without_faults_is_exact_to_its_step() -> None:
     """With every fault at 0 only the rounding of the disparity is left."""
-    perfect = Sensor((0, 0), (0, 0), 75.0, (0, 0), 0.125, 15.0, (0, 0), (0, 0))
-    read = sense(np.random.default_rng(0), slope(), np.array([950.0, 950.0]), perfect, NYU)
+    read = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
     seen = slope() < 950
     assert (read[~seen] == 950).all()
     disparity = NYU.fx * 75.0 / read[seen]
@@ -30,7 +34,7 @@ def test_sensor_without_faults_is_exact_to_its_step() -> None:
 
 def test_sensor_noise() -> None:
     """The default sensor moves depths by a few mm, drops few pixels, and only near edges of the outline."""
-    read = sense(np.random.default_rng(0), slope(), np.array([950.0, 950.0]), Sensor(), NYU)
+    read = sense(np.random.default_rng(0), slope(), FAR, Sensor(), NYU)
     inner = (slice(None), slice(36, 84), slice(46, 94))
     assert 0.1 < np.abs(read[inner] - slope()[inner]).mean() < 4
     assert (read[inner] < 950).all()
@@ -38,9 +42,39 @@ def test_sensor_noise() -> None:
     assert 0.8 < (read < 950).sum() / (slope() < 950).sum() < 1.1
 
 
+def edges(depth: np.ndarray) -> np.ndarray:
+    """Pixels with a neighbour at another depth, by more than a sensor's 15 mm."""
+    found = np.zeros(depth.shape, dtype=bool)
+    for axis in (1, 2):
+        for step in (-1, 1):
+            other = np.roll(depth, step, axis)
+            border = [slice(None)] * 3
+            border[axis] = slice(0, 1) if step == 1 else slice(-1, None)
+            other[tuple(border)] = depth[tuple(border)]
+            found |= np.abs(depth - other) > 15
+    return found
+
+
+def test_dropped_pixels() -> None:
+    """Are those at edges, read as the background: all at a dropout of 1, about a third at a third, none at 0."""
+    whole = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
+    at_edge = edges(whole) & (whole < 950)
+    assert at_edge.sum() == 2 * (4 * 60 - 4)  # the outline of the plate
+    for dropout in (0, 1 / 3, 1):
+        read = sense(np.random.default_rng(0), slope(), FAR, replace(PERFECT, dropout=(dropout, dropout)), NYU)
+        dropped = read != whole
+        assert (read[dropped] == 950).all() and not (dropped & ~at_edge).any()
+        assert dropped.sum() / at_edge.sum() == pytest.approx(dropout, abs=0.1 if 0 < dropout < 1 else 0)
+
+
 def test_holes() -> None:
-    """A dropped pixel reads as the background."""
-    holey = replace(Sensor(), holes=(1.0, 1.0), dropout=(1.0, 1.0))
-    read = sense(np.random.default_rng(0), slope(), np.array([950.0, 950.0]), holey, NYU)
-    assert (read < 950).sum() < (slope() < 950).sum() * 0.95
-    assert read.max() == 950
+    """Are 3 x 3 pixels about one at an edge, read as the background, each frame as its own background."""
+    whole = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
+    far = np.array([950.0, 1200.0])
+    read = sense(np.random.default_rng(0), slope(), far, replace(PERFECT, holes=(1.0, 1.0)), NYU)
+    around = cv2.dilate(edges(whole).transpose(1, 2, 0).astype(np.uint8), np.ones((3, 3))).transpose(2, 0, 1) > 0
+    np.testing.assert_array_equal(read[0][around[0]], 950)
+    np.testing.assert_array_equal(read[0][~around[0]], whole[0][~around[0]])
+    assert (read[1][around[1]] == 1200).all()
+    few = sense(np.random.default_rng(0), slope(), FAR, replace(PERFECT, holes=(0.01, 0.01)), NYU)
+    assert 0 < (few != whole).sum() <= 9 * 0.03 * edges(whole).sum()

@@ -1,4 +1,4 @@
-"""handpose/workers.py"""
+"""handpose/synthetic/workers.py"""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from handpose.workers import no_interrupt, processes
+from handpose.synthetic.workers import no_interrupt, processes
 from netlib.errors import DataError
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_pool_computes() -> None:
@@ -46,7 +46,7 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, sys\n"
-        "from handpose.workers import processes\n"
+        "from handpose.synthetic.workers import processes\n"
         "if __name__ == '__main__':\n"
         "    with processes(1) as pool:\n"
         "        print(pool.submit(os.getpid).result(), flush=True)\n"

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
-from handpose.camera import NYU
-from handpose.render import Capsules, normalise_depth, render_crop
 
 import netlib
+from handpose.facts.cameras import NYU
+from handpose.synthetic.render import Capsules, normalise_depth, render_crop
 from netlib.errors import LayerError
 
 LAYER = """

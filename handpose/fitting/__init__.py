@@ -1,0 +1,1 @@
+"""Fitting a skeleton to joints: the pose of each frame, or the hand of a person."""

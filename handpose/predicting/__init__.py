@@ -1,0 +1,1 @@
+"""From a depth image to the joints of a hand: find it, crop it, run a net, move the crop."""

@@ -1,0 +1,42 @@
+"""handpose/data/frames.py"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.data.frames import Frames, empty_frames
+from handpose.facts.cameras import NYU
+
+
+def made(n: int, dof: np.ndarray | None = None) -> Frames:
+    """So many frames with two joints, some of them outside the cube."""
+    rng = np.random.default_rng(0)
+    joints, uvd = rng.normal(size=(n, 2, 3)), np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3))
+    return Frames.of(np.zeros((n, 128, 128)), joints, uvd, NYU, 150.0, np.arange(n), dof)
+
+
+def test_columns() -> None:
+    """Shapes and types are those of the files, of no frames too; joints are cut off at the cube, lengths in mm."""
+    for n, dof in ((3, None), (3, np.ones((3, 5))), (0, None), (0, np.ones((0, 5)))):
+        arrays = made(n, dof).arrays()
+        names = ["depth", "joint", *(["dof"] if dof is not None else []), "center", "center_uvd", "index", "half_cube"]
+        shapes = {"depth": (1, 128, 128), "joint": (6,), "dof": (5,), "center": (3,), "center_uvd": (3,)}
+        assert list(arrays) == names
+        for name, array in arrays.items():
+            assert array.shape == (n, *shapes.get(name, ())), name
+            assert array.dtype == (np.int64 if name == "index" else np.float32), name
+        columns = empty_frames(2, None if dof is None else 5).arrays()
+        assert [(a.shape[1:], a.dtype) for a in columns.values()] == [(a.shape[1:], a.dtype) for a in arrays.values()]
+        assert not any(map(len, columns.values()))
+    frames = made(20)
+    assert frames.joint.min() == -1 and frames.joint.max() == 1 and (frames.half_cube == 150).all()
+    np.testing.assert_allclose(frames.center, NYU.unproject(frames.center_uvd), atol=1e-3)
+
+
+def test_some_of_the_frames() -> None:
+    """All arrays are cut alike."""
+    frames = made(5, np.arange(10.0).reshape(5, 2))
+    some = frames.rows(slice(1, 3))
+    assert len(some) == 2 and some.index.tolist() == [1, 2]
+    for name, array in some.arrays().items():
+        np.testing.assert_array_equal(array, frames.arrays()[name][1:3])

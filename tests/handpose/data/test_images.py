@@ -1,0 +1,76 @@
+"""handpose/data/images.py; more of it in the tests of tools/predict.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.data import images
+from handpose.data.bad_frames import BadFrameError
+from handpose.facts.cameras import KINECT2, NYU, Camera
+from netlib.errors import DataError
+
+
+def test_png_that_is_not_whole(tmp_path: Path) -> None:
+    """Wherever a PNG file is cut, and whatever byte of it is wrong, it is refused before it is decoded."""
+    image = np.random.default_rng(0).integers(0, 65536, (40, 30)).astype(np.uint16)
+    raw = cv2.imencode(".png", image)[1].tobytes()
+    path = tmp_path / "image.png"
+    path.write_bytes(raw + b"more")
+    np.testing.assert_array_equal(images.read_png(path), image)
+    broken = [raw[:cut] for cut in (0, 7, 8, 20, 100, len(raw) // 2, len(raw) - 12, len(raw) - 1)]
+    for at in (3, 20, 60, len(raw) // 2, len(raw) - 5):
+        broken.append(raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])
+    for data in broken:
+        path.write_bytes(data)
+        with pytest.raises(BadFrameError, match="truncated, damaged or no PNG"):
+            images.read_png(path)
+    with pytest.raises(BadFrameError, match="no such file"):
+        images.read_png(tmp_path / "other.png")
+    with pytest.raises(BadFrameError, match="truncated, damaged or no PNG"):
+        images.read_png(tmp_path)
+
+
+def test_a_truncated_picture_of_a_user(tmp_path: Path) -> None:
+    """Is refused too, and not filled up; a picture of another format is as good as a PNG."""
+    image = np.random.default_rng(0).integers(0, 256, (40, 30)).astype(np.uint8)
+    raw = cv2.imencode(".png", image)[1].tobytes()
+    path = tmp_path / "image.png"
+    path.write_bytes(raw[: len(raw) * 3 // 4])
+    with pytest.raises(DataError, match=r"image\.png: not a picture that can be read: truncated or damaged"):
+        images.read_picture(path)
+    path.write_bytes(cv2.imencode(".bmp", image)[1].tobytes())
+    assert (images.read_picture(path).reshape(40, 30, -1)[..., 0] == image).all()
+    path.write_bytes(b"")
+    with pytest.raises(DataError, match="not a picture that can be read; expected a grey PNG"):
+        images.read_picture(path)
+
+
+def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also a frame in NYU's colour packing, which takes a look at the pixels to tell."""
+    depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
+    cv2.imwrite(str(tmp_path / "frame.png"), images.pack_depth(depth))
+    decode, calls = cv2.imdecode, []
+    monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
+    np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", NYU), depth)
+    assert len(calls) == 1
+
+
+def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
+    """Are taken as they are; others must have the camera's."""
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((30, 40), 500, np.uint16))
+    own = Camera("own", 300.0, 300.0, 20.0, 15.0, 0, 0)
+    assert (images.read_frame(tmp_path / "frame.png", own, 0.5) == 250).all()
+    with pytest.raises(DataError, match="40 x 30 pixels; camera kinect2 has 512 x 424"):
+        images.read_frame(tmp_path / "frame.png", KINECT2)
+
+
+def test_depth_packed_in_colours() -> None:
+    """Whole mm come back; green counts 256 of them."""
+    depth = np.array([[0, 1, 255], [256, 773, 65535]])
+    pixels = images.pack_depth(depth)
+    assert pixels[1, 1].tolist() == [5, 3, 0]
+    np.testing.assert_array_equal(images.unpack_depth(pixels), depth)

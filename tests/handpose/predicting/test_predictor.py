@@ -1,0 +1,203 @@
+"""handpose/predicting/predictor.py: from Python, on crops and on whole frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.data.crops import crop
+from handpose.facts.cameras import KINECT2, NYU, Camera
+from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
+from handpose.predicting import finding
+from handpose.predicting.predictor import LARGEST_MOVE_MM, Predictor
+from handpose.synthetic.flesh import HandShape
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from layers.hand import skeleton
+from layers.hand.kinematics import kinematics_of
+from netlib.errors import DataError, NetlibError
+from tests.handpose.whole_images import render_image
+
+HAND = skeleton.load()
+NET = """
+layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: %d dim: 1 dim: 128 dim: 128 } } }
+layer { name: "DoF" type: "InnerProduct" bottom: "depth" top: "DoF"
+        inner_product_param { num_output: 47 weight_filler { type: "gaussian" std: 0.003 } } }
+layer { name: "hand" type: "HandModel" bottom: "DoF" top: "pred" }
+"""
+NetOf = Callable[..., netlib.Net]
+
+
+@pytest.fixture
+def seeing(net_of: NetOf) -> netlib.Net:
+    """A net whose joints depend on every pixel."""
+    return net_of(NET % 1, netlib.TEST)
+
+
+@pytest.fixture
+def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
+    """A net that sees the same hand in every crop: as training crops have it, and then so many mm beside."""
+
+    def make(*beside: float) -> netlib.Net:
+        prior = PosePrior(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)
+        inputs = HandSampler(prior).hands(np.random.default_rng(0), 1).inputs[0]
+        inputs[:3] += np.array(beside) / (CUBE_MM / 2)
+        net = net_of(NET % 1, netlib.TEST)
+        net.params["DoF"][0].data[...], net.params["DoF"][1].data[...] = 0, inputs
+        return net
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def frame() -> np.ndarray:
+    """Depth (424, 512) in mm of a hand some 700 mm before a Kinect v2 and a wall behind it."""
+    sampler, rng = HandSampler(shape=HandShape(forearm_towards_camera=-0.2)), np.random.default_rng(1)
+    hand = sampler.hands(rng, 1)
+    flesh = sampler.flesh.capsules(rng, hand.joints * CUBE_MM / 2 + (30, -20, 700), hand.scale)
+    return render_image(flesh, KINECT2, background=1500.0)[0]
+
+
+def some_crop() -> np.ndarray:
+    """Noise in [-1, 1]."""
+    return np.random.default_rng(0).uniform(-1, 1, (128, 128)).astype(np.float32)
+
+
+# ------------------------------------------------------------------------------------------------- crops
+
+
+def test_a_crop(fixed: Callable[..., netlib.Net]) -> None:
+    """The joints of the hand model, in half-cubes and in mm of this cube, and the crop beside them."""
+    net = fixed(10, -20, 30)
+    inputs = net.params["DoF"][1].data[None].astype(np.float64)
+    for cube in (300.0, 261.0):
+        found = Predictor(net, cube_mm=cube).in_crop(some_crop())
+        np.testing.assert_allclose(found.joints, kinematics_of(HAND).joints(inputs)[0], atol=1e-6)
+        np.testing.assert_allclose(found.joints_mm, found.joints * cube / 2)
+        np.testing.assert_array_equal(found.crop, some_crop())
+        assert found.joints.dtype == np.float64 and found.joints.shape == (31, 3)
+
+
+@pytest.mark.parametrize("batch", [1, 5])
+def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
+    """The same joints as a forward pass of the net, whatever batch its file has; crops of float64 as well."""
+    net = net_of(NET % batch, netlib.TEST)
+    found = Predictor(net).in_crop(some_crop().astype(np.float64))
+    again = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
+    np.testing.assert_array_equal(found.joints, again)
+    assert not np.array_equal(Predictor(net).in_crop(-some_crop()).joints, found.joints)
+
+
+def test_the_other_hand(seeing: netlib.Net) -> None:
+    """The mirror image of what is seen in the mirrored crop."""
+    left = Predictor(seeing, mirror=True).in_crop(some_crop())
+    right = Predictor(seeing).in_crop(some_crop()[:, ::-1])
+    np.testing.assert_array_equal(left.joints, right.joints * (-1, 1, 1))
+    np.testing.assert_array_equal(left.crop, some_crop())
+
+
+def test_a_crop_of_another_shape(seeing: netlib.Net) -> None:
+    """Is none."""
+    with pytest.raises(DataError, match=r"crop of shape \(1, 128, 128\), expected \(128, 128\)"):
+        Predictor(seeing).in_crop(some_crop()[None])
+
+
+def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
+    """Never a picture of nothing."""
+    net = fixed(0, 0, 0)
+    net.params["DoF"][1].data[4] = np.nan
+    with pytest.raises(NetlibError, match="predicts joints that are not finite; check its weights"):
+        Predictor(net).in_crop(some_crop())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (NET.replace('"depth"', '"crop"'), "no blob 'depth'; expected a net with the input depth and the output pred"),
+        (NET.replace('"pred"', '"joints"'), "no blob 'pred'; expected a net with the input depth and the output pred"),
+        (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'), "no HandModel layer, so the"),
+    ],
+    ids=["depth", "pred", "hand"],
+)
+def test_nets_of_another_kind(net_of: NetOf, text: str, message: str) -> None:
+    """Are refused when the predictor is made."""
+    with pytest.raises(NetlibError, match=message):
+        Predictor(net_of(text % 1, netlib.TEST))
+
+
+# ------------------------------------------------------------------------------------------------ frames
+
+
+def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Without refinement: the joints of the crop at this centre, and where they are before the camera."""
+    center = [260.0, 210.0, 690.0]
+    found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
+    np.testing.assert_array_equal(found.crop, crop(frame, center, CUBE_MM, KINECT2))
+    np.testing.assert_array_equal(found.joints, Predictor(seeing).in_crop(found.crop).joints)
+    np.testing.assert_array_equal(found.center_uvd, center)
+    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(center))
+    np.testing.assert_allclose(found.xyz, KINECT2.unproject(center) + found.joints * 150)
+    assert found.camera == KINECT2
+
+
+def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """At the nearest thing, at a pixel and what is seen there, or at a place that is given."""
+    predictor = Predictor(seeing, KINECT2, refine=0)
+    nearest = finding.find_hand(frame, KINECT2)
+    np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
+    assert KINECT2.unproject(nearest) == pytest.approx((30, -20, 700), abs=60)
+    u, v, _ = nearest
+    np.testing.assert_array_equal(predictor.start(frame, (u, v)), finding.depth_around(frame, u, v))
+    np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        predictor.in_frame(np.zeros((424, 512)))
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("refine", [0, 1, 2, 3])
+def test_the_crop_goes_to_the_palm(
+    fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, mirror: bool
+) -> None:
+    """Each time by as much as the hand is beside; then the joints are those of the last crop."""
+    beside = np.array([10.0, -5.0, 4.0]) * ((-1, 1, 1) if mirror else 1)
+    predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, mirror=mirror)
+    start = np.array([260.0, 210.0, 690.0])
+    found = predictor.in_frame(frame, start)
+    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3)
+    np.testing.assert_array_equal(found.crop, crop(frame, found.center_uvd, CUBE_MM, KINECT2))
+
+
+def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """Where the centre is at its place in the palm there is nothing to mend."""
+    found = Predictor(fixed(0, 0, 0), KINECT2).in_frame(frame, (260, 210, 690))
+    np.testing.assert_allclose(found.center_uvd, (260, 210, 690), atol=1e-3)
+    palm = found.joints_mm[HAND.joint_names.index("palm")]
+    assert np.linalg.norm(palm) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=1e-3)
+
+
+def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """Moves the crop no farther than LARGEST_MOVE_MM, not out of the image, and not to the camera."""
+    start = np.array([260.0, 210.0, 690.0])
+    found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
+    moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
+    assert moved == pytest.approx(50, abs=1e-3) and moved < LARGEST_MOVE_MM
+    near = np.array([260.0, 210.0, 155.0])
+    found = Predictor(fixed(0, 0, -20), KINECT2).in_frame(frame, near)
+    np.testing.assert_array_equal(found.center_uvd, near)
+    corner = np.array([-40.0, 210.0, 690.0])
+    found = Predictor(fixed(-50, 0, 0), KINECT2, cube_mm=200).in_frame(frame, corner)
+    np.testing.assert_array_equal(found.center_uvd, corner)
+
+
+def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """A camera without a size takes the frame's; another's frame is an error, and so is a picture in colours."""
+    own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
+    found, same = (Predictor(seeing, camera).in_frame(frame) for camera in (own, KINECT2))
+    np.testing.assert_array_equal(found.joints, same.joints)
+    assert (found.camera.width, found.camera.height) == (512, 424)
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        Predictor(seeing, NYU).in_frame(frame)
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512, 1\), expected \(height, width\)"):
+        Predictor(seeing, KINECT2).in_frame(frame[:, :, None])

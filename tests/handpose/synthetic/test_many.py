@@ -1,0 +1,56 @@
+"""handpose/synthetic/many.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.data.frames import Frames
+from handpose.synthetic.generator import BLOCK, Generator
+from handpose.synthetic.many import generate
+from netlib.errors import DataError
+
+
+@pytest.fixture(scope="module")
+def generator() -> Generator:
+    """The default generator."""
+    return Generator(seed=7)
+
+
+@pytest.fixture(scope="module")
+def frames(generator: Generator) -> Frames:
+    """Its first block."""
+    return generator.block(0)
+
+
+def assert_equal(one: Frames, two: Frames) -> None:
+    """Every array is the same."""
+    for name, array in one.arrays().items():
+        np.testing.assert_array_equal(array, two.arrays()[name], name)
+
+
+def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
+    """Frames of any stretch, over block borders, are those of the blocks."""
+    pieces = list(generate(BLOCK, generator, start=BLOCK // 2))
+    assert [len(piece) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
+    np.testing.assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
+    np.testing.assert_array_equal(np.concatenate([p.index for p in pieces]), np.arange(BLOCK // 2, BLOCK * 3 // 2))
+    (few,) = generate(3, generator)
+    np.testing.assert_array_equal(few.joint, frames.joint[:3])
+    assert not list(generate(0, generator))
+
+
+def test_workers_change_nothing(generator: Generator) -> None:
+    """Two processes draw the same frames in the same order as one."""
+    count = 3 * BLOCK + 5
+    for one, two in zip(generate(count, generator), generate(count, generator, workers=2), strict=True):
+        assert_equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("count", "workers", "message"), [(-1, 1, "-1 frames"), (1, 0, "0 worker processes")], ids=["frames", "workers"]
+)
+def test_mistakes(count: int, workers: int, message: str) -> None:
+    """Impossible numbers are named."""
+    with pytest.raises(DataError, match=message):
+        list(generate(count, Generator(), workers=workers))

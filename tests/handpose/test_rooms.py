@@ -1,0 +1,67 @@
+"""The rooms of handpose: who may import whom, and what it costs to ask for a fact."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MAY_IMPORT = {  # besides itself
+    "facts": set(),
+    "data": {"facts"},
+    "synthetic": {"facts", "data"},
+    "fitting": {"facts", "data"},
+    "predicting": {"facts", "data"},
+    "drawing": {"facts", "data"},
+    "scoring": {"facts", "data", "predicting"},
+}
+FILES = sorted((ROOT / "handpose").rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of all that a file imports, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def test_every_file_is_in_a_room() -> None:
+    """And no package imports anything for others."""
+    assert {path.relative_to(ROOT / "handpose").parts[0] for path in FILES} == {*MAY_IMPORT, "__init__.py"}
+    assert all(not imports(path) for path in FILES if path.name == "__init__.py")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT / "handpose")))
+def test_arrows(path: Path) -> None:
+    """Facts below data, data below what computes with them; nobody imports tools, or fast by name."""
+    room = path.relative_to(ROOT / "handpose").parts[0]
+    found = imports(path)
+    if room in MAY_IMPORT:
+        others = {name.split(".")[1] for name in found if name.startswith("handpose.")} - {room}
+        assert others <= MAY_IMPORT[room]
+    outside = {name.split(".")[0] for name in found} - set(sys.stdlib_module_names) - {"handpose"}
+    assert outside <= ({"numpy"} if room == "facts" else {"numpy", "scipy", "cv2", "h5py", "netlib", "layers"})
+
+
+@pytest.mark.parametrize(
+    ("module", "never"),
+    [
+        ("handpose.facts.nyu", ["scipy", "cv2", "h5py", "netlib"]),
+        ("handpose.facts.cameras", ["scipy", "cv2", "h5py", "netlib"]),
+        ("handpose.scoring.metrics", ["scipy.io", "cv2", "handpose.data", "handpose.synthetic", "multiprocessing"]),
+        ("handpose.predicting.predictor", ["scipy.io", "handpose.synthetic", "multiprocessing"]),
+    ],
+)
+def test_what_is_loaded(module: str, never: list[str]) -> None:
+    """A fact, a figure or a prediction loads no importer, no renderer and no pool of processes."""
+    code = f"import sys, {module}; print(sorted(set({never}) & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "[]"
