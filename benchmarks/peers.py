@@ -110,7 +110,7 @@ class TorchHand(nn.Module):
                 F = frames[group.parent][:, group.slots]
                 p = torch.stack([X[j] for j in parent.joints], 1)[:, group.slots]
             for s, do in enumerate(group.operations):
-                dofs = self.kinematics.driven[do.rows]
+                dofs = self.kinematics.dof_of[do.rows]
                 if do.kind == "constant":
                     F = F @ getattr(self, f"c{i}_{s}")
                 elif do.kind == "translate":

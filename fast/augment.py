@@ -15,7 +15,7 @@ from fast.twin import Twin
 from layers.hand.augment import HandAugment
 from netlib.blob import Array
 
-BLOCK = 16  # crops per job
+BLOCK = 16  # crops per job, 1 MB: few enough to stay in the cache, many enough to hide the call
 
 
 class FastHandAugment(Twin, HandAugment):

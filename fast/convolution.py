@@ -18,10 +18,8 @@ class FastConvolution(Twin, Convolution):
     """Convolution on tiles."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Choose between tiles and the plain layer."""
+        """Prepare both ways."""
         super().setup(bottom, top)
-        simple = self.stride == self.dilation == (1, 1) and self.pad == (0, 0) and self.param.group == 1
-        self.simple = simple and len(bottom[0].shape) == 4
         self.row_tiles, self.window_tiles = RowTiles(), WindowTiles()
         self.way: RowTiles | WindowTiles = self.row_tiles
 
@@ -38,8 +36,10 @@ class FastConvolution(Twin, Convolution):
         return self.simple and not self.needs_bottom_diff
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Choose the way for these blobs."""
+        """Choose between the plain layer and the two ways."""
         super().reshape(bottom, top)
+        options = self.stride == self.dilation == (1, 1) and self.pad == (0, 0) and self.param.group == 1
+        self.simple = options and len(bottom[0].shape) == 4
         for x, y in zip(bottom, top):
             if isinstance(y, FastBlob) and y.tile is not None:
                 y.pitch = -(-(pitch_of(x) or x.width) // y.tile) * y.tile

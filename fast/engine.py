@@ -37,8 +37,8 @@ from netlib.plain import Connection, Engine, Executor
 from netlib.updates import Rule
 
 T = TypeVar("T")
-LARGE = 1 << 20  # bytes from which a copy is shared out
-COPIES = 16  # parts of a large copy
+LARGE = 1 << 20  # bytes from which a copy takes longer than handing it out (some 0.1 ms)
+COPIES = 16  # parts of a large copy, for up to as many threads
 
 TWINS: dict[type, type] = {
     Convolution: FastConvolution,
@@ -59,7 +59,7 @@ class FastEngine(Engine):
     rules: Mapping[str, tuple[Rule, int]] = RULES
 
     def twin(self, cls: type[T]) -> type[T]:
-        """From the table."""
+        """The twin of ``cls``, if it has one."""
         return TWINS.get(cls, cls)
 
     def blob(self, dtype: DTypeLike) -> Blob:
@@ -86,9 +86,9 @@ class FastEngine(Engine):
         parallel.run([functools.partial(job, rows) for rows in parallel.blocks(len(target), -(-len(target) // COPIES))])
 
     def threads(self) -> int:
-        """Of the pool."""
+        """Of the one pool (parallel.py)."""
         return parallel.threads()
 
     def set_threads(self, count: int) -> None:
-        """Of the pool."""
+        """Of the one pool (parallel.py)."""
         parallel.set_threads(count)

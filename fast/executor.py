@@ -41,6 +41,7 @@ from fast.plan import Run, plan, whole
 from fast.tiles import FastBlob, LazilyCleared
 from fast.twin import Twin
 from netlib.blob import Array, Blob, Blobs
+from netlib.errors import NetlibError
 from netlib.layer import Layer
 from netlib.plain import Connection, Executor, Step, guarded
 
@@ -104,10 +105,12 @@ class SlicedExecutor(Executor):
             self._seen[1] = True
 
     def reshape(self) -> None:
-        """Shape all blobs anew."""
+        """Shape all blobs anew; where no shape has changed, all stays as it is."""
+        before = [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
         super().reshape()
-        self._seen = [False, False]
-        self._plan()
+        if before != [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]:
+            self._seen = [False, False]
+            self._plan()
 
     def clear_diffs(self, params: Iterable[Blob]) -> None:
         """Set gradients of parameters to zero, or see to it that they read as zeros."""
@@ -163,9 +166,11 @@ class SlicedExecutor(Executor):
 
 
 def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
-    """Tell the executor, if it is still there, that somebody looks at a hidden blob."""
-    if (owner := executor()) is not None:
-        owner.reveal(blob)
+    """Tell the executor that somebody looks at a hidden blob."""
+    owner = executor()
+    if owner is None:
+        raise NetlibError("this blob was computed in slices and its net is gone; look at it, or copy it, before")
+    owner.reveal(blob)
 
 
 def _put_back(kept: list[tuple[Array, Array]]) -> None:

@@ -42,11 +42,7 @@ class Facts:
 
 
 def _relu(layer: ReLU) -> Facts:
-    keeps_sign = layer.param.negative_slope >= 0  # then the twin's backward reads y, whose sign is that of x
-    return Facts(
-        batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0,
-        reads_bottom=not keeps_sign, reads_top=keeps_sign,
-    )  # fmt: skip
+    return Facts(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
 
 
 def _pooling(layer: Pooling) -> Facts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fast.kinematics import FastKinematics, FastPose
+from fast.kinematics import FastKinematics
 from fast.twin import Twin
 from layers.hand.hand_model import HandModel
 from netlib.blob import Blobs
@@ -11,20 +11,16 @@ from netlib.blob import Blobs
 class FastHandModel(Twin, HandModel):
     """Forward kinematics, batch last."""
 
+    kinematics_type = FastKinematics
     kinematics: FastKinematics
-
-    def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Take the fast kinematics."""
-        super().setup(bottom, top)
-        self.kinematics = FastKinematics(self.skeleton, self.dtype)
-        self._last: FastPose | None = None
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Positions; the pose only for backward."""
         x = bottom[0].data.reshape(-1, len(self.skeleton.dof_names))
         y = top[0].data.reshape(len(x), len(self.skeleton.joint_names), 3)
         if self.needs_backward:
-            self.pose = self._last = self.kinematics.forward(x, reuse=self._last)
+            self.pose = self.kinematics.forward(x)
             y[...] = self.pose.joints
+            self.kinematics.spare = self.pose  # backward is done with it before the next forward
         else:
             y[...] = self.kinematics.joints(x)

@@ -58,17 +58,17 @@ class FastHDF5Data(Twin, HDF5Data):
             super().pick(array, rows, out)
 
     def restore(self, state: dict[str, Any]) -> None:
-        """What was read ahead is no more what comes next."""
+        """What was read ahead no longer comes next."""
         self._drop_ahead()
         super().restore(state)
 
     def rewind(self) -> None:
-        """The same."""
+        """Also forgets what was read ahead."""
         self._drop_ahead()
         super().rewind()
 
     def use_batch_size(self, size: int) -> None:
-        """The same."""
+        """Also forgets what was read ahead."""
         self._drop_ahead()
         super().use_batch_size(size)
 

@@ -27,22 +27,22 @@ from layers.hand.kinematics import Kinematics, Pose, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-FEW = 16  # poses
+FEW = 16  # poses up to which fewer calls are faster than fewer operations (benchmarks/twins.py: one image)
 
 
-class Step(NamedTuple):
-    """One operation of one joint."""
+class Part(NamedTuple):
+    """One motion of one joint, or several fixed turns multiplied out."""
 
     kind: Literal["translate", "rotate", "constant"]
     axis: int = -1  # local axis of a motion
     sign: float = 1.0  # -1: about or along the negative axis
-    row: int = -1  # of the motion among all that are not constants
+    number: int = -1  # of the motion among the M that are not constants
     dof: int = -1
     matrix: Array | None = None  # of a constant: fixed rotations, multiplied out
 
 
 class Operation(NamedTuple):
-    """The same step of n joints."""
+    """The same part of n joints."""
 
     kind: Literal["translate", "rotate", "constant"]
     axis: int
@@ -53,7 +53,7 @@ class Operation(NamedTuple):
 
 @dataclass
 class Group:
-    """Joints of one depth whose steps have the same kinds and axes: they are computed as one array."""
+    """Joints of one depth whose parts have the same kinds and axes: they are computed as one array."""
 
     joints: list[int]
     parent: int  # the group of their parents, -1 for roots
@@ -83,39 +83,47 @@ class FastPose(Pose):
 
 
 class FastKinematics(Kinematics):
-    """Kinematics by groups of joints, all poses in one array. M motions: the free ones, and fixed translations."""
+    """Kinematics by groups of joints, all poses in one array.
+
+    M motions are computed one by one: the free ones, and fixed translations.
+
+    dof_of  (M,) the DoF of each
+    free    (Q,) which of them are free: the rows of a Jacobian
+    spare   a pose whose memory the next forward may take; large arrays are slow to get anew
+    """
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         super().__init__(skeleton, dtype)
         steps = _steps(skeleton)
         moving = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
-        self.driven = np.array([step.dof for _, step in moving], dtype=int)
-        self.free = np.flatnonzero(~skeleton.fixed[self.driven])  # rows of a Jacobian
+        self.dof_of = np.array([step.dof for _, step in moving], dtype=int)
+        self.free = np.flatnonzero(~skeleton.fixed[self.dof_of])
+        self.spare: FastPose | None = None
         self._slides = np.flatnonzero([step.kind == "translate" for _, step in moving])
         carried = skeleton.carries[[j for j, _ in moving]].reshape(len(moving), len(skeleton.parents))
         self._moves = carried.astype(self.dtype)
         self.groups, self._places = _groups(skeleton, steps, self.dtype)
         self._few = FewPoses(skeleton, steps)
-        self._repeats = len(set(self.driven.tolist())) < len(self.driven)
+        self._repeats = len(set(self.dof_of.tolist())) < len(self.dof_of)
 
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3)."""
         if bones is None and len(inputs) <= FEW:
-            return self._few.joints(self.skeleton.theta(inputs)[:, self.driven]).astype(self.dtype)
+            return self._few.joints(self.skeleton.theta(inputs)[:, self.dof_of]).astype(self.dtype)
         return self.forward(inputs, bones).joints
 
-    def forward(self, inputs: Array, bones: Array | None = None, reuse: Pose | None = None) -> FastPose:
+    def forward(self, inputs: Array, bones: Array | None = None) -> FastPose:
         """Group by group, parents first."""
         N, sk = len(inputs), self.skeleton
         theta = np.array(inputs.T, dtype=self.dtype, order="C")
         theta[sk.fixed] = 0.0
         theta += sk.initial[:, None]
-        value = theta[self.driven]  # (M, N)
+        value = theta[self.dof_of]  # (M, N)
         cos, sin = np.cos(value), np.sin(value)
-        fits = isinstance(reuse, FastPose) and (reuse.X.shape[-1], reuse.X.dtype) == (N, self.dtype)
-        pose = reuse if fits else FastPose(N, len(sk.parents), len(self.driven), self.dtype)
-        assert isinstance(pose, FastPose)
-        pose.columns = []
+        pose = self.spare
+        if pose is None or pose.X.shape[-1] != N:
+            pose = FastPose(N, len(sk.parents), len(self.dof_of), self.dtype)
+        self.spare, pose.columns = None, []
         X, local, axis, pivot = pose.X, pose.local, pose.axis, pose.pivot
         lengths = np.asarray(sk.bones[:, None] if bones is None else bones.T, dtype=self.dtype)
         origin = [np.broadcast_to(e[None, :, None], (1, 3, N)) for e in np.eye(3, dtype=self.dtype)]
@@ -161,9 +169,9 @@ class FastKinematics(Kinematics):
         torque *= pose.axis
         gradient = np.zeros((len(self.skeleton.initial), N), self.dtype)
         if self._repeats:  # one DoF drives several joints
-            np.add.at(gradient, self.driven, torque.sum(axis=1))
+            np.add.at(gradient, self.dof_of, torque.sum(axis=1))
         else:
-            gradient[self.driven] = torque.sum(axis=1)
+            gradient[self.dof_of] = torque.sum(axis=1)
         gradient[self.skeleton.fixed] = 0
         return gradient.T
 
@@ -204,10 +212,10 @@ class FewPoses:
 
     A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of a pose
     come from three operations. All joints multiply their own turns and their bone to a 4 x 4 transform at once; then
-    one product per depth hangs the joints of that depth to their parents. Joints are in order of depth in here.
+    one product per depth attaches the joints of that depth to their parents. Joints are in order of depth in here.
     """
 
-    def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Step]]) -> None:
+    def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
         order = np.array(skeleton.order)
         self.place = np.argsort(order)  # of each joint
         motions = [step for own in steps for step in own if step.kind != "constant"]
@@ -216,14 +224,16 @@ class FewPoses:
             [*(step.matrix for own in steps for step in own if step.matrix is not None), np.eye(3)]
         )
         numbers = itertools.count(len(motions))  # constants follow the motions, the identity comes last
-        turns = [[s.row if s.matrix is None else next(numbers) for s in own if s.kind != "translate"] for own in steps]
+        turns = [
+            [s.number if s.matrix is None else next(numbers) for s in own if s.kind != "translate"] for own in steps
+        ]
         identity, most = next(numbers), max(1, *(len(own) for own in turns))
         self.factors = np.array([turns[j] + [identity] * (most - len(turns[j])) for j in order]).T
         self.offsets = np.zeros((len(order), 3, 1))
         has_bone = np.flatnonzero(skeleton.bone_axes[order] >= 0)
         self.offsets[has_bone, skeleton.bone_axes[order][has_bone], 0] = skeleton.bones[order][has_bone]
         self.slides = [
-            (i, s.axis, s.sign, s.row) for i, j in enumerate(order) for s in steps[j] if s.kind == "translate"
+            (i, s.axis, s.sign, s.number) for i, j in enumerate(order) for s in steps[j] if s.kind == "translate"
         ]
         ends = np.cumsum(np.bincount(skeleton.carries.sum(axis=0))[1:])  # of each depth
         self.roots = int(ends[0])
@@ -233,7 +243,7 @@ class FewPoses:
         ]
 
     def joints(self, value: Array) -> Array:
-        """Positions (N, K, 3) for the values (N, Q) of the free motions."""
+        """Positions (N, K, 3) for the values (N, M) of the motions."""
         N, K = len(value), len(self.place)
         R = self.P + np.cos(value)[..., None, None] * self.C + np.sin(value)[..., None, None] * self.S
         R = np.concatenate([R, np.broadcast_to(self.constants, (N, *self.constants.shape))], axis=1)
@@ -253,26 +263,26 @@ class FewPoses:
         return world[..., :3, 3][:, self.place]
 
 
-def _steps(skeleton: Skeleton) -> list[list[Step]]:
+def _steps(skeleton: Skeleton) -> list[list[Part]]:
     """Every joint's operations in order; fixed rotations are multiplied out."""
     row, result = 0, []
     for motions in skeleton.motions:
-        own: list[Step] = []
+        own: list[Part] = []
         for m in motions:
             if m.kind == "rotate" and skeleton.fixed[m.dof]:
                 matrix = rotation(m.axis, m.sign * skeleton.initial[m.dof])
                 if own and own[-1].matrix is not None:
                     matrix = own.pop().matrix @ matrix
-                own.append(Step("constant", matrix=matrix))
+                own.append(Part("constant", matrix=matrix))
             else:
-                own.append(Step(m.kind, m.axis, m.sign, row, m.dof))
+                own.append(Part(m.kind, m.axis, m.sign, row, m.dof))
                 row += 1
         result.append(own)
     return result
 
 
 def _groups(
-    skeleton: Skeleton, steps: list[list[Step]], dtype: DTypeLike
+    skeleton: Skeleton, steps: list[list[Part]], dtype: DTypeLike
 ) -> tuple[list[Group], dict[int, tuple[int, int]]]:
     """Joints that can be computed together, parents first; and the (group, slot) of every joint."""
     parents, depth = skeleton.parents, skeleton.carries.sum(axis=0)
@@ -296,19 +306,19 @@ def _groups(
     return groups, places
 
 
-def _together(steps: Sequence[Step], dtype: DTypeLike) -> Operation:
+def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
     matrices = [step.matrix for step in steps if step.matrix is not None]
     return Operation(
         kind=steps[0].kind,
         axis=steps[0].axis,
-        rows=_as_slice([step.row for step in steps]),
+        rows=_as_slice([step.number for step in steps]),
         sign=np.array([step.sign for step in steps], dtype)[:, None, None],
         matrices=np.array(matrices, dtype).reshape(-1, 3, 3),
     )
 
 
-def _rodrigues(motions: Sequence[Step]) -> tuple[Array, Array, Array]:
-    """P, C, S (Q, 3, 3) with R(t) = P + cos t C + sin t S; the identity for a translation."""
+def _rodrigues(motions: Sequence[Part]) -> tuple[Array, Array, Array]:
+    """P, C, S (M, 3, 3) with R(t) = P + cos t C + sin t S; the identity for a translation."""
     P, C, S = np.zeros((3, len(motions), 3, 3))
     for q, step in enumerate(motions):
         start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))

@@ -1,7 +1,6 @@
 """FastReLU: compares with rows of zeros, because NumPy's maximum with a scalar takes four times as long.
 
-Backwards it reads y, whose sign is that of x, so that x need not be kept; and it multiplies by the mask, which costs a
-twentieth of a masked copy.
+Backwards it multiplies by the mask, which costs a twentieth of a masked copy.
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ class FastReLU(Twin, ReLU):
             np.maximum(x[whole:], self.zeros[: x.size - whole], out=y[whole:])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """dx = dy where y > 0."""
+        """dx = dy where x > 0. Not the sign of y: a layer in place may have written over it."""
         if not propagate_down[0]:
             return
-        sign, dy, dx = (bottom if self.slope < 0 else top)[0].data, top[0].diff, bottom[0].diff
+        x, dy, dx = bottom[0].data, top[0].diff, bottom[0].diff
         if self.slope:
-            np.multiply(dy, np.where(sign > 0, self.dtype.type(1), self.slope), out=dx)
+            np.multiply(dy, np.where(x > 0, self.dtype.type(1), self.slope), out=dx)
         else:
-            np.multiply(dy, sign > 0, out=dx)
+            np.multiply(dy, x > 0, out=dx)

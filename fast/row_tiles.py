@@ -146,7 +146,7 @@ MOST_PARTS = 4  # beyond, the copies are worth their time
 
 def unpacked_parts(rows: int, inner: int, columns: int) -> int:
     """Into how many parts a product's longest side is cut, so that OpenBLAS takes each without copying."""
-    parts = -(-rows * inner * columns // UNPACKED)
+    parts = max(1, -(-rows * inner * columns // UNPACKED))
     return parts if parts <= MOST_PARTS and columns % parts == 0 else 1
 
 

@@ -45,10 +45,11 @@ class SparseTiles:
 class FastBlob(Blob):
     """A blob of a net, or of one slice.
 
-    tile     None, or T if the arrays are tiled (see the module)
-    pitch    columns stored per row if tiled, T * P
-    sparse   None, or the windows that are stored, instead of ``data`` and ``diff``
-    on_look  called before the first look at a blob that is not stored
+    tile           None, or T if the arrays are tiled (see the module)
+    pitch          columns stored per row if tiled, T * P
+    may_be_sparse  both users of a tiled blob can handle sparse windows
+    sparse         None, or the windows that are stored, instead of ``data`` and ``diff``
+    on_look        called before the first look at a blob that is not stored
     """
 
     tile: int | None = None
@@ -109,16 +110,26 @@ class LazilyCleared(Blob):
 
     def clear(self) -> None:
         """Set the diff to zero, for whoever looks."""
-        if isinstance(self._owner, LazilyCleared):
+        if self._owner is None:
+            self._is_clear = True
+        elif isinstance(self._owner, LazilyCleared):
             self._owner.clear()
         else:
-            self._is_clear = True
+            self._owner.diff.fill(0)
+
+    def share(self, owner: Blob) -> None:
+        """Use the memory of ``owner``; what was said of the own diff is no longer true."""
+        super().share(owner)
+        if self._owner is not None:
+            self._is_clear = False
 
     def to_add_to(self) -> tuple[Array, bool]:
         """The diff, and whether it is known to be zero: then its memory holds anything and must be written whole."""
         if isinstance(self._owner, LazilyCleared):
             diff, clear = self._owner.to_add_to()
             return diff.reshape(self._shape), clear
+        if self._owner is not None:
+            return self.diff, False
         clear, self._is_clear = self._is_clear, False
         return self.diff, clear
 

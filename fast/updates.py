@@ -1,42 +1,52 @@
-"""SGD and Adam without temporary arrays: a new array of the size of FC1's weights costs more than the arithmetic.
+"""SGD and Adam without new arrays: to get one of the size of FC1's weights costs more than the arithmetic.
 
-The rules and their letters are those of netlib/updates.py; the operations and their order are the same.
+The rules and their letters are those of netlib/updates.py, the operations and their order the same: so are the bits.
 """
 
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 
 import numpy as np
 
+from fast.parallel import buffer_of
 from netlib.blob import Array
 from netlib.schema import SolverParameter
 from netlib.updates import RULES as PLAIN_RULES
 from netlib.updates import Rule
 
+_buffers = threading.local()
+
+
+def _scratch(g: Array) -> Array:
+    """Memory of the calling thread of g's shape."""
+    flat = buffer_of(_buffers, f"{g.dtype}{g.size}", (g.size,), g.dtype)
+    return flat.reshape(g.shape)
+
 
 def _sgd(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    [h] = history
+    [h], step = history, _scratch(g)
+    np.multiply(g, rate, out=step)
     h *= p.momentum
-    g *= rate
-    h += g
+    h += step
     w -= h
 
 
 def _adam(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    m, v = history
+    (h, q), step = history, _scratch(g)
     correction = math.sqrt(1 - p.momentum2**t) / (1 - p.momentum**t)
-    step = g * (1 - p.momentum)  # one array for all that is passing
-    m *= p.momentum
-    m += step
+    np.multiply(g, 1 - p.momentum, out=step)
+    h *= p.momentum
+    h += step
     np.multiply(g, g, out=step)
     step *= 1 - p.momentum2
-    v *= p.momentum2
-    v += step
-    np.sqrt(v, out=step)
+    q *= p.momentum2
+    q += step
+    np.sqrt(q, out=step)
     step += p.delta
-    np.divide(m, step, out=step)
+    np.divide(h, step, out=step)
     step *= rate * correction
     w -= step
 

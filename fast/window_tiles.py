@@ -67,7 +67,7 @@ class WindowTiles:
         """y from x."""
         assert isinstance(y, FastBlob) and y.tile is not None
         T = y.tile
-        b = x.data.max()  # the far plane of a depth crop; any other choice is as right, only slower
+        b = self.background(x)
         window = self.windows(x.data, b, T)
         A = len(window)
         O, places = len(w), T * T
@@ -77,6 +77,14 @@ class WindowTiles:
         if bias is None:
             bias = np.zeros(O, w.dtype)
         y.sparse = SparseTiles(window, out.reshape(places, O, A), bias, w.sum(axis=(1, 2, 3)) * b + bias)
+
+    @staticmethod
+    def background(x: Blob) -> Array:
+        """b: the far plane of a depth crop. Any other number is as right, only slower; it must be finite, or one bad
+        pixel would reach every image.
+        """
+        b = x.data.max()
+        return b if np.isfinite(b) else np.zeros_like(b)
 
     def windows(self, x: Array, b: Array, T: int) -> Array:
         """(A,) every window that reads anything but b, as in SparseTiles."""
@@ -118,7 +126,7 @@ class WindowTiles:
         dM = (dY @ X).reshape(T, T, O, S, S)
         for p, q in np.ndindex(T, T):
             dw[:, 0] += dM[p, q, :, p : p + k, q : q + k]
-        dw += (found.rest_diff * x.data.max())[:, None, None, None]
+        dw += (found.rest_diff * self.background(x))[:, None, None, None]
         if db is not None:
             db += found.diff.sum(axis=1) + found.rest_diff
 

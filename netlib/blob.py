@@ -72,7 +72,10 @@ class Blob:
 
     def share(self, owner: Blob) -> None:
         """Use the memory of ``owner``, data and diff, in this blob's own shape (of the same count)."""
-        self._owner, self._data, self._diff = owner, None, None
+        while owner._owner is not None:
+            owner = owner._owner
+        if owner is not self:
+            self._owner, self._data, self._diff = owner, None, None
 
     # Caffe's names for the first axes
     @property

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib import python_layer, schema
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.engine import ROOT
+from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.layer import Layer, block_name
 from netlib.schema import LayerParameter, Phase
 
@@ -18,7 +19,10 @@ OTHER_BLOCKS = {"python_param", "loss_param", "transform_param"}  # not named af
 
 def layer_types() -> dict[str, type[Layer]]:
     """Every known layer type by name. The package ``layers`` is loaded here and nowhere else in netlib."""
-    types: dict[str, type[Layer]] = importlib.import_module("layers").LAYER_TYPES
+    package = importlib.import_module("layers")
+    types: dict[str, type[Layer]] | None = getattr(package, "LAYER_TYPES", None)
+    if types is None:
+        raise NetlibError(f"{package.__file__}: hides this project's package 'layers'; put {ROOT} first on PYTHONPATH")
     return types
 
 

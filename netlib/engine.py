@@ -13,6 +13,7 @@ import functools
 import importlib
 import importlib.util
 import os
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from netlib.plain import Engine
 
 NAMES = ("fast", "plain")
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def available_cpus() -> int:
@@ -29,15 +31,17 @@ def available_cpus() -> int:
 
 def prepare() -> str:
     """Set up BLAS, if the fast engine is going to be used; returns a line for the log."""
-    if os.environ.get("NETLIB_ENGINE", NAMES[0]) != "fast" or not has_fast():
+    if (os.environ.get("NETLIB_ENGINE") or "fast") != "fast" or not has_fast():
         return "BLAS: as NumPy sets it up"
     note: str = _fast("blas").configure()
     return note
 
 
 def has_fast() -> bool:
-    """Is the fast engine there?"""
-    return importlib.util.find_spec("fast.engine") is not None if importlib.util.find_spec("fast") else False
+    """Is the fast engine there, and not hidden by something else of this name?"""
+    found = importlib.util.find_spec("fast")
+    folders = found.submodule_search_locations if found is not None else None
+    return folders is not None and str(ROOT / "fast") in folders and (ROOT / "fast" / "engine.py").is_file()
 
 
 def get(name: str | None = None) -> Engine:
@@ -47,6 +51,7 @@ def get(name: str | None = None) -> Engine:
 
 @functools.cache
 def _engine(name: str) -> Engine:
+    from netlib.create import layer_types
     from netlib.errors import NetlibError, did_you_mean
     from netlib.plain import Engine
 
@@ -56,6 +61,7 @@ def _engine(name: str) -> Engine:
         raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
     if not has_fast():
         raise NetlibError("the engine 'fast' is the folder fast/, which is not there; use the engine 'plain'")
+    layer_types()  # a user's own package that hides ours is named here, before fast/ stumbles over it
     fast: Engine = _fast("engine").FastEngine()
     return fast
 

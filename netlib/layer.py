@@ -8,8 +8,8 @@ A layer has four methods, Caffe's Python-layer protocol:
     backward(top, propagate_down, bottom)   write every element of bottom[i].diff where propagate_down[i];
                                             add to the diff of the parameters
 
-``bottom`` and ``top`` are lists of blobs. The class attributes below say what the prototxt may say of a layer; a layer
-of your own needs none of them.
+``bottom`` and ``top`` are lists of blobs. The class attributes say what a prototxt may ask of a layer type; a layer of
+your own needs none of them.
 """
 
 from __future__ import annotations
@@ -152,6 +152,8 @@ class Layer:
 
 def block_name(cls: type[Layer], type_name: str) -> str:
     """Name of the options block of a layer type."""
+    if type_name == "Python":  # also if the user's class derives from one of ours
+        return "python_param"
     return (
         cls.param_name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name).lower() + "_param"
     )

@@ -170,7 +170,7 @@ class Net:
     def _decide_backward(self, force: bool) -> None:
         """Caffe's rules: gradients flow only where something below learns and something above is a loss.
 
-        Every blob has one reader by now (splits.py), so what is said of a blob is said by one layer.
+        Each layer's output has one reader by now (splits.py); layers in place count one after the other.
         """
         under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):

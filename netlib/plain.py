@@ -56,8 +56,8 @@ class Step:
 class Executor:
     """Runs the layers of a net.
 
-    ``connections`` are its layers in file order; ``outside`` are the blobs that a caller reads or writes: inputs,
-    outputs, losses.
+    ``connections`` are its layers in file order. ``outside`` are the blobs that a caller reads or writes: inputs,
+    outputs, losses; the fast engine stores them and hides others.
     """
 
     def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> None:
@@ -80,7 +80,7 @@ class Executor:
             guarded(at.layer, "reshape", at.bottom, at.top)
 
     def hidden(self) -> list[Blob]:
-        """Blobs that exist only while somebody looks at them; here none."""
+        """Blobs that do not exist for the whole batch; here none."""
         return []
 
     def clear_diffs(self, params: Iterable[Blob]) -> None:

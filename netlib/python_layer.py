@@ -14,11 +14,10 @@ from pathlib import Path
 from types import ModuleType
 
 from netlib import schema
+from netlib.engine import ROOT
 from netlib.errors import PrototxtError
 from netlib.layer import Layer, PythonParameter
 from netlib.schema import LayerParameter
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def find_class(spec: LayerParameter) -> type[Layer]:

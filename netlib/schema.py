@@ -37,7 +37,7 @@ Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # which implementation Caffe woul
 
 @dataclass(frozen=True)
 class BlobShape:
-    """The shape of a blob, one ``dim`` an axis."""
+    """The shape of a blob, one ``dim`` per axis."""
 
     dim: tuple[int, ...] = ()
 
@@ -90,9 +90,9 @@ class LayerParameter:
     bottom: tuple[str, ...] = ()
     top: tuple[str, ...] = ()
     phase: Phase | None = None  # the net's, unless said here
-    loss_weight: tuple[float, ...] = ()  # one a top
-    param: tuple[ParamSpec, ...] = ()  # one a parameter
-    propagate_down: tuple[bool, ...] = ()  # one a bottom: may gradients flow there
+    loss_weight: tuple[float, ...] = ()  # one per top
+    param: tuple[ParamSpec, ...] = ()  # one per parameter
+    propagate_down: tuple[bool, ...] = ()  # one per bottom: may gradients flow there
     include: tuple[NetStateRule, ...] = ()
     exclude: tuple[NetStateRule, ...] = ()
     blocks: dict[str, Message] = field(default_factory=dict)  # every ``*_param { ... }``
@@ -105,8 +105,8 @@ class NetParameter:
     name: str = ""
     layer: tuple[LayerParameter, ...] = ()
     input: tuple[str, ...] = ()  # old style: names of the input blobs
-    input_shape: tuple[BlobShape, ...] = ()  # old style: one an input
-    input_dim: tuple[int, ...] = ()  # older still: four numbers an input
+    input_shape: tuple[BlobShape, ...] = ()  # old style: one per input
+    input_dim: tuple[int, ...] = ()  # older still: four numbers per input
     force_backward: bool = False  # compute every gradient, needed or not
     state: NetState = NetState()
     debug_info: bool = False
@@ -124,7 +124,7 @@ class SolverParameter:
     test_net_param: tuple[Message, ...] = ()
     train_state: NetState = NetState(phase="TRAIN")
     test_state: tuple[NetState, ...] = ()
-    test_iter: tuple[UInt, ...] = ()  # batches of one test, one a test net
+    test_iter: tuple[UInt, ...] = ()  # batches of one test, one per test net
     test_interval: UInt = 0  # iterations between tests
     test_compute_loss: bool = False  # also report the whole loss of the test net
     test_initialization: bool = True  # test before the first iteration

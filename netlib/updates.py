@@ -15,7 +15,7 @@ policy's times the parameter's lr_mult), its history h, and t, the number of thi
 m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. In SGD the learning rate is inside the
 history, as in Caffe. Sources: Caffe's sgd_solvers.hpp; Kingma and Ba 2015 (Adam); Zeiler 2012 (AdaDelta).
 
-A rule writes into w and the histories; g is not needed after it, and may be written over.
+A rule writes into w and the histories, and leaves g as it is.
 """
 
 from __future__ import annotations
@@ -53,24 +53,24 @@ def _adagrad(p: SolverParameter, w: Array, g: Array, rate: float, history: Seque
 
 def _rmsprop(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
     [h] = history
-    h[...] = p.rms_decay * h + (1 - p.rms_decay) * g * g
+    h[...] = p.rms_decay * h + (1 - p.rms_decay) * (g * g)
     w -= rate * g / (np.sqrt(h) + p.delta)
 
 
 def _adadelta(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
     h, q = history
-    h[...] = p.momentum * h + (1 - p.momentum) * g * g
+    h[...] = p.momentum * h + (1 - p.momentum) * (g * g)
     u = g * np.sqrt((q + p.delta) / (h + p.delta))
-    q[...] = p.momentum * q + (1 - p.momentum) * u * u
+    q[...] = p.momentum * q + (1 - p.momentum) * (u * u)
     w -= rate * u
 
 
 def _adam(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
-    m, v = history
-    m[...] = p.momentum * m + (1 - p.momentum) * g
-    v[...] = p.momentum2 * v + (1 - p.momentum2) * g * g
-    correction = math.sqrt(1 - p.momentum2**t) / (1 - p.momentum**t)
-    w -= rate * correction * m / (np.sqrt(v) + p.delta)
+    h, q = history
+    h[...] = p.momentum * h + (1 - p.momentum) * g
+    q[...] = p.momentum2 * q + (1 - p.momentum2) * (g * g)
+    c = math.sqrt(1 - p.momentum2**t) / (1 - p.momentum**t)
+    w -= rate * c * (h / (np.sqrt(q) + p.delta))
 
 
 RULES: dict[str, tuple[Rule, int]] = {  # the rule, and how many histories a parameter has

@@ -36,20 +36,14 @@ class Power(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
-        if self.param.power != 1:
-            self.slope = np.empty(bottom[0].shape, self.dtype)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        p, y = self.param, top[0].data
-        np.multiply(bottom[0].data, self.dtype.type(p.scale), out=y)
-        y += self.dtype.type(p.shift)
-        if p.power != 1:
-            with np.errstate(divide="ignore", invalid="ignore"):  # a NaN that follows is found by the solver
-                slope = p.power * p.scale
-                self.slope[...] = slope * y ** self.dtype.type(p.power - 1) if slope else 0
-                np.power(y, self.dtype.type(p.power), out=y)
+        p = self.param
+        base, factor = p.shift + p.scale * bottom[0].data, p.power * p.scale
+        with np.errstate(divide="ignore", invalid="ignore"):  # a NaN that follows is found by the solver
+            self.slope = factor * base ** (p.power - 1) if factor else np.zeros_like(base)
+            top[0].data[...] = base**p.power
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            slope = self.dtype.type(self.param.scale) if self.param.power == 1 else self.slope
-            bottom[0].diff[...] = top[0].diff * slope
+            bottom[0].diff[...] = top[0].diff * self.slope

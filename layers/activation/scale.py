@@ -2,7 +2,7 @@
 
 bottom[0]  x     any shape
 bottom[1]  gain  optional: the factor, instead of a parameter
-params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; by default one a channel; 1 at first
+params[0]  gain  shape of x's axes ``axis`` to ``axis + num_axes``; by default one per channel; 1 at first
 params[-1] bias  same shape, with ``bias_term: true``
 top[0]     y     shape of x, may be the same blob
 

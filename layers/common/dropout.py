@@ -44,7 +44,9 @@ class Dropout(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p, self.factor = self.param.dropout_ratio, self.dtype.type(1)
         if self.active:
-            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)  # fewer bits than a random float
+            drawn = self.rng.integers(
+                0, 1 << 16, bottom[0].shape, dtype=np.uint16
+            )  # p to 1/65536, as older states have it
             self.factor = (drawn >= min(round(p * (1 << 16)), (1 << 16) - 1)) * self.dtype.type(1 / (1 - p))
         top[0].data[...] = bottom[0].data * self.factor
 

@@ -29,7 +29,7 @@ class EltwiseParameter:
     """The ``eltwise_param { ... }`` block."""
 
     operation: Literal["PROD", "SUM", "MAX"] = "SUM"
-    coeff: tuple[float, ...] = ()  # SUM: one a bottom; 1 by default
+    coeff: tuple[float, ...] = ()  # SUM: one per bottom; 1 by default
     stable_prod_grad: bool = True
 
 

@@ -20,7 +20,7 @@ class DummyDataParameter:
 
     data_filler: tuple[Filler, ...] = ()  # constant 0 by default
     shape: tuple[BlobShape, ...] = ()
-    num: tuple[UInt, ...] = ()  # older than shape: four numbers a top
+    num: tuple[UInt, ...] = ()  # older than shape: four numbers per top
     channels: tuple[UInt, ...] = ()
     height: tuple[UInt, ...] = ()
     width: tuple[UInt, ...] = ()

@@ -3,7 +3,7 @@
 top[i]  the rows of the data set of the same name, (batch_size, ...), converted to the net's type
 
 ``source`` is a list, one file per line. Rows are read in order, a batch runs on across the end of a file, and after
-the last file it starts over. With ``shuffle`` every pass takes the files in a new order, and the rows of a file.
+the last file it starts over. With ``shuffle``, every pass takes the files, and the rows of each file, in a new order.
 
 The order is a pure function of a *cursor* (pass, file, row) and the layer's seed. So a cursor is all that a snapshot
 needs to go on with the very next row.

@@ -29,6 +29,7 @@ class HandModelParameter:
 class HandModel(Layer):
     """Forward kinematics of a skeleton."""
 
+    kinematics_type: type[Kinematics] = Kinematics
     param_type = HandModelParameter
     param_name = "hand_model_param"
     bottoms = tops = (1, 1)
@@ -36,7 +37,7 @@ class HandModel(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.skeleton = load_for(self.param.skeleton, self.source)
-        self.kinematics = Kinematics(self.skeleton, self.dtype)
+        self.kinematics = self.kinematics_type(self.skeleton, self.dtype)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         N, D, K = bottom[0].shape[0], len(self.skeleton.dof_names), len(self.skeleton.joint_names)

@@ -18,7 +18,7 @@ is the torque about the axis. So forces and torques are summed up the table, fro
 arm:
 
     force_j   = f_j + sum of force_c                                over the children c of j
-    torque_j  = sum of torque_c + (X_c - X_j) x force_c             about X_j
+    torque_j  = sum of (torque_c + (X_c - X_j) x force_c)           about X_j
 
     dL/dtheta = a . (torque_j + (X_j - P) x force_j)    of a turn about a through P
     dL/dtheta = a . force_j                             of a translation along a
@@ -55,50 +55,44 @@ class Kinematics:
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         self.skeleton, self.dtype = skeleton, np.dtype(dtype)
 
-    def forward(self, inputs: Array, bones: Array | None = None, reuse: Pose | None = None) -> Pose:
-        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own signed bone lengths.
-
-        ``reuse`` is a pose that is needed no more; its memory may be written over.
-        """
+    def forward(self, inputs: Array, bones: Array | None = None) -> Pose:
+        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own signed bone lengths."""
         sk, theta = self.skeleton, self.skeleton.theta(inputs)
         lengths = np.broadcast_to(sk.bones if bones is None else bones, (len(theta), len(sk.bones)))
         pose = Pose(len(theta), len(sk.bones), len(sk.driven))
         for j in sk.order:
             parent = sk.parents[j]
-            position = pose.joints[:, parent] if parent >= 0 else np.zeros((len(theta), 3))
-            world_from_joint = pose.frames[:, parent] if parent >= 0 else np.eye(3)[None].repeat(len(theta), axis=0)
+            p = pose.joints[:, parent] if parent >= 0 else np.zeros((len(theta), 3))
+            F = pose.frames[:, parent] if parent >= 0 else np.tile(np.eye(3), (len(theta), 1, 1))
             for motion in sk.motions[j]:
-                axis = motion.sign * world_from_joint[:, :, motion.axis]
+                a = motion.sign * F[:, :, motion.axis]
                 if motion.row >= 0:
-                    pose.axis[:, motion.row], pose.pivot[:, motion.row] = axis, position
+                    pose.axis[:, motion.row], pose.pivot[:, motion.row] = a, p
                 if motion.kind == "translate":
-                    position = position + axis * theta[:, motion.dof, None]
+                    p = p + a * theta[:, motion.dof, None]
                 else:
-                    world_from_joint = world_from_joint @ rotation(motion.axis, motion.sign * theta[:, motion.dof])
-            along_bone = world_from_joint[:, :, sk.bone_axes[j]]  # without a bone any axis, times 0
-            pose.joints[:, j], pose.frames[:, j] = position + along_bone * lengths[:, j, None], world_from_joint
+                    F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])
+            along_bone = F[:, :, sk.bone_axes[j]]  # without a bone any axis, times 0
+            pose.joints[:, j], pose.frames[:, j] = p + along_bone * lengths[:, j, None], F
         return pose
 
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, D) at the inputs, given the gradient ``dX`` (N, K, 3) at the joints. Fixed DoFs: 0."""
         sk, X = self.skeleton, pose.joints
         force, torque = np.array(dX, dtype=np.float64), np.zeros(dX.shape)
-        gradient = np.zeros((len(dX), len(sk.initial)))
+        dtheta = np.zeros((len(dX), len(sk.initial)))
         for j in reversed(sk.order):
             for motion in sk.motions[j]:
-                if motion.row < 0:
-                    continue
-                axis, pivot = pose.axis[:, motion.row], pose.pivot[:, motion.row]
-                if motion.kind == "translate":
-                    gradient[:, motion.dof] += (axis * force[:, j]).sum(axis=1)
-                else:
-                    about_pivot = torque[:, j] + np.cross(X[:, j] - pivot, force[:, j])
-                    gradient[:, motion.dof] += (axis * about_pivot).sum(axis=1)
+                if motion.row >= 0:
+                    a, P = pose.axis[:, motion.row], pose.pivot[:, motion.row]
+                    about_P = torque[:, j] + np.cross(X[:, j] - P, force[:, j])
+                    push = force[:, j] if motion.kind == "translate" else about_P
+                    dtheta[:, motion.dof] += (a * push).sum(axis=1)
             parent = sk.parents[j]
             if parent >= 0:
                 force[:, parent] += force[:, j]
                 torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
-        return gradient.astype(self.dtype)
+        return dtheta.astype(self.dtype)
 
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""

@@ -1,4 +1,4 @@
-"""Accuracy: the part of the items whose label is among the best ``top_k`` scores. No gradient.
+"""Accuracy: the share of the items whose label is among the best ``top_k`` scores. No gradient.
 
 bottom[0]  x       (..., classes, ...)  scores; the classes stand on ``axis``
 bottom[1]  labels  same shape without that axis; whole numbers

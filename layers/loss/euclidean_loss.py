@@ -8,12 +8,10 @@ L  = 1 / (2 N) sum of (a - b)²
 da =  dL (a - b) / N
 db = -dL (a - b) / N
 
-dL is the loss weight. Kept for backward: ``difference`` = a - b.
+dL, the diff of the top, is the loss weight. Kept for backward: ``difference`` = a - b.
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -28,16 +26,15 @@ class EuclideanLoss(Layer):
     loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.difference = np.empty(self.items_and_values(bottom), self.dtype)
+        self.items, self.values = self.items_and_values(bottom)
         top[0].reshape(())
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        d = self.difference
-        np.subtract(bottom[0].data.reshape(d.shape), bottom[1].data.reshape(d.shape), out=d)
-        top[0].data[...] = np.vdot(d, d) / (2 * len(d))
+        a, b = (x.data.reshape(self.items, self.values) for x in bottom)
+        self.difference = a - b
+        top[0].data[...] = (self.difference**2).sum() / (2 * self.items)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        scale = top[0].diff / self.dtype.type(len(self.difference))
         for x, down, sign in zip(bottom, propagate_down, (1, -1)):
             if down:
-                np.multiply(self.difference, sign * scale, out=x.diff.reshape(self.difference.shape))
+                x.diff[...] = (sign * top[0].diff / self.items * self.difference).reshape(x.shape)

@@ -2,8 +2,8 @@
 
 bottom[0]  a        (N, ...)
 bottom[1]  b        same number of values, in total and per item
-bottom[2]  inside   as many, optional, together with:
-bottom[3]  outside  as many
+bottom[2]  inside   as many values as a; optional, together with:
+bottom[3]  outside  as many values as a
 top[0]     L        scalar
 
 d  = inside (a - b)
@@ -11,9 +11,9 @@ L  = 1 / N sum of outside f(d)        f(d) = σ² d² / 2 where |d| < 1 / σ², 
 da =  dL / N inside outside f'(d)     f'(d) = σ² d cut to [-1, 1]
 db = -da                              no gradient for the weights
 
-EuclideanLoss pulls in proportion to the error, so what cannot be known (a hidden finger) pulls most, and ends in the
-mean of all that it could be. Here every error pulls alike: half of the answers lie on either side. With joints in
-half-cubes σ = 10 squares the last 1.5 mm.
+EuclideanLoss pulls in proportion to the error, so a joint that cannot be known (a hidden finger) settles at the mean of
+its possible places. Here every error pulls equally, so it settles at their median. With joints in half-cubes, σ = 10
+squares the last 1.5 mm.
 
 Kept for backward: ``slope`` = f'(d).
 """

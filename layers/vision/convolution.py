@@ -6,18 +6,18 @@ params[1]  b  (O,)            unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)  Ho = floor((H + 2 pad - dilation (kh - 1) - 1) / stride) + 1, same for Wo
 
 y[n, o, h, w]  = b[o] + sum over c, i, j of  w[o, c, i, j] x[n, c, h stride + i dilation - pad, w stride + ...]
-dw[o, c, i, j] = sum over n, h, w of  dy[n, o, h, w] x[n, c, h stride + ..., w stride + ...]
+dw[o, c, i, j] = sum over n, h, w of  dy[n, o, h, w] x[n, c, h stride + i dilation - pad, w stride + ...]
 dx             = every dy[n, o, h, w] w[o, c, i, j], added where its x came from
 db[o]          = sum over n, h, w of dy
 
-With ``group`` the channels fall into that many parts that do not see each other.
+``group`` splits inputs and outputs into that many parts; each part of the outputs sees one part of the inputs.
 
 Im2col: the patch of x that one output sees becomes a column. With K = C / group * kh * kw and L = Ho Wo, an image is
 three matrix products per group:
 
     y = w (O / group, K) @ columns (K, L)          dw += dy @ columnsᵀ          dcolumns = wᵀ @ dy
 
-and dx adds every column of dcolumns back to where its patch came from.
+and dx adds every column of dcolumns back to where its patch came from (col2im).
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class Convolution(Layer):
         w = self.by_group(self.blobs[0].data)
         for x, y in zip(bottom, top):
             for image, out in zip(images(x.data), images(y.data)):
-                out[...] = (w @ self.columns(image, out.shape)).reshape(out.shape)
+                out[...] = (w @ self.im2col(image, out.shape)).reshape(out.shape)
                 if self.param.bias_term:
                     out += self.blobs[1].data[:, None, None]
 
@@ -133,36 +133,39 @@ class Convolution(Layer):
         for x, y, down in zip(bottom, top, propagate_down):
             for n, (image, gradient) in enumerate(zip(images(x.data), images(y.diff))):
                 dy = gradient.reshape(self.param.group, w.shape[1], -1)
-                dw += dy @ self.columns(image, gradient.shape).swapaxes(1, 2)
+                dw += dy @ self.im2col(image, gradient.shape).swapaxes(1, 2)
                 if self.param.bias_term:
                     self.blobs[1].diff[...] += gradient.sum(axis=(1, 2))
                 if down:
-                    images(x.diff)[n] = self.image(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
+                    images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
 
     def by_group(self, w: Array) -> Array:
         """w or dw as (group, O / group, K): a view."""
         return w.reshape(self.param.group, self.param.num_output // self.param.group, -1)
 
-    def columns(self, x: Array, y: tuple[int, ...]) -> Array:
-        """Im2col, (C, H, W) → (group, K, L): row (c, i, j) is what kernel element (i, j) of channel c meets."""
-        padded = np.pad(x, [(0, 0), *((p, p) for p in self.pad)])
-        met = np.stack([padded[:, rows, columns] for rows, columns in self.places(y)], axis=1)  # (C, kh kw, Ho, Wo)
-        return met.reshape(self.param.group, -1, y[1] * y[2])
+    def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
+        """(C, H, W) → columns (group, K, L): row (c, i, j) is what kernel element (i, j) of channel c meets."""
+        padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)])
+        met = np.stack([padded[:, rows, across] for rows, across in self.places(y_shape)], axis=1)  # (C, kh kw, Ho, Wo)
+        return met.reshape(self.param.group, -1, y_shape[1] * y_shape[2])
 
-    def image(self, columns: Array, x: tuple[int, ...], y: tuple[int, ...]) -> Array:
-        """The adjoint of ``columns``, (group, K, L) → (C, H, W): what several patches share is summed."""
-        padded = np.zeros((x[0], x[1] + 2 * self.pad[0], x[2] + 2 * self.pad[1]), columns.dtype)
-        met = columns.reshape(x[0], -1, *y[1:])
-        for place, (rows, across) in enumerate(self.places(y)):
+    def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
+        """The adjoint of ``im2col``, (group, K, L) → (C, H, W): what several columns share is summed."""
+        (C, H, W), (top, left) = x_shape, self.pad
+        padded = np.zeros((C, H + 2 * top, W + 2 * left), columns.dtype)
+        met = columns.reshape(C, -1, *y_shape[1:])
+        for place, (rows, across) in enumerate(self.places(y_shape)):
             padded[:, rows, across] += met[:, place]
-        return padded[:, self.pad[0] : self.pad[0] + x[1], self.pad[1] : self.pad[1] + x[2]]
+        return padded[:, top : top + H, left : left + W]
 
-    def places(self, y: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
         """For each kernel element, row by row, the rows and columns of the padded image that it meets."""
-        (sh, sw), (dh, dw) = self.stride, self.dilation
+        (sh, sw), (dh, dw), (_, Ho, Wo) = self.stride, self.dilation, y_shape
         for i, j in np.ndindex(self.kernel):
-            rows = slice(i * dh, i * dh + (y[1] - 1) * sh + 1, sh)
-            yield rows, slice(j * dw, j * dw + (y[2] - 1) * sw + 1, sw)
+            yield (
+                slice(i * dh, i * dh + (Ho - 1) * sh + 1, sh),
+                slice(j * dw, j * dw + (Wo - 1) * sw + 1, sw),
+            )
 
 
 def images(array: Array) -> Array:

@@ -15,6 +15,7 @@ Kept for backward: ``winners``, for each output of MAX the place in its window, 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -109,18 +110,18 @@ class Pooling(Layer):
         if not propagate_down[0]:
             return
         dy, dx = top[0].diff, bottom[0].diff
+        (c, h, w), (sh, sw) = np.indices(dy.shape[1:]), self.stride
+        (top_pad, left_pad), (H, W) = self.pad, dx.shape[2:]
         for n in range(len(dx)):
             padded = self.padded(np.zeros_like(dx[n]), dy.shape, 0)
-            c, h, w = np.indices(dy.shape[1:])
             if self.is_max:
                 i, j = np.divmod(self.winners[n], self.kernel[1])
-                np.add.at(padded, (c, h * self.stride[0] + i, w * self.stride[1] + j), dy[n])
+                np.add.at(padded, (c, h * sh + i, w * sw + j), dy[n])
             else:
                 with np.errstate(invalid="ignore", divide="ignore"):
                     share = dy[n] / self.area(dx.shape, dy.shape)
-                for i, j in np.ndindex(self.kernel):
-                    np.add.at(padded, (c, h * self.stride[0] + i, w * self.stride[1] + j), share)
-            (top_pad, left_pad), (H, W) = self.pad, dx.shape[2:]
+                for rows, across in self.places(dy.shape):
+                    padded[:, rows, across] += share
             dx[n] = padded[:, top_pad : top_pad + H, left_pad : left_pad + W]
 
     def padded(self, x: Array, y: tuple[int, ...], value: float) -> Array:
@@ -133,9 +134,13 @@ class Pooling(Layer):
 
     def windows(self, padded: Array, y: tuple[int, ...]) -> Array:
         """All windows of an image, (kh kw, C, Ho, Wo): row p holds what stands at place p of every window."""
-        (sh, sw), rows, columns = self.stride, (y[2] - 1) * self.stride[0] + 1, (y[3] - 1) * self.stride[1] + 1
-        places = np.ndindex(self.kernel)
-        return np.stack([padded[:, i : i + rows : sh, j : j + columns : sw] for i, j in places])
+        return np.stack([padded[:, rows, across] for rows, across in self.places(y)])
+
+    def places(self, y: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+        """For each place of a window, row by row, the rows and columns of the padded image where it stands."""
+        (sh, sw), (Ho, Wo) = self.stride, y[2:]
+        for i, j in np.ndindex(self.kernel):
+            yield slice(i, i + (Ho - 1) * sh + 1, sh), slice(j, j + (Wo - 1) * sw + 1, sw)
 
     def area(self, x: tuple[int, ...], y: tuple[int, ...]) -> Array:
         """(Ho, Wo): size of each window, clipped where the padding ends."""

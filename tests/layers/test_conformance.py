@@ -15,11 +15,12 @@ from netlib.layer import Layer
 
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
-    "Convolution": {"by_group", "columns", "image", "places"},
+    "Convolution": {"by_group", "col2im", "im2col", "places"},
     "HDF5Data": {"order", "pick", "read", "rewind", "row", "use_batch_size"},
+    **dict.fromkeys(["HandModel", "DeepHandModel"], {"kinematics_type"}),
     "HandAugment": {"move_crops", "move_joints"},
     "InnerProduct": {"output_first", "rows"},
-    "Pooling": {"area", "padded", "windows"},
+    "Pooling": {"area", "padded", "places", "windows"},
 }  # documented: the parts of a longer computation, or for tools
 
 every_type = pytest.mark.parametrize("name", list(CASES))

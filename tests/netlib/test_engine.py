@@ -114,6 +114,42 @@ def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path
         assert solvers[0].loss == pytest.approx(solvers[1].loss, rel=1e-5)
 
 
+@pytest.mark.parametrize("value", ["", "fast"])
+@needs_fast
+def test_an_empty_choice_is_no_choice(value: str) -> None:
+    """NETLIB_ENGINE= is the default, BLAS set up included."""
+    code = "import netlib; from netlib import engine; print(engine.get().name, netlib.BLAS_NOTE)"
+    environment = {**os.environ, "NETLIB_ENGINE": value}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("fast BLAS: ") and "as NumPy sets it up" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("file", "expected"),
+    [
+        ("fast.py", "plain"),
+        ("fast/__init__.py", "plain"),
+        ("layers.py", "layers.py: hides this project's package 'layers'; put"),
+    ],
+)
+def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, expected: str) -> None:
+    """A ``fast`` of the user's is not ours; a ``layers`` that hides ours is named."""
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text("")
+    (tmp_path / "run.py").write_text(
+        f"import sys; sys.path.append({str(ROOT)!r}); import netlib\n"
+        f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
+        "except netlib.NetlibError as error: print(error)\n"
+    )
+    environment = {k: v for k, v in os.environ.items() if k not in ("NETLIB_ENGINE", "PYTHONPATH")}
+    done = subprocess.run(
+        [sys.executable, "run.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert expected in done.stdout
+
+
 def test_plain_has_one_thread() -> None:
     """Asking for more changes nothing, asking for none is a mistake."""
     plain = engine.get("plain")

@@ -126,7 +126,7 @@ def test_include_and_exclude_together_are_a_mistake(net_of: MakeNet) -> None:
     ],
 )
 def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[int, ...]]) -> None:
-    """``input_dim`` counts four an input, ``input_shape`` one an input, an Input layer one a top or one for all."""
+    """``input_dim`` counts four an input, ``input_shape`` one per input, an Input layer one per top or one for all."""
     net = net_of(text)
     assert net.inputs == list(shapes)
     assert {name: blob.shape for name, blob in net.blobs.items()} == shapes

@@ -107,6 +107,21 @@ def test_a_module_with_the_name_of_one_of_ours(
     assert net_with(python("Square", module)).forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
 
 
+def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its options are those of a Python layer."""
+    (tmp_path / "steeper.py").write_text("""
+from layers.activation.tanh import TanH
+
+class Steeper(TanH):
+    def forward(self, bottom, top):
+        super().forward(bottom, top)
+        top[0].data[...] *= 2
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    net = net_with(python("Steeper", "steeper"))
+    assert np.allclose(net.forward(x=np.array([0, 1, -2]))["y"], 2 * np.tanh([0, 1, -2]))
+
+
 def test_a_python_layer_that_fails(squares: None) -> None:
     """The layer, what happened, and the line of the file it happened in."""
     net = net_with(python("Broken"))
