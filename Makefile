@@ -37,7 +37,7 @@ twins: .venv/tools
 	$(RUN) benchmarks/twins.py
 
 test: .venv/test
-	$(RUN) -m pytest
+	$(RUN) -m pytest -n auto
 
 lint: .venv/dev
 	$(BIN)/ruff check .

@@ -1,8 +1,8 @@
 """Everything that exists for speed alone. Delete this folder and every result is the same, slower (netlib/plain.py).
 
     engine        the table of twins, and what else this engine does its own way
-    executor      runs rows of layers slice by slice on several threads; plan decides which; facts says what it may
-                  know about each layer type
+    executor      runs a net: rows of layers slice by slice (slices, slice_blobs), others whole; plan decides which, and
+                  facts says what may be known about each layer type
     tiles         blobs stored in the order in which products write and poolings read
     convolution, pooling, relu, inner_product, hdf5_data, augment, hand_model, kinematics, updates
                   the twins: each the plain layer of the same name with its computation replaced

@@ -2,7 +2,7 @@
 
 NumPy's OpenBLAS decides when it is loaded, from the environment:
 
-- Threads: the net cuts a batch into slices and gives every slice a thread of its own (executor.py); a product
+- Threads: the net cuts a batch into slices and gives every slice a thread of its own (slices.py); a product
   inside a slice should then use one thread. BLAS threads on top of that only get in the way: ten times slower and
   more. This can still be mended after NumPy was imported.
 - Kernels: OpenBLAS knows processors by model number and takes its AVX2 kernels for a model that is too new for it,

@@ -1,6 +1,6 @@
 """Blobs of the fast engine: stored as tiles, sparse, looked at, cleared lazily.
 
-A blob inside a slice of the batch (executor.py) may be *tiled*: its arrays then have the shape
+A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then have the shape
 ``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and hold the value of row h, column w, channel c, image n at
 ``[h, w % T, c, n, w // T]``. R is H rounded up to a multiple of T; P columns are stored per phase, at least
 W / T. This is the order in which a convolution by matrix products writes and a T x T max pooling reads, both

@@ -63,7 +63,7 @@ class Kinematics:
         for j in sk.order:
             parent = sk.parents[j]
             p = pose.joints[:, parent] if parent >= 0 else np.zeros((len(theta), 3))
-            F = pose.frames[:, parent] if parent >= 0 else np.tile(np.eye(3), (len(theta), 1, 1))
+            F = pose.frames[:, parent] if parent >= 0 else np.broadcast_to(np.eye(3), (len(theta), 3, 3))
             for motion in sk.motions[j]:
                 a = motion.sign * F[:, :, motion.axis]
                 if motion.row >= 0:

@@ -12,8 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import netlib
-from fast import executor
-from fast.executor import SlicedExecutor, SlicedStep
+from fast import slices
+from fast.executor import SlicedExecutor
+from fast.slices import SlicedStep
 from netlib import prototxt
 
 MakeNet = Callable[..., netlib.Net]
@@ -152,7 +153,7 @@ def test_results_do_not_depend_on_the_number_of_threads(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
 ) -> None:
     """Not in one bit: 1, 2, 3 and 5 threads, more slices than lanes, a last slice that is smaller."""
-    monkeypatch.setattr(executor, "LARGEST_SLICE", 2)
+    monkeypatch.setattr(slices, "LARGEST_SLICE", 2)
     found = []
     for threads in (1, 2, 3, 5):
         netlib.set_threads(threads)
@@ -479,7 +480,7 @@ def stacks(draw: st.DrawFn) -> str:
 def tiny_slices() -> Iterator[None]:
     """Slices of two items, so that a few items make several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(executor, "LARGEST_SLICE", 2)
+        patch.setattr(slices, "LARGEST_SLICE", 2)
         yield
 
 
