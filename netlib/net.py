@@ -239,6 +239,8 @@ class Net:
 
     def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
         """Where the layers from ``first`` to ``last`` stand."""
+        if first is last is None:
+            return 0, None
         names = list(self.layer_dict)
         for name in (first, last):
             if name is not None and name not in self.layer_dict:
