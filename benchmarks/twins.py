@@ -101,6 +101,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=7, help="timings of each (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser.add_argument("--only", nargs="+", metavar="PART", help="such parts whose names contain one of these")
     args = parser.parse_args()
     netlib.set_threads(args.threads)
     with tempfile.TemporaryDirectory() as folder:
@@ -114,6 +115,8 @@ def main() -> int:
         }
         print(f"{'ms saved, share':<34}" + "".join(f"{name:>18}" for name in jobs))
         for part, off in PARTS.items():
+            if args.only and not any(word in part for word in args.only):
+                continue
             cells = [compare(make, off, args.rounds) for make in jobs.values()]
             print(f"{part:<34}" + "".join(f"{cell:>18}" for cell in cells), flush=True)
     return 0

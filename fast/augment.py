@@ -1,4 +1,4 @@
-"""FastHandAugment: crops in blocks on all threads.
+"""FastHandAugment: crops in blocks on all threads, without new arrays.
 
 All random numbers are drawn before the work is shared out, so results do not depend on the number of threads. OpenCV's
 own threads are kept out: the crops are shared out already, and more threads would fight for the same processors.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import partial
 
 import cv2
+import numpy as np
 
 from fast import parallel
 from fast.twin import Twin
@@ -23,11 +24,24 @@ class FastHandAugment(Twin, HandAugment):
 
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
         """Block by block."""
-        move = super().move_crops
-        jobs = [partial(move, x[b], y[b], source[b], s[b], d[b]) for b in parallel.blocks(len(x), BLOCK)]
+        s, d = (a.astype(self.dtype)[:, None, None] for a in (s, d))
+        blocks = parallel.blocks(len(x), BLOCK)
         theirs = cv2.getNumThreads()
         cv2.setNumThreads(1)
         try:
-            parallel.run(jobs)
+            parallel.run([partial(self._move_block, x[b], y[b], source[b], s[b], d[b]) for b in blocks])
         finally:
             cv2.setNumThreads(theirs)
+
+    def _move_block(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
+        """The plain layer's arithmetic, written into y."""
+        S, how, old = x.shape[-1], cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, x
+        if self.warps:
+            old = self.buffer("warped", x.shape)
+            for n in range(len(x)):
+                cv2.warpAffine(x[n], source[n], (S, S), old[n], how, cv2.BORDER_REPLICATE)
+        background = old >= 1
+        np.multiply(old, s, out=y)
+        y += d
+        np.clip(y, -1, 1, out=y)
+        np.copyto(y, 1, where=background)
