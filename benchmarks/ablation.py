@@ -5,7 +5,7 @@
 
 Every training is that of prototxt/synthetic_solver.prototxt with one change; its rate rises in the first tenth of the
 iterations and falls to 0 at the last. All are scored on the same held-out frames of the default prior. Data and weights
-go to snapshots/ablation; a training that is there already, from the same prototxt files, is not repeated.
+go to snapshots/ablation. A finished training is not repeated if its prototxt files are the same.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 import numpy as np
 
 from handpose.data import parts
+from handpose.experiments.solver_text import with_fields
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import workers
 from handpose.synthetic.flesh import HandShape
@@ -36,8 +37,9 @@ from handpose.synthetic.pose_prior import PosePrior
 from layers.hand import skeleton
 from netlib import atomic, engine
 from netlib.net import Net
-from tools import train
-from tools.console import DONE, guarded, positive
+from tools import training
+from tools.arguments import natural, parser_of, positive
+from tools.console import DONE, guarded
 
 NET = (ROOT / "prototxt" / "synthetic_train_test.prototxt").read_text(encoding="utf-8")
 SOLVER = (ROOT / "prototxt" / "synthetic_solver.prototxt").read_text(encoding="utf-8")
@@ -120,15 +122,17 @@ STUDIES = (
 )
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run the studies; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--iterations", type=positive, default=1500, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
+    parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
     names = [study.name for study in STUDIES]
-    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
-    parser.add_argument("--work", type=Path, default=Path("snapshots/ablation"), metavar="FOLDER")
-    args = parser.parse_args()
+    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME",
+                        help=f"some of {', '.join(names)} (default: all)")  # fmt: skip
+    parser.add_argument("--work", type=Path, default=Path("snapshots/ablation"), metavar="FOLDER",
+                        help="where data and weights go (default: %(default)s)")  # fmt: skip
+    args = parser.parse_args(argv)
     return guarded(lambda: run(args))
 
 
@@ -176,13 +180,13 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own = {"net": net, "max_iter": args.iterations, "display": 500, "random_seed": seed}
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
-    solver, solver_text = Path(f"{prefix}.prototxt"), train.with_fields(study.solver(SOLVER), own)
+    solver, solver_text = Path(f"{prefix}.prototxt"), with_fields(study.solver(SOLVER), own)
     if weights.is_file() and (atomic.text_of(net), atomic.text_of(solver)) == (net_text, solver_text):
         return DONE, weights, net
     weights.unlink(missing_ok=True)
     atomic.replace_text(net, net_text)
     atomic.replace_text(solver, solver_text)
-    return train.main([str(solver)]), weights, net
+    return training.train(solver), weights, net
 
 
 if __name__ == "__main__":

@@ -1,1 +1,4 @@
-"""What is known about hands and depth cameras: facts, data sets, synthetic hands, fitting, predicting, scoring."""
+"""What is known about hands and depth cameras.
+
+Rooms: facts, data, synthetic, fitting, predicting, scoring, drawing, experiments.
+"""

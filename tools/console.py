@@ -1,20 +1,14 @@
-"""What the tools share: one-line errors, checked numbers, progress, tables, and Caffe's log format."""
+"""How every tool ends and speaks: exit statuses, one-line errors, tables, durations."""
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import logging
 import os
 import sys
-import threading
-import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from netlib.errors import NetlibError, reason_of
 
-DONE, FAILED = 0, 1  # wrong usage is 2, which argparse returns by itself
+DONE, FAILED = 0, 1  # argparse itself exits with 2 for wrong usage
 
 
 def guarded(run: Callable[[], int]) -> int:
@@ -28,7 +22,7 @@ def guarded(run: Callable[[], int]) -> int:
               "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
     except MemoryError:
         print("not enough memory; use a smaller batch_size", file=sys.stderr)
-    except BrokenPipeError:  # the reader of our output has gone, as `head` does
+    except BrokenPipeError:  # whoever read our output has gone, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f"{error.filename}: " if error.filename else "standard output: "
@@ -39,73 +33,8 @@ def guarded(run: Callable[[], int]) -> int:
     return FAILED
 
 
-def positive(text: str) -> int:
-    """A command-line number of at least 1."""
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text!r}")
-    return int(text)
-
-
-def natural(text: str) -> int:
-    """A command-line number of at least 0."""
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
-    return int(text)
-
-
-class CaffeFormatter(logging.Formatter):
-    """``I1121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format, as log parsers expect it."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """The line for one record."""
-        stamp = time.strftime("%m%d %H:%M:%S", time.localtime(record.created))
-        micro = int(record.created % 1 * 1e6)
-        text = record.getMessage()
-        letter = record.levelname[0]
-        return f"{letter}{stamp}.{micro:06d} {threading.get_native_id()} {record.filename}:{record.lineno}] {text}"
-
-
-class LogFile(logging.FileHandler):
-    """A log file. If it cannot be written any more, that is said once, and the training goes on without it."""
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Say what is wrong, and write no more."""
-        error = sys.exc_info()[1]
-        logging.getLogger(record.name).removeHandler(self)
-        print(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
-
-    def close(self) -> None:
-        """Close the file; what could not be written is lost."""
-        with contextlib.suppress(OSError):
-            super().close()
-
-
-class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
-    """Writes log lines above a progress bar."""
-
-    bar: Any = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write one record."""
-        if self.bar is None:
-            super().emit(record)
-        else:
-            self.bar.write(self.format(record), file=self.stream)
-
-
-def progress_bar(total: int, initial: int, unit: str) -> Any:
-    """A tqdm bar on stderr if that is a terminal and tqdm is there, else None."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        return None
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return None
-    return tqdm(total=total, initial=initial, unit=unit, dynamic_ncols=True)
-
-
 def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as a table: the first column to the left, the others to the right."""
+    """Rows of cells as a table: the first column aligned to the left, the others to the right."""
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
     return "\n".join(
         "  ".join(cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))) for row in rows

@@ -1,8 +1,8 @@
-"""What the tools that draw share: matplotlib if it is there, and pictures that are written whole or not at all."""
+"""Pictures as files: matplotlib figures if it is installed, and images, written whole or not at all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,23 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     options = (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY) if suffix == ".jpg" else ()
     encoded = cv2.imencode(suffix, image, options)[1].tobytes()
     _write(path, lambda file: file.write_bytes(encoded))
+
+
+def places(images: Sequence[str], out: Path, ending: str) -> dict[str, Path]:
+    """Where the picture of each image goes: into the folder ``out``, under the image's name with another ending.
+
+    Raises NetlibError if two would go to one place, or one over an input.
+    """
+    inputs = {Path(image).resolve() for image in images}
+    found: dict[str, Path] = {}
+    for image in images:
+        place = out / f"{Path(image).stem}{ending}"
+        if place in found.values() and image not in found:
+            raise NetlibError(f"{image}: its picture {place} would overwrite another's; run once per folder")
+        if place.resolve() in inputs:
+            raise NetlibError(f"{image}: its picture {place} would overwrite an input; choose another --out")
+        found[image] = place
+    return found
 
 
 def _write(path: str | Path, fill: Callable[[Path], object]) -> None:

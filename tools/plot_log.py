@@ -3,7 +3,7 @@
 
     python tools/plot_log.py snapshots/train.log --out snapshots/train.png
 
-Several logs share one picture. A log that was continued after --snapshot may be given after the first one.
+Several logs share one picture. The log of a training that was continued with --snapshot may follow the first log.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from netlib.errors import DataError, reason_of
 from tools import pictures
+from tools.arguments import parser_of
 from tools.console import DONE, guarded
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|nan|inf))"
@@ -39,14 +40,10 @@ class Log:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("logs", metavar="LOG", nargs="+", help="what tools/train.py --log wrote, or Caffe's stderr")
-    parser.add_argument(
-        "--out",
-        metavar="FILE",
-        default="log.png",
-        help="the picture, its ending says the format (default: %(default)s)",
-    )
+    parser.add_argument("--out", metavar="FILE", default="log.png",
+                        help="the picture; the ending of its name says the format (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     return guarded(lambda: run(args))
 
@@ -80,7 +77,7 @@ def read_log(path: str | Path) -> Log:
 
 
 def plot(logs: dict[str, Log], out: str | Path) -> None:
-    """One panel for the loss, one for each test output. Raises NetlibError if the picture cannot be written."""
+    """One panel for the loss, and one per test output. Raises NetlibError if the picture cannot be written."""
     names = sorted({name for log in logs.values() for name in log.test})
     figure = pictures.new_figure(5.2 * (1 + len(names)), 4)
     axes = figure.subplots(1, 1 + len(names), squeeze=False)

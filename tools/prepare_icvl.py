@@ -8,12 +8,12 @@ ICVL_ROOT has Training/labels.txt and Training/Depth/..., Testing/test_seq_1.txt
 Testing/Depth/... --check only says what is there and what is missing.
 
 Crops are 128 x 128 about the annotated palm (or the --center given), cube 250 mm, resized by nearest neighbour;
-16 joints. Written are train_000.h5, ... of 2,500 frames each, test_000.h5 with the two test sequences one after the
-other, and the lists train.txt and test.txt. Files that are there and whole are kept, so a run that was interrupted
-goes on where it stopped. Bad frames are left out, named and counted.
+16 joints. The output is train_000.h5, ... of 2,500 frames each, test_000.h5 with the two test sequences one after the
+other, and the lists train.txt and test.txt. Whole files that are already there are kept, so an interrupted run goes
+on where it stopped. Bad frames are named, counted and left out.
 
-A --center FILE has one line "u v d" (px, px, mm) for each frame of the split, or is an .npy or .npz file of such
-an array; "{split}" in its name stands for train and test.
+A --center FILE has one line "u v d" (px, px, mm) per frame of the split, or is an .npy or .npz file of such an
+array; "{split}" in its name stands for train and test.
 """
 
 from __future__ import annotations
@@ -21,18 +21,27 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run as a file: find the packages
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from handpose.data import icvl_files
+from tools import preparing
 from tools.console import guarded
-from tools.prepare_nyu import arguments, run
+from tools.preparing import Importer
+
+ICVL = Importer(
+    root="ICVL_ROOT",
+    out=Path("data/icvl"),
+    center="palm",
+    check=icvl_files.check_split,
+    read=icvl_files.read_split,
+    own=["ICVL"],
+)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the tool; returns its exit status."""
-    assert __doc__
-    args = arguments(argv, __doc__, "ICVL_ROOT", Path("data/icvl"), "palm")
-    return guarded(lambda: run(args, icvl_files.check_split, icvl_files.read_split, ["ICVL"]))
+    """Run the tool; returns the exit status."""
+    args = preparing.arguments(argv, __doc__, ICVL)
+    return guarded(lambda: preparing.run(args, ICVL))
 
 
 if __name__ == "__main__":

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
+from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 from typing import Any
+
+from netlib.errors import NetlibError, reason_of
+from tools.console import DONE
 
 
 class StoppedError(Exception):
@@ -13,7 +19,7 @@ class StoppedError(Exception):
 
 
 class Stopper:
-    """Within it, the first Ctrl-C or SIGTERM is only noted, to be raised by ``check``; a second one hits at once.
+    """Within it, the first Ctrl-C or SIGTERM is only noted, and ``check`` raises it; a second one acts at once.
 
     An exception that the signal itself raised could fall into a place that swallows it.
     """
@@ -39,3 +45,21 @@ class Stopper:
         """Raise StoppedError if a signal came."""
         if self.signum:
             raise StoppedError
+
+
+def fill_folder(folder: Path, kept: str, fill: Callable[[Callable[[], None]], object]) -> int:
+    """Make a folder and have it filled; returns the exit status: 0, 130 or 143. Raises NetlibError.
+
+    kept  what a run that is stopped keeps, with its verb: "whole files are"
+    fill  is given a function to be called wherever the run may end
+    """
+    try:
+        with Stopper() as stopper:
+            folder.mkdir(parents=True, exist_ok=True)
+            fill(stopper.check)
+    except StoppedError:
+        print(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
+        return 128 + stopper.signum
+    except OSError as error:
+        raise NetlibError(f"{folder}: {reason_of(error)}") from None
+    return DONE

@@ -25,6 +25,7 @@ from netlib.errors import DataError
 
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
+FRAMES_PER_FILE = 2500  # of a data set; its last file may have fewer
 _COPY = 64  # rows copied at a time
 _PAGE = 1 << 16  # what a file takes beyond its rows, nearly
 

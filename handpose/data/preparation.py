@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 
+from handpose.data import parts as files
 from handpose.data.bad_frames import BadFrameError
 from handpose.data.crops import SIZE
 from handpose.data.frames import Frames
@@ -35,11 +36,11 @@ class Outcome:
     made: int = 0  # good frames that were not there before
 
 
-def parts_of(frames: PublishedFrames, out: Path, frames_per_file: int) -> list[Part]:
+def parts_of(frames: PublishedFrames, out: Path) -> list[Part]:
     """The files that a split becomes."""
     parts = []
-    for i, start in enumerate(range(0, len(frames), frames_per_file)):
-        stop = min(start + frames_per_file, len(frames))
+    for i, start in enumerate(range(0, len(frames), files.FRAMES_PER_FILE)):
+        stop = min(start + files.FRAMES_PER_FILE, len(frames))
         parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
     return parts
 

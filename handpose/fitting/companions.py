@@ -16,6 +16,7 @@ import os
 from collections.abc import Callable, Sequence
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -29,6 +30,8 @@ from netlib.errors import DataError, reason_of
 
 VERSION = 2  # to be raised when a change of the code changes the angles
 
+Told = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
+
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     """Where the companion of each file goes. Raises DataError if two of them, or a file and its own, are the same."""
@@ -39,6 +42,31 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
     return targets
+
+
+def fit_list(
+    files: Sequence[Path],
+    out: Path,
+    name: str,
+    skeleton: Skeleton,
+    *,
+    told: Told = lambda number, target, residuals: None,
+    **options: Any,
+) -> tuple[Array, Array]:
+    """Make the companions of all files in a folder, and their list of this name. Raises DataError.
+
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``told`` hears of each companion as soon as
+    it is there; ``options`` are those of ``fit_file``.
+    """
+    targets = companions_of(files, out)
+    residuals, inputs = [], []
+    for number, (path, target) in enumerate(zip(files, targets), 1):
+        residuals.append(fit_file(path, target, skeleton, **options))
+        with h5py.File(target, "r") as file:
+            inputs.append(file["dof"][...].astype(np.float64))
+        told(number, target, residuals[-1])
+    atomic.replace_text(out / name, parts.list_text(targets))
+    return np.concatenate(inputs), np.concatenate(residuals)
 
 
 def fit_file(

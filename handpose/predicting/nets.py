@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
+from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.net import Net
 
@@ -19,3 +22,10 @@ def data_layer(net: Net) -> HDF5Data:
 def hand_layer(net: Net) -> HandModel | None:
     """The layer that turns angles into joints, if the net has one."""
     return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
+
+
+def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
+    """The crops (size, size) of some frames that a test net reads, by their numbers. Raises NetlibError."""
+    data = data_layer(net)
+    depth = data.spec.top.index("depth")
+    return [data.row(int(frame))[depth][0] for frame in frames]

@@ -85,6 +85,20 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
     return camera.unproject(found)
 
 
+def is_list(path: str | Path) -> bool:
+    """Does the first line name a file, where a file of joints has a number? No, if there is nothing to be read."""
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            first = file.readline().split()
+    except OSError:
+        return False  # ``read_joints`` says what is wrong
+    try:
+        [float(word) for word in first[:1]]
+    except ValueError:
+        return True
+    return False
+
+
 def _text(path: str | Path) -> str:
     """The text of a file that is not empty. Raises DataError."""
     try:

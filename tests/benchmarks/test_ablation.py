@@ -33,12 +33,12 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
     """Not even under the same name: weights, net and solver stand beside each other and must belong together."""
     trained: list[str] = []
 
-    def train(argv: list[str]) -> int:
-        trained.append(Path(argv[0]).read_text())
+    def train(solver: Path) -> int:
+        trained.append(solver.read_text())
         (tmp_path / "recipe_100_seed1_iter_100.caffemodel.h5").touch()
         return 0
 
-    monkeypatch.setattr(ablation.train, "main", train)
+    monkeypatch.setattr(ablation.training, "train", train)
     args = argparse.Namespace(work=tmp_path, iterations=100)
     data = (tmp_path / "data.txt", tmp_path / "test.txt")
     for _ in range(2):

@@ -95,7 +95,7 @@ def test_people_who_differ_are_warned_of(work, capsys):
         "noise.h5", np.clip(kinematics_of(HAND).joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9)
     )
     assert calibrate_hand.main(["noise.h5", "--out", "noise.prototxt"]) == 0
-    assert "mm from the hand on the mean; are all frames of one person" in capsys.readouterr().err
+    assert "mm from the hand on average; are all frames of one person" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

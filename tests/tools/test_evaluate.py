@@ -34,7 +34,7 @@ def run(*arguments, dataset="icvl"):
 
 
 def test_tables(files, capsys):
-    """What the figures are, a method a line, then a joint a line."""
+    """What the figures are, one line per method, then one line per joint."""
     assert run("Near=near.txt", "Far hand=far.txt") == 0
     out = capsys.readouterr().out.splitlines()
     assert out[0] == (
@@ -78,7 +78,7 @@ def test_wrong_format_is_noticed(files, capsys):
 
 
 def test_pictures(files, capsys):
-    """A picture of each kind; more methods than colours, and names that matplotlib would take for something else."""
+    """Pictures of each format, with more methods than colours, and with names that matplotlib could misread."""
     pytest.importorskip("matplotlib")
     assert run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json") == 0
     captured = capsys.readouterr()

@@ -19,8 +19,9 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.data import nyu_files
+from handpose.data import nyu_files, parts
 from handpose.facts.nyu import CENTER_JOINT, frame_name
+from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
@@ -35,7 +36,7 @@ def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.setitem(sys.modules, "make_synthetic", module)
     monkeypatch.setattr(sys, "path", list(sys.path))
     spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "FRAMES_PER_FILE", 100)
+    monkeypatch.setattr(parts, "FRAMES_PER_FILE", 100)
     return module
 
 
@@ -138,7 +139,7 @@ def test_failure_leaves_no_half_file(
     tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A run that fails in its second file keeps the first, and nothing else; the next run completes it."""
-    whole = tool.generate
+    whole = files.generate
 
     def failing(count: int, generator: Generator, workers: int, start: int) -> Iterator[object]:
         yield from whole(10, generator, workers, start)
@@ -146,12 +147,12 @@ def test_failure_leaves_no_half_file(
             raise OSError(28, "No space left on device")
         yield from whole(count - 10, generator, workers, start + 10)
 
-    monkeypatch.setattr(tool, "generate", failing)
+    monkeypatch.setattr(files, "generate", failing)
     assert tool.main(arguments(tmp_path)) == 1
     error = capsys.readouterr().err
     assert error == f"{tmp_path}: No space left on device\n"
     assert names(tmp_path) == ["train_000.h5"]
-    monkeypatch.setattr(tool, "generate", whole)
+    monkeypatch.setattr(files, "generate", whole)
     assert tool.main(arguments(tmp_path)) == 0
     assert "made 60 of them" in capsys.readouterr().out
 
@@ -238,7 +239,7 @@ def raw(out: Path, *more: str, train: int = 5) -> list[str]:
 
 
 def test_raw_files(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder a split, with an image a frame and the labels of all 36 joints, not clipped to the cube."""
+    """One folder per split, with one image per frame and the labels of all 36 joints, not clipped to the cube."""
     assert tool.main(raw(tmp_path, train=70)) == 0
     images = [frame_name(i) for i in range(70)]
     assert names(tmp_path / "train") == [*images, "joint_data.mat", "synthetic.json"]

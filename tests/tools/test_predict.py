@@ -17,6 +17,7 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.predicting import finding
 from handpose.synthetic.flesh import HandShape
 from handpose.synthetic.pose_prior import HandSampler
+from netlib import engine
 from tests.handpose.whole_images import render_image
 from tests.tools.conftest import ROOT
 from tools import predict
@@ -40,6 +41,27 @@ def test_joints_and_picture(snapshot, capsys):
     assert predict.main([snapshot, "crop.png", "--out", "p", "--json", "--cube", "261"]) == 0
     smaller = json.loads(capsys.readouterr().out)[0]
     assert smaller["joints_mm"]["palm"] == pytest.approx(np.array(found["joints_mm"]["palm"]) * 0.87, abs=0.02)
+
+
+def test_engine(snapshot, capsys, monkeypatch):
+    """--engine says what computes; the joints are the same, to rounding."""
+    names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
+
+    def built(*args, **options):
+        nets.append(netlib.Net(*args, **options))
+        return nets[-1]
+
+    monkeypatch.setattr(predict, "Net", built)
+    monkeypatch.setenv("NETLIB_ENGINE", "plain")
+    for chosen in ([], *(["--engine", name] for name in names)):
+        assert predict.main([snapshot, "crop.png", "--out", "p", "--json", *chosen]) == 0
+        found.append(np.array(list(json.loads(capsys.readouterr().out)[0]["joints_mm"].values())))
+    assert [net.engine.name for net in nets] == ["plain", *names]
+    assert all(np.allclose(joints, found[0], atol=0.02) for joints in found)  # mm
+    with pytest.raises(SystemExit) as stopped:
+        predict.main([snapshot, "crop.png", "--engine", "plane"])
+    assert stopped.value.code == 2
+    assert "invalid choice: 'plane'" in capsys.readouterr().err
 
 
 def test_crop_is_normalised(snapshot):

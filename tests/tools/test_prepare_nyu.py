@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handpose.data import nyu_files
+from handpose.data import nyu_files, parts
 from handpose.data.crops import crop, window
 from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
@@ -46,7 +46,7 @@ def root(raw, tmp_path) -> Path:
 @pytest.fixture
 def small(monkeypatch) -> None:
     """Files of 12 frames."""
-    monkeypatch.setattr(prepare_nyu, "FRAMES_PER_FILE", 12)
+    monkeypatch.setattr(parts, "FRAMES_PER_FILE", 12)
 
 
 def prepare(root: Path, *more: str) -> int:
@@ -77,7 +77,7 @@ def write_frame(path: Path, depth: np.ndarray) -> None:
 
 
 def test_raw_equals_direct(tmp_path, capsys):
-    """Frames by way of NYU's format are the directly written ones: to half a mm of depth, exactly in all else."""
+    """Frames that went through NYU's format equal those written directly: depth to half a mm, all else exactly."""
     count = ["--train", "150", "--test", "70", "--workers", "1"]
     make_synthetic.main(["--raw", "--out", str(tmp_path / "root"), *count])
     make_synthetic.main(["--out", str(tmp_path / "direct"), *count])

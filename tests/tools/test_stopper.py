@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
-from tools.stopper import StoppedError, Stopper
+from netlib.errors import NetlibError
+from tools.stopper import StoppedError, Stopper, fill_folder
 
 
 def test_the_first_signal_is_noted_the_second_hits() -> None:
@@ -24,3 +27,34 @@ def test_the_first_signal_is_noted_the_second_hits() -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_folder_is_filled(tmp_path: Path) -> None:
+    """It is made first."""
+    assert fill_folder(tmp_path / "a" / "b", "all is", lambda check: (tmp_path / "a" / "b" / "file").touch()) == 0
+    assert (tmp_path / "a" / "b" / "file").exists()
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_filling(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals, status: int
+) -> None:
+    """Where that is safe, with one line and the status of the signal."""
+    filled = []
+
+    def fill(check: Callable[[], None]) -> None:
+        for part in range(3):
+            signal.raise_signal(number)
+            filled.append(part)
+            check()
+
+    assert fill_folder(tmp_path, "whole files are", fill) == status
+    assert filled == [0]
+    assert capsys.readouterr() == ("", "stopped; whole files are kept, and the next run goes on after them\n")
+
+
+def test_a_folder_that_cannot_be_filled(tmp_path: Path) -> None:
+    """The error names it."""
+    (tmp_path / "file").touch()
+    with pytest.raises(NetlibError, match=f"^{tmp_path}/file: File exists$"):
+        fill_folder(tmp_path / "file", "all is", lambda check: None)

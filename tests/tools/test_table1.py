@@ -4,8 +4,7 @@ import contextlib
 import io
 import json
 import re
-from argparse import Namespace
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,17 +13,19 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose.experiments.principal_components import write_components
+from handpose.experiments.results import Answers, angles_of, result_of
+from handpose.experiments.true_angles import fit_true_angles
 from handpose.scoring.held_out import Predictions
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import kinematics_of
-from netlib import prototxt, schema
-from tools import table1, train
+from netlib.errors import DataError
+from tools import table1, training
 
 pytest.importorskip("matplotlib")
 
 SKELETON = skeletons.load()
 NAMES = ["direct_joint", "direct_parameter", "no_limit", "ours", "bottleneck"]
-MODELS = [network.model for network in table1.NETWORKS]  # as they are; the tests train narrow ones
 PICTURES = ["table1_joints.png", "table1_angles.png", "table1_hands.jpg"]
 
 
@@ -45,7 +46,6 @@ def place(small_data, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(table1, "NETWORKS", tuple(networks))
-        patch.setattr(train, "_catch_signals", lambda solver: [])  # the tests keep their own
         yield folder
 
 
@@ -75,7 +75,7 @@ def weights(path):
 
 
 def test_the_table(first, place):
-    """A row a network, in the paper's order, with the paper's figures beside; how it was made; it is printed, too."""
+    """One row per network, in the paper's order, with the paper's figures; how it was made. It is also printed."""
     page = (place / "results" / "table1.md").read_text()
     assert first[0] == page + "\n"
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| ")]
@@ -109,28 +109,6 @@ def test_the_pictures(first, place):
         assert cv2.imread(str(place / "results" / name)) is not None
 
 
-def test_data_of_the_paper_are_comparable():
-    """Then the page says so."""
-    page = table1.report(Namespace(iterations=9, seed=1), {}, {}, "NYU", 8252)
-    assert "on data/nyu (NYU)" in page and "The data are the paper's, so joint errors" in page
-
-
-def test_the_papers_findings_are_confirmed_or_not():
-    """By the figures, whatever they are."""
-
-    def of(error, angle, broken=None):
-        return table1.Result(error, error, angle, broken, 0.5)
-
-    paper = {"direct_joint": of(17.2, 21.4), "direct_parameter": of(26.7, 12.2, 0.0),
-             "no_limit": of(16.9, 12.0, 0.186), "ours": of(16.9, 12.2, 0.009)}  # fmt: skip
-    lines = table1.findings(paper)
-    assert len(lines) == 5 and all(": confirmed, " in line for line in lines)
-    assert "16.90 and 17.20 mm" in lines[0] and "0.9% and 18.6% of the frames" in lines[3]
-    other = table1.findings({**paper, "ours": of(18.9, 25.0, 0.15)})
-    assert [": confirmed" in line for line in other] == [False, True, False, False, False]
-    assert table1.findings({"ours": paper["ours"]}) == []
-
-
 # -------------------------------------------------------------------------------------- training, once
 
 
@@ -147,8 +125,8 @@ def test_what_is_done(first):
 
 
 def test_a_second_run_trains_nothing(first, place, monkeypatch):
-    """Nor fits: what is there is kept, and the figures are the same."""
-    monkeypatch.setattr(train, "main", lambda argv: pytest.fail(f"trains {argv}"))
+    """And fits nothing: what is there is kept, and the figures are the same."""
+    monkeypatch.setattr(training, "train", lambda solver, **options: pytest.fail(f"trains {solver}"))
     made = [*place.glob("snapshots/*/*.h5"), *place.glob("data/nyu_angles/*.h5")]
     assert len(made) == 2 * 2 * 5 + 1 + 2  # weights and states of two iterations, components, angles
     before = [path.stat().st_mtime_ns for path in made]
@@ -172,12 +150,12 @@ def test_a_stopped_run_goes_on_where_it_was(place, only_ours, tmp_path, monkeypa
     stopped = ["--work", str(tmp_path / "two"), "--out", str(tmp_path / "two")]
     assert run(*in_one_go, iterations=12)[0] == 0
 
-    def until_10(argv, whole=train.main):
-        assert whole([*argv, "--max-iter", "10"]) == 0
+    def until_10(solver, whole=training.train, **options):
+        assert whole(solver, **options, max_iter=10) == 0
         return 130  # as Ctrl-C
 
     with monkeypatch.context() as patch:
-        patch.setattr(train, "main", until_10)
+        patch.setattr(training, "train", until_10)
         assert run(*stopped, iterations=12)[:2] == (130, "")
     assert not (tmp_path / "two" / "table1.md").exists()
     status, _, err = run(*stopped, iterations=12)
@@ -187,6 +165,14 @@ def test_a_stopped_run_goes_on_where_it_was(place, only_ours, tmp_path, monkeypa
     assert all(np.array_equal(whole[name], resumed[name]) for name in whole)
     logs = sorted(path.name for path in tmp_path.glob("two/*/*.log"))
     assert len(logs) == 2, "the log of the first part is not written over"
+
+
+def test_it_follows_netlib_engine(place, only_ours, tmp_path, monkeypatch):
+    """It has no --engine of its own."""
+    monkeypatch.setenv("NETLIB_ENGINE", "plain")
+    assert run("--work", str(tmp_path), "--out", str(tmp_path), iterations=1)[0] == 0
+    (log,) = tmp_path.glob("*/ours_seed1_of1.log")
+    assert ", engine plain. BLAS: " in log.read_text().splitlines()[0]
 
 
 def test_other_seeds_and_iterations_are_other_trainings(first, place, only_ours):
@@ -199,80 +185,17 @@ def test_other_seeds_and_iterations_are_other_trainings(first, place, only_ours)
     }
 
 
-def test_other_data_are_other_trainings(place):
-    """Networks trained on synthetic hands never stand in a table of NYU's."""
-    path = place / "other.h5"
-    names = []
-    for made_from, recipe in (("synthetic", "a"), ("synthetic", "b"), ("NYU", "b")):
-        with h5py.File(path, "w") as file:
-            file.attrs.update(made_from=made_from, recipe=recipe)
-        names.append(table1.data_name([path]))
-    assert len(set(names)) == 3 and names[2].startswith("nyu_")
-
-
-@pytest.mark.parametrize("network", table1.NETWORKS, ids=lambda network: network.name)
-def test_every_network_is_trained_by_the_papers_solver(network):
-    """With other iterations: the rate falls after nine tenths of them; five snapshots; no tests while training."""
-    text = table1.solver_text(network, Path("snapshots/x"), 2000, 7)
-    found = schema.read(prototxt.parse(text), schema.SolverParameter, "solver")
-    paper = schema.read(prototxt.parse_file(table1.SOLVER), schema.SolverParameter, "solver")
-    own = {
-        "net": network.model.as_posix(),
-        "max_iter": 2000,
-        "stepvalue": (1800,),
-        "snapshot": 400,
-        "snapshot_prefix": "snapshots/x",
-        "random_seed": 7,
-        "display": 100,
-        "test_iter": (),
-        "test_interval": 0,
-    }
-    assert asdict(found) == {**asdict(paper), **own}
-
-
-def features(model):
-    """The layers from the depth to FC2, as text."""
-    layers = [str(field.value) for field in prototxt.parse_file(model).fields if field.name == "layer"]
-    names = [re.search('name: "(.*)"', layer)[1] for layer in layers]
-    return layers[names.index("convL1") : names.index("DropoutFC2") + 1]
-
-
-def test_the_networks_differ_after_the_features_only():
-    """Up to the last hidden layer all are the paper's, to the letter."""
-    one, *others = (features(model) for model in MODELS)
-    assert len(one) == 14 and all(other == one for other in others)
-
-
 # ------------------------------------------------------------------------------------------- the parts
 
 
-@pytest.fixture
-def components(small_data, tmp_path):
-    """The principal components of the training joints, and the joints (64, 93)."""
-    files = [Path(line) for line in (small_data / "train.txt").read_text().split()]
-    table1.write_components(tmp_path / "components.caffemodel.h5", files)
-    with h5py.File(files[0]) as file:
-        return tmp_path / "components.caffemodel.h5", file["joint"][...].astype(np.float64)
-
-
-def test_thirty_components_are_nearly_all_of_a_hand(components):
-    """Of 64 hands of all sizes, 2 mm a joint are lost; the numbers of the bottleneck have unit size."""
-    arrays, joints = weights(components[0]), components[1]
-    basis, mean = arrays["joints/0"].astype(np.float64), arrays["joints/1"]
-    assert basis.shape == (93, 30) and mean == pytest.approx(joints.mean(axis=0), abs=1e-6)
-    numbers = (joints - mean) @ np.linalg.pinv(basis).T
-    assert numbers.std(axis=0) == pytest.approx(np.ones(30), abs=1e-3)
-    lost = np.linalg.norm((numbers @ basis.T + mean - joints).reshape(-1, 31, 3), axis=2) * 150
-    assert lost.mean() < 2.5
-    assert np.linalg.norm((joints - mean).reshape(-1, 31, 3), axis=2).mean() * 150 > 30, "without them"
-
-
-def test_the_network_with_the_bottleneck_starts_from_them(components, place):
+def test_the_network_with_the_bottleneck_starts_from_principal_components(place, tmp_path):
     """They are the weights of its layer "joints"; all others are random."""
+    files = [Path(line) for line in (place / "data" / "nyu" / "train.txt").read_text().split()]
+    write_components(tmp_path / "components.caffemodel.h5", files)
     net = netlib.Net(place / "bottleneck.prototxt", netlib.TRAIN)
-    ignored, own = net.copy_from(components[0])
+    ignored, own = net.copy_from(tmp_path / "components.caffemodel.h5")
     assert not ignored and own == ["convL1", "convL2", "convL3", "FC1", "FC2", "bottleneck"]
-    arrays = weights(components[0])
+    arrays = weights(tmp_path / "components.caffemodel.h5")
     for i, blob in enumerate(net.params["joints"]):
         assert np.array_equal(blob.data, arrays[f"joints/{i}"])
 
@@ -280,13 +203,13 @@ def test_the_network_with_the_bottleneck_starts_from_them(components, place):
 def test_angles_and_figures_of_a_perfect_network(first, place):
     """The true joints, with the true angles or with fitted ones: no error, but for angles that joints leave open."""
     files = [Path(line) for line in (place / "data" / "nyu" / "test.txt").read_text().split()]
-    truth = table1.fit_angles({"test": files}, SKELETON)
+    truth, _ = fit_true_angles("test", files, place / "data" / "nyu_angles", SKELETON)
     joints = kinematics_of(SKELETON).joints(truth)
     perfect = Predictions(joints, joints, truth, joints, np.full(len(truth), 150.0), {}, "a test")
     found = []
     for predictions in (perfect, replace(perfect, dof=None)):
-        inputs = table1.angles_of(table1.NETWORKS[0], predictions, SKELETON)
-        found.append(table1.result_of(predictions, inputs, truth, SKELETON))
+        answers = Answers(table1.NETWORKS[0], predictions, angles_of(predictions, SKELETON))
+        found.append(result_of(answers, truth, SKELETON))
     own, fitted = found
     assert (own.error_mm, own.error_14_mm, own.within_40_mm) == pytest.approx((0, 0, 1))
     assert own.angle_deg == pytest.approx(0, abs=1e-5) and own.out_of_limits == 0
@@ -312,9 +235,20 @@ def test_without_data_a_line_says_how_to_make_them(tmp_path, monkeypatch, there)
 
 def test_a_training_that_fails_ends_the_run(place, tmp_path, monkeypatch):
     """With its exit status, and without a page."""
-    monkeypatch.setattr(train, "main", lambda argv: 1)
+    monkeypatch.setattr(training, "train", lambda solver, **options: 1)
     assert run("--work", str(tmp_path), "--out", str(tmp_path))[:2] == (1, "")
     assert not (tmp_path / "table1.md").exists()
+
+
+def test_an_error_in_a_training_is_one_line(place, tmp_path, monkeypatch):
+    """And it ends the run."""
+
+    def fail(solver, **options):
+        raise DataError("data/nyu/train_000.h5: was cut")
+
+    monkeypatch.setattr(training, "train", fail)
+    status, out, err = run("--work", str(tmp_path), "--out", str(tmp_path))
+    assert (status, out) == (1, "") and err.splitlines()[-1] == "data/nyu/train_000.h5: was cut"
 
 
 def test_folders_that_cannot_be_made(tmp_path):

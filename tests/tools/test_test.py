@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib import engine
 from tools import test, train
 
 
@@ -42,6 +43,26 @@ def test_table_and_picture(work, snapshot, capsys):
     assert lines[0].startswith("24 frames (synthetic), errors about the crop's centre, cube 300 mm")
     assert "14 joints mm" in lines[1] and lines[2].startswith(snapshot)
     assert cv2.imread("pictures/hands.png").shape[2] == 3
+
+
+def test_engine(work, snapshot, capsys, engine_in_use, monkeypatch):
+    """--engine says what computes, whatever the process does otherwise; the figures are the same, to rounding."""
+    names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
+
+    def built(*args, **options):
+        nets.append(netlib.Net(*args, **options))
+        return nets[-1]
+
+    monkeypatch.setattr(test, "Net", built)
+    for chosen in ([], *(["--engine", name] for name in names)):
+        assert test.main(["--model", "net.prototxt", snapshot, "--json", *chosen]) == 0
+        found.append(json.loads(capsys.readouterr().out)["snapshots"][0]["error_mm"])
+    assert [net.engine.name for net in nets] == [engine_in_use, *names]
+    assert found == pytest.approx(found[:1] * len(found), rel=1e-5)
+    with pytest.raises(SystemExit) as stopped:
+        test.main([snapshot, "--engine", "plane"])
+    assert stopped.value.code == 2
+    assert "invalid choice: 'plane'" in capsys.readouterr().err
 
 
 def test_mistakes(work, snapshot, capsys):

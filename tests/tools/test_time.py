@@ -2,6 +2,9 @@
 
 import re
 
+import pytest
+
+from netlib import engine
 from tools import time
 
 
@@ -28,6 +31,21 @@ def test_engine(work, capsys, engine_in_use):
     """--engine chooses, whatever the process does otherwise."""
     assert time.main(["net.prototxt", "--iterations", "1", "--engine", "plain"]) == 0
     assert capsys.readouterr().out.startswith("Engine plain; BLAS: ")
+
+
+def test_threads_are_those_of_the_engine(work, capsys, monkeypatch):
+    """--threads is for the engine that --engine names, and it has as many again after single layers are timed."""
+    if not engine.has_fast():
+        pytest.skip("the plain engine has one thread")
+    fast = engine.get("fast")
+    before = fast.threads()
+    monkeypatch.setenv("NETLIB_ENGINE", "plain")
+    try:
+        assert time.main(["net.prototxt", "--iterations", "1", "--engine", "fast", "--threads", "3"]) == 0
+        assert fast.threads() == 3
+    finally:
+        fast.set_threads(before)
+    assert re.match(r"Engine fast; .*, 3 threads\n", capsys.readouterr().out)
 
 
 def test_mistakes(capsys):

@@ -1,5 +1,6 @@
 """tools/train.py: Caffe's log, resume, signals, and one line for each mistake."""
 
+import contextlib
 import os
 import re
 import shutil
@@ -12,8 +13,9 @@ import h5py
 import numpy as np
 import pytest
 
+from netlib import engine
 from tests.tools.conftest import ROOT
-from tools import train
+from tools import train, training
 
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 
@@ -57,12 +59,12 @@ def test_bvlcs_parsers_read_the_dates(work):
     assert [len(part) for part in (*clock.split(":"), fraction)] == [2, 2, 2, 6]
 
 
-@pytest.mark.parametrize("engine", ["plain", "fast"])
-def test_engine(work, engine, capsys, engine_in_use):
+@pytest.mark.parametrize("name", ["plain", "fast"])
+def test_engine(work, name, capsys, engine_in_use):
     """--engine says what computes, and the log names it."""
-    if engine_in_use == "fast" or engine == "plain":  # where fast is there
-        assert train.main(["solver.prototxt", "--max-iter", "1", "--engine", engine]) == 0
-        assert f", engine {engine}. BLAS:" in capsys.readouterr().err
+    if engine_in_use == "fast" or name == "plain":  # where fast is there
+        assert train.main(["solver.prototxt", "--max-iter", "1", "--engine", name]) == 0
+        assert f", engine {name}. BLAS:" in capsys.readouterr().err
     with pytest.raises(SystemExit) as error:
         train.main(["solver.prototxt", "--engine", "plane"])
     assert error.value.code == 2
@@ -88,6 +90,20 @@ def test_seed_and_threads(work):
     assert not np.array_equal(results[0], results[2])
 
 
+def test_threads_are_those_of_the_engine(work, capsys, monkeypatch):
+    """--threads is for the engine that --engine names, even if the process has another one."""
+    if not engine.has_fast():
+        pytest.skip("the plain engine has one thread")
+    fast = engine.get("fast")
+    before = fast.threads()
+    monkeypatch.setenv("NETLIB_ENGINE", "plain")
+    try:
+        assert train.main(["solver.prototxt", "--max-iter", "1", "--engine", "fast", "--threads", "3"]) == 0
+    finally:
+        fast.set_threads(before)
+    assert "Use CPU, 3 threads, engine fast. " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_snapshots_and_stops(work, number, status):
     """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and say so in the exit status."""
@@ -104,33 +120,30 @@ def test_signal_snapshots_and_stops(work, number, status):
     assert (work / f"snapshots/net_iter_{last}.caffemodel.h5").exists()
 
 
-def test_hangup_snapshots_and_goes_on(work):
+def test_hangup_snapshots_and_goes_on(work, monkeypatch):
     """SIGHUP writes a snapshot without stopping."""
     timer = threading.Timer(0, os.kill, [os.getpid(), signal.SIGHUP])
-    original = train._catch_signals
+    original = training.requests_by_signal
 
+    @contextlib.contextmanager
     def catch(solver):
-        stopped = original(solver)
-        timer.start()
-        timer.join()
-        return stopped
+        with original(solver) as stopped:
+            timer.start()
+            timer.join()
+            yield stopped
 
-    train._catch_signals = catch
-    try:
-        assert train.main(["solver.prototxt", "--max-iter", "2"]) == 0
-    finally:
-        train._catch_signals = original
+    monkeypatch.setattr(training, "requests_by_signal", catch)
+    assert train.main(["solver.prototxt", "--max-iter", "2"]) == 0
     assert (work / "snapshots/net_iter_1.solverstate.h5").exists()
 
 
 @pytest.fixture(autouse=True)
-def keep_signals():
-    """The tool sets handlers; put the old ones back."""
+def kept_signals():
+    """After each training signals do what they did before it."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    kept = [signal.getsignal(n) for n in numbers]
+    before = [signal.getsignal(n) for n in numbers]
     yield
-    for number, handler in zip(numbers, kept):
-        signal.signal(number, handler)
+    assert [signal.getsignal(n) for n in numbers] == before
 
 
 def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch, capsys):

@@ -9,12 +9,12 @@ from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
 from handpose.predicting.finding import PALM_MM, depth_around, find_hand, palm_frame, recenter
 from handpose.synthetic.flesh import HandShape
 from handpose.synthetic.generator import BLOCK, Generator
+from handpose.synthetic.nyu_format import whole_image
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand.skeleton import Skeleton, SkeletonParameter
 from netlib import prototxt, schema
 from netlib.errors import DataError
 from tests.handpose.whole_images import render_image
-from tools import make_synthetic
 
 ARM_BEHIND = HandShape(forearm_towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
 EXACT = PosePrior(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)  # all centres at one place of a palm
@@ -55,7 +55,7 @@ def test_in_frames_of_nyus_format():
     """With the sensor's noise, and cut off at the cube: nearly as the comment of the constants says."""
     generator = Generator(seed=3)
     scenes = [generator.scene(number) for number in range(3)]
-    images = [make_synthetic._image(scene, n, generator) for scene in scenes for n in range(BLOCK)]
+    images = [whole_image(scene, n, generator) for scene in scenes for n in range(BLOCK)]
     centers = NYU.unproject(np.concatenate([scene.center_uvd for scene in scenes]))
     median, most = np.percentile(distances(images, centers), [50, 90])
     assert median < 33 and most < 58

@@ -1,0 +1,1 @@
+"""Experiments: many nets trained with one recipe, and what they reach."""

@@ -1,0 +1,145 @@
+"""Synthetic frames as the NYU data set has its own: whole depth images, and joint_data.mat with the annotation.
+
+Depth is in whole mm there, and a split is whole when its annotation is there, which is written last.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data import nyu_files, parts
+from handpose.data.crops import restore_joints, window
+from handpose.data.images import pack_depth
+from handpose.facts.nyu import frame_name
+from handpose.synthetic.generator import BLOCK, Generator, Scene, Split
+from handpose.synthetic.workers import no_interrupt, processes
+from netlib import atomic
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.paths import names_in
+
+FRAME_BYTES = 60_000  # more than a frame takes on the disk
+MARKER = "synthetic.json"  # says that a folder is ours, and what it was made of
+
+
+class RawDataSet:
+    """Synthetic frames of some splits in NYU's format, in a folder per split.
+
+    out      the folder of these folders
+    counts   frames per split
+    force    write everything anew, even into a folder that holds other things
+
+    Raises DataError for a folder that holds other things.
+    """
+
+    def __init__(self, out: Path, seed: int, counts: Mapping[Split, int], force: bool = False) -> None:
+        self.out, self.counts = out, counts
+        self.missing = []
+        for generator in (Generator(seed, split) for split in counts):
+            folder = out / generator.split
+            marker = atomic.text_of(folder / MARKER)
+            if not force and marker is None and names_in(folder):
+                raise DataError(f"{folder}: holds what this tool did not make; choose another --out, or use --force")
+            if force or marker != self._recipe(generator) or not (folder / nyu_files.ANNOTATION).is_file():
+                self.missing.append(generator)
+
+    def _recipe(self, generator: Generator) -> str:
+        return json.dumps({**generator.recipe(), "frames": self.counts[generator.split]}, sort_keys=True)
+
+    @property
+    def is_whole(self) -> bool:
+        """Is nothing left to be written?"""
+        return not self.missing
+
+    @property
+    def missing_frames(self) -> int:
+        """How many frames are to be written."""
+        return sum(self.counts[generator.split] for generator in self.missing)
+
+    def write(self, workers: int, advance: Callable[[int], None]) -> None:
+        """Write what is missing. Raises DataError, OSError.
+
+        workers  number of processes
+        advance  is told how many frames more are done; an exception of it ends the run and keeps whole splits only.
+        """
+        parts.check_room(self.out, self.missing_frames * FRAME_BYTES)
+        for generator in self.missing:
+            self._write_split(generator, workers, advance)
+
+    def _write_split(self, generator: Generator, workers: int, advance: Callable[[int], None]) -> None:
+        folder, count = self.out / generator.split, self.counts[generator.split]
+        folder.mkdir(exist_ok=True)
+        (folder / nyu_files.ANNOTATION).unlink(missing_ok=True)
+        for name in names_in(folder) if (folder / MARKER).exists() else ():  # from an earlier run
+            if name.startswith("depth_1_") and name.endswith(".png"):
+                (folder / name).unlink()
+        atomic.replace_text(folder / MARKER, self._recipe(generator))
+        joints = []
+        for block in _blocks(generator, count, folder, workers):
+            joints.append(block)
+            advance(len(block))
+        nyu_files.write_annotation(folder / nyu_files.ANNOTATION, np.concatenate(joints), nyu_files.SYNTHETIC)
+
+
+def _blocks(generator: Generator, count: int, folder: Path, workers: int) -> Iterator[Array]:
+    """Write the images block by block, here or in processes; yields the annotated joints of each block in order."""
+    numbers = range(-(-count // BLOCK))
+    if workers == 1:
+        yield from (write_block(generator, number, folder, count) for number in numbers)
+        return
+    with contextlib.ExitStack() as stack:
+        pool = stack.enter_context(processes(workers))
+        with no_interrupt():
+            jobs = [pool.submit(write_block, generator, number, folder, count) for number in numbers]
+        yield from (job.result() for job in jobs)
+
+
+def write_block(generator: Generator, number: int, folder: Path, count: int) -> Array:
+    """Write the images of a block, up to frame ``count``; returns their annotated joints (n, 36, 3) in mm."""
+    scene = generator.scene(number)
+    for n in range(min(BLOCK, count - number * BLOCK)):
+        # level 1 is twice as fast as OpenCV's default, and these images are mostly empty
+        packed = pack_depth(whole_image(scene, n, generator))
+        png = cv2.imencode(".png", packed, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1].tobytes()
+        path = folder / frame_name(number * BLOCK + n)
+        atomic.replace(path, lambda temporary, png=png: temporary.write_bytes(png), sync=False)  # type: ignore[misc]
+    center = generator.camera.unproject(scene.center_uvd)
+    xyz = restore_joints(scene.hands.joints, center, generator.cube_mm / 2)
+    return nyu_files.annotation_of(xyz, center)[: count - number * BLOCK]
+
+
+def whole_image(scene: Scene, n: int, generator: Generator) -> NDArray[np.float64]:
+    """The whole depth image (height, width) in mm of frame ``n`` of a block; 0 around what its crop shows.
+
+    Every pixel of the crop fills those pixels of the image that it stands for.
+    """
+    camera, half = generator.camera, generator.cube_mm / 2
+    center = scene.center_uvd[n : n + 1]
+    crop = scene.depth[n].astype(np.float64)
+    mm = np.where(crop <= -1, np.floor(center[0, 2] - half), np.rint(center[0, 2] + crop * half))
+    mm[crop >= 1] = 0
+    picked = window(center, generator.cube_mm, camera)
+    image = np.zeros((camera.height, camera.width))
+    across, i = _enlarged(picked.columns[0], camera.width)
+    down, j = _enlarged(picked.rows[0], camera.height)
+    image[down, across] = mm[np.ix_(j, i)]
+    return image
+
+
+def _enlarged(picked: NDArray[np.int64], pixels: int) -> tuple[slice, NDArray[np.int64]]:
+    """Along one axis, the image pixels that a crop covers, and for each of them the crop pixel that it shows.
+
+    That is the last one that was picked before it, or there.
+    """
+    shown = np.flatnonzero(picked >= 0)
+    at = picked[shown]
+    step = int(np.ceil((at[-1] - at[0]) / max(len(at) - 1, 1)))
+    covered = np.arange(at[0], min(at[-1] + max(step, 1), pixels))
+    return slice(covered[0], covered[-1] + 1), shown[np.searchsorted(at, covered, side="right") - 1]

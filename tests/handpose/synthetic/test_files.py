@@ -1,0 +1,62 @@
+"""handpose/synthetic/files.py; more of it in the tests of tools/make_synthetic.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import pytest
+
+from handpose.data import parts
+from handpose.synthetic.files import DataSet, pieces_of
+from handpose.synthetic.generator import Generator, Split
+
+COUNTS: dict[Split, int] = {"train": 5, "test": 2}
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files of 2 frames."""
+    monkeypatch.setattr(parts, "FRAMES_PER_FILE", 2)
+
+
+def test_pieces(tmp_path: Path) -> None:
+    """One after the other; the last one has what is left."""
+    pieces = pieces_of(Generator(), 5, tmp_path)
+    assert [(piece.start, piece.part.rows, piece.part.path.name) for piece in pieces] == [
+        (0, 2, "train_000.h5"),
+        (2, 2, "train_001.h5"),
+        (4, 1, "train_002.h5"),
+    ]
+    assert len({piece.part.recipe for piece in pieces}) == 3
+
+
+def test_whole_files_are_kept(tmp_path: Path) -> None:
+    """Of a run that was ended; only the rest is written then, and the lists at the end."""
+    told: list[int] = []
+
+    def advance(count: int) -> None:
+        told.append(count)
+        if sum(told) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        DataSet(tmp_path, 0, COUNTS).write(1, advance)
+    assert [path.name for path in tmp_path.iterdir()] == ["train_000.h5"]
+    data = DataSet(tmp_path, 0, COUNTS)
+    assert (data.missing_frames, data.is_whole) == (5, False)
+    data.write(1, lambda count: None)
+    assert DataSet(tmp_path, 0, COUNTS).is_whole
+    assert (tmp_path / "test.txt").read_text() == f"{tmp_path}/test_000.h5\n"
+    with h5py.File(tmp_path / "train_002.h5") as file:
+        assert file["index"][...].tolist() == [4] and file.attrs["made_from"] == "synthetic"
+
+
+def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
+    """And no frame."""
+    DataSet(tmp_path, 0, COUNTS).write(1, lambda count: None)
+    (tmp_path / "train.txt").unlink()
+    data = DataSet(tmp_path, 0, COUNTS)
+    assert (data.missing_frames, data.is_whole) == (0, False)
+    data.write(1, lambda count: pytest.fail("writes frames"))
+    assert (tmp_path / "train.txt").exists()

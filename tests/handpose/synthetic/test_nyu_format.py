@@ -1,0 +1,44 @@
+"""handpose/synthetic/nyu_format.py; more of it in the tests of tools/make_synthetic.py and of tools/prepare_nyu.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.data.crops import crop
+from handpose.synthetic.generator import Generator, Split
+from handpose.synthetic.nyu_format import RawDataSet, whole_image
+
+COUNTS: dict[Split, int] = {"train": 3, "test": 2}
+
+
+def test_the_crop_of_the_image_is_the_crop() -> None:
+    """To half a mm, since the image has whole ones."""
+    generator = Generator(seed=1)
+    scene = generator.scene(0)
+    for n in range(8):
+        image = whole_image(scene, n, generator)
+        assert image.shape == (480, 640) and np.array_equal(image, np.rint(image))
+        again = crop(image, scene.center_uvd[n], generator.cube_mm)
+        assert np.abs(again - scene.depth[n]).max() * generator.cube_mm / 2 <= 0.5 + 1e-3
+
+
+def test_whole_splits_are_kept(tmp_path: Path) -> None:
+    """Of a run that ended between two of them; ``advance`` hears of every frame."""
+    told: list[int] = []
+
+    def advance(count: int) -> None:
+        told.append(count)
+        if sum(told) == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        RawDataSet(tmp_path, 0, COUNTS).write(1, advance)
+    data = RawDataSet(tmp_path, 0, COUNTS)
+    assert (told, data.missing_frames, data.is_whole) == ([3, 2], 2, False)
+    data.write(1, lambda count: None)
+    assert RawDataSet(tmp_path, 0, COUNTS).is_whole
+    assert RawDataSet(tmp_path, 0, COUNTS, force=True).missing_frames == 5
+    assert RawDataSet(tmp_path, 1, COUNTS).missing_frames == 5

@@ -1,0 +1,59 @@
+"""tools/arguments.py: values on the command line."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+import pytest
+
+from handpose.facts.cameras import KINECT2
+from tools import arguments
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (arguments.positive, "12", 12),
+        (arguments.natural, "0", 0),
+        (arguments.weight, "0", 0.0),
+        (arguments.weight, "1e-3", 1e-3),
+        (arguments.named_file, " a b =c=d", ("a b", "c=d")),
+        (arguments.camera, "kinect2", KINECT2),
+        (arguments.center, "1,2.5", (1.0, 2.5)),
+        (arguments.center, "1,2,-3", (1.0, 2.0, -3.0)),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_values(kind: Callable[[str], object], text: str, value: object) -> None:
+    """What is taken."""
+    assert kind(text) == value
+
+
+def test_a_camera_by_its_numbers() -> None:
+    """Its images may have any size."""
+    camera = arguments.camera("500,510,320,240")
+    assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        (arguments.positive, "0", "a whole number of at least 1"),
+        (arguments.positive, "²", "a whole number of at least 1"),
+        (arguments.natural, "-1", "a whole number"),
+        (arguments.natural, "1.0", "a whole number"),
+        (arguments.weight, "-1", "a number of at least 0"),
+        (arguments.weight, "inf", "a number of at least 0"),
+        (arguments.weight, "x", "a number of at least 0"),
+        (arguments.named_file, "=file", "NAME=FILE"),
+        (arguments.camera, "1,2,3,nan", "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px"),
+        (arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_mistakes(kind: Callable[[str], object], text: str, expected: str) -> None:
+    """What is not, and what the message says."""
+    with pytest.raises(argparse.ArgumentTypeError) as raised:
+        kind(text)
+    assert str(raised.value) == f"expected {expected}, found {text!r}"

@@ -1,0 +1,104 @@
+"""All tools alike: none is built on another, each has main(argv), and the commands in its help can be run."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from netlib import engine
+from tests.tools.conftest import ROOT
+
+# Modules that tools and other programs may import; all other files in tools/ are commands, which nobody imports.
+SHARED = {
+    "advice", "arguments", "caffe_log", "console", "costs", "pictures", "plots", "preparing", "progress", "stopper",
+    "training",
+}  # fmt: skip
+FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
+COMMANDS = [path.stem for path in FILES if path.stem not in SHARED]
+LONGEST = 160  # lines; what is longer has logic that belongs elsewhere
+WITH_ENGINE = ["predict", "test", "time", "train"]
+
+
+def imported_from_tools(path: Path) -> set[str]:
+    """The modules of tools/ that a file imports, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.split(".")[1] for name in found if name.startswith("tools.")}
+
+
+def examples(doc: str, name: str) -> list[list[str]]:
+    """The arguments of each command that a docstring shows."""
+    lines = doc.replace("\\\n", " ").splitlines()
+    found = [re.search(rf"python tools/{name}\.py(.*)", line) for line in lines]
+    return [shlex.split(match[1]) for match in found if match]
+
+
+def test_the_commands_are_found() -> None:
+    """Else the other tests would look at nothing."""
+    assert {path.stem for path in FILES} >= SHARED
+    assert {"train", "test", "predict", "table1", "make_synthetic"} <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("folder", ["tools", "benchmarks", "handpose"])
+def test_no_program_imports_a_command(folder: str) -> None:
+    """What two of them need is in a shared module, or in handpose/."""
+    for path in (ROOT / folder).rglob("*.py"):
+        assert imported_from_tools(path) <= SHARED, path
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_is_short(name: str) -> None:
+    """It parses, calls and prints."""
+    assert len((ROOT / "tools" / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= LONGEST
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_main(name: str) -> None:
+    """``main(argv=None)`` returns the exit status, and a file that is run exits with it."""
+    module = importlib.import_module(f"tools.{name}")
+    (argv,) = inspect.signature(module.main).parameters.values()
+    assert (argv.name, argv.default) == ("argv", None)
+    assert inspect.signature(module.main).return_annotation == "int"
+    text = inspect.getsource(module)
+    assert text.startswith("#!/usr/bin/env python3\n")
+    assert text.endswith('\n\n\nif __name__ == "__main__":\n    sys.exit(main())\n')
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The parser takes all that the docstring shows, and there is something."""
+    module = importlib.import_module(f"tools.{name}")
+    monkeypatch.setattr(module, "guarded", lambda run: 0)
+    shown = examples(module.__doc__, name)
+    assert shown
+    for argv in shown:
+        assert module.main(argv) == 0, argv
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_is_the_docstring(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """As it is written, before the options."""
+    module = importlib.import_module(f"tools.{name}")
+    with pytest.raises(SystemExit) as stopped:
+        module.main(["--help"])
+    assert stopped.value.code == 0
+    assert module.__doc__.strip() in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", WITH_ENGINE)
+def test_engine(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every command that runs one net has --engine with the same names."""
+    module = importlib.import_module(f"tools.{name}")
+    with pytest.raises(SystemExit):
+        module.main(["--help"])
+    assert f"--engine {{{','.join(engine.NAMES)}}}" in capsys.readouterr().out

@@ -1,0 +1,85 @@
+"""The command line: parsers with the docstring as help, and values that are checked when they are parsed."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from handpose.facts.cameras import CAMERAS, Camera
+from netlib import engine
+
+
+def parser_of(doc: str | None) -> argparse.ArgumentParser:
+    """A parser whose help is the docstring of the tool."""
+    return argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """The option --engine, for tools that run one net."""
+    parser.add_argument(
+        "--engine",
+        choices=engine.NAMES,
+        help="what computes the net (default: NETLIB_ENGINE if it is set, else fast if the folder fast/ is there)",
+    )
+
+
+def positive(text: str) -> int:
+    """A command-line number of at least 1."""
+    return _whole(text, 1, "a whole number of at least 1")
+
+
+def natural(text: str) -> int:
+    """A command-line number of at least 0."""
+    return _whole(text, 0, "a whole number")
+
+
+def _whole(text: str, least: int, expected: str) -> int:
+    if not (text.isascii() and text.isdigit()) or int(text) < least:
+        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
+    return int(text)
+
+
+def weight(text: str) -> float:
+    """A finite number of at least 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number of at least 0, found {text!r}")
+    return number
+
+
+def named_file(text: str) -> tuple[str, str]:
+    """The two halves of NAME=FILE."""
+    name, _, path = text.partition("=")
+    if not name.strip() or not path:
+        raise argparse.ArgumentTypeError(f"expected NAME=FILE, found {text!r}")
+    return name.strip(), path
+
+
+def camera(text: str) -> Camera:
+    """A camera by name, or by the four numbers FX,FY,U0,V0; then its frames may have any size."""
+    if text in CAMERAS:
+        return CAMERAS[text]
+    numbers = _numbers(text)
+    if len(numbers) != 4 or min(numbers[:2]) <= 0:
+        raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, found {text!r}")
+    return Camera("own", *numbers, width=0, height=0)
+
+
+def center(text: str) -> tuple[float, ...]:
+    """The middle of a hand: U,V or U,V,D."""
+    numbers = _numbers(text)
+    if len(numbers) not in (2, 3):
+        raise argparse.ArgumentTypeError(f"expected U,V or U,V,D (px, px, mm), found {text!r}")
+    return numbers
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """Finite numbers between commas; none if anything else is there."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()

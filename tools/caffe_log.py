@@ -1,0 +1,81 @@
+"""Caffe's log: glog's lines, on stderr above a progress bar and in a file."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from netlib.errors import NetlibError, reason_of
+from tools.progress import ProgressBar
+
+log = logging.getLogger("netlib")
+
+
+class CaffeFormatter(logging.Formatter):
+    """``I1121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format, as log parsers expect it."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line for one record."""
+        stamp = time.strftime("%m%d %H:%M:%S", time.localtime(record.created))
+        micro = int(record.created % 1 * 1e6)
+        text = record.getMessage()
+        letter = record.levelname[0]
+        return f"{letter}{stamp}.{micro:06d} {threading.get_native_id()} {record.filename}:{record.lineno}] {text}"
+
+
+class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
+    """Writes log lines to a stream, above the progress bar if there is one."""
+
+    bar: ProgressBar | None = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
+        if self.bar is None:
+            super().emit(record)
+        else:
+            self.bar.print(self.format(record), self.stream)
+
+
+class LogFile(logging.FileHandler):
+    """A log file. When it cannot be written any more, one message says so, and the training goes on without it."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Say what is wrong, and write no more."""
+        error = sys.exc_info()[1]
+        logging.getLogger(record.name).removeHandler(self)
+        print(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
+
+    def close(self) -> None:
+        """Close the file; what could not be written is lost."""
+        with contextlib.suppress(OSError):
+            super().close()
+
+
+@contextlib.contextmanager
+def log_to(path: str | Path | None) -> Iterator[BarHandler]:
+    """Within it, what netlib logs goes to stderr, and to a file if ``path`` names one. Raises NetlibError."""
+    console = BarHandler(sys.stderr)
+    handlers: list[logging.Handler] = [console]
+    if path:
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            handlers.append(LogFile(path, mode="w", encoding="utf-8"))
+        except OSError as error:
+            raise NetlibError(f"{path}: cannot write the log: {reason_of(error)}") from error
+    log.setLevel(logging.INFO)
+    log.propagate = False
+    for handler in handlers:
+        handler.setFormatter(CaffeFormatter())
+        log.addHandler(handler)
+    try:
+        yield console
+    finally:
+        for handler in handlers:
+            log.removeHandler(handler)
+            if handler is not console:
+                handler.close()

@@ -1,0 +1,144 @@
+"""Train as a solver file says, as Caffe's command does: its log, signals as requests, and how much time is left.
+
+tools/train.py is this on the command line; experiments train many nets with it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import netlib
+from netlib import engine as engines
+from netlib import prototxt
+from netlib.solver import Solver
+from tools import advice
+from tools.caffe_log import BarHandler, log_to
+from tools.console import DONE, duration
+from tools.progress import ProgressBar
+
+log = logging.getLogger("netlib")
+
+
+def train(
+    solver_file: str | Path,
+    *,
+    snapshot: str | Path | None = None,
+    weights: Sequence[str | Path] = (),
+    max_iter: int | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    engine: str | None = None,
+    log_file: str | Path | None = None,
+) -> int:
+    """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
+
+    snapshot  go on from this solver state, which brings its own weights
+    weights   start from these files instead of those that the solver names
+    """
+    with log_to(log_file) as console:
+        chosen = engines.get(engine)
+        if threads:
+            chosen.set_threads(threads)
+        count = chosen.threads()
+        log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
+        log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(solver_file)).rstrip())
+        changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
+        if snapshot or weights:
+            changes["weights"] = tuple(map(str, weights))
+        with advice.on_missing_data():
+            solver = netlib.get_solver(solver_file, seed, engine, **changes)
+        _describe(solver)
+        with requests_by_signal(solver) as stopped, _time_left(solver, console):
+            finished = solver.solve(snapshot)
+        return DONE if finished or not stopped else 128 + stopped[0]
+
+
+def _describe(solver: Solver) -> None:
+    """Log what is trained, and on what."""
+    net = solver.net
+    for at in net.connections:
+        log.info("Creating Layer %s", at.layer.name)
+        for name, blob in zip(at.layer.spec.top, at.top):
+            where = " (in-place)" if name in at.layer.spec.bottom else ""
+            log.info(
+                "%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count
+            )
+        for note in getattr(at.layer, "notes", ()):
+            log.info("%s: %s", at.layer.name, note)
+    for name in net.outputs:
+        log.info("This network produces output %s", name)
+    count = sum(p.blob.count for p in net.learnable)
+    log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
+
+
+@contextlib.contextmanager
+def requests_by_signal(solver: Solver) -> Iterator[list[int]]:
+    """Within it, SIGINT and SIGTERM ask the solver to stop, and SIGHUP asks it for a snapshot.
+
+    Yields a list, which is empty until a signal asks to stop, and then holds that signal. A second one ends the process
+    at once.
+    """
+    stopped: list[int] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        solver.requested = "stop"
+        stopped.append(number)
+        signal.signal(number, signal.SIG_DFL)
+
+    def snapshot(number: int, frame: FrameType | None) -> None:
+        solver.requested = solver.requested or "snapshot"
+
+    handlers = {signal.SIGINT: stop, signal.SIGTERM: stop}
+    if hasattr(signal, "SIGHUP"):
+        handlers[signal.SIGHUP] = snapshot
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
+    """Within it, the solver tells how much time is left."""
+    with contextlib.ExitStack() as bars:
+        solver.on_iteration = _TimeLeft(solver, console, bars)
+        try:
+            yield
+        finally:
+            solver.on_iteration = console.bar = None
+
+
+class _TimeLeft:
+    """On a terminal a progress bar, which log lines are written above; elsewhere a line of the log once a minute."""
+
+    LINE_EVERY = 60.0  # seconds
+
+    def __init__(self, solver: Solver, console: BarHandler, bars: contextlib.ExitStack) -> None:
+        self.solver, self.console, self.bars = solver, console, bars
+        self.bar: ProgressBar | None = None
+
+    def __call__(self, solver: Solver) -> None:
+        """The solver has made an iteration."""
+        now = time.perf_counter()
+        if self.bar is None:  # only now it is known at which iteration the training goes on
+            self.begun, self.said = (solver.iter, now), now
+            bar = ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)
+            self.bar = self.bars.enter_context(bar)
+            self.console.bar = bar if bar.is_shown else None
+        if self.bar.is_shown:
+            self.bar.note(f"loss {solver.loss:.4g}")
+            self.bar.reach(solver.iter)
+        elif now - self.said > self.LINE_EVERY and solver.iter > self.begun[0]:
+            self.said = now
+            rate = (solver.iter - self.begun[0]) / (now - self.begun[1])
+            log.info("%d of %d iterations done, %s left", solver.iter, solver.param.max_iter,
+                     duration((solver.param.max_iter - solver.iter) / rate))  # fmt: skip
