@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.fitting.angles import canonical, rotations, wrap
 from handpose.fitting.calibration_problem import BONE_SPREAD, FEWEST_FRAMES, CalibrationProblem, State
 from handpose.fitting.levenberg_marquardt import fit_joints
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import DECIMALS, Skeleton
 from netlib import schema
 from netlib.blob import Array

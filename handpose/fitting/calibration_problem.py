@@ -39,7 +39,7 @@ import numpy as np
 
 from handpose.fitting.angles import rotations
 from handpose.fitting.parallel import blocks, for_each
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib import schema
 from netlib.blob import Array

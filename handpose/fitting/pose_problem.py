@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handpose.fitting.angles import canonical, rotations
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError

@@ -11,7 +11,7 @@ from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.synthetic.flesh import DEFAULT_SHAPE, FINGERS, Flesh, HandShape, cut_normal
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 
 

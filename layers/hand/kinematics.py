@@ -26,17 +26,13 @@ arm:
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from layers.hand.skeleton import Skeleton
-from netlib import engine as engines
 from netlib.blob import Array
-from netlib.plain import Engine
 
 
 class Pose:
@@ -128,13 +124,3 @@ def rotation(axis: int, angle: Array | float) -> Array:
     R[..., i, i], R[..., i, j] = cos, -sin
     R[..., j, i], R[..., j, j] = sin, cos
     return R
-
-
-def kinematics_of(skeleton: Skeleton, dtype: DTypeLike = np.float64) -> Kinematics:
-    """The kinematics of a skeleton, as the engine in use computes it."""
-    return _made(engines.get(), skeleton, np.dtype(dtype))
-
-
-@functools.lru_cache(maxsize=64)
-def _made(engine: Engine, skeleton: Skeleton, dtype: np.dtype[Any]) -> Kinematics:
-    return engine.twin(Kinematics)(skeleton, dtype)

@@ -17,7 +17,8 @@ CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
     "Convolution": {"by_group", "col2im", "im2col", "places"},
     "HDF5Data": {"order", "pick", "read", "rewind", "row", "use_batch_size"},
-    **dict.fromkeys(["HandModel", "DeepHandModel"], {"kinematics_type"}),
+    "DeepHandModel": {"kinematics_type"},
+    "HandModel": {"kinematics_type"},
     "HandAugment": {"move_crops", "move_joints"},
     "InnerProduct": {"output_first", "rows"},
     "Pooling": {"area", "padded", "places", "windows"},

@@ -8,7 +8,7 @@ from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from tools import calibrate_hand
 
 HAND = skeletons.load()

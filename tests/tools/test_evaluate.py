@@ -11,7 +11,7 @@ from handpose.facts.cameras import ICVL, NYU
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from tests.tools.conftest import ROOT
 from tools import evaluate
 

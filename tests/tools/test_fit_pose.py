@@ -10,7 +10,7 @@ from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from tools import fit_pose
 
 SKELETON = skeletons.load()

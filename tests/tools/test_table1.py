@@ -18,7 +18,7 @@ from handpose.experiments.results import Answers, angles_of, result_of
 from handpose.experiments.true_angles import fit_true_angles
 from handpose.scoring.held_out import Predictions
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 from tools import table1, training
 

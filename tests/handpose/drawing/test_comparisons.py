@@ -7,7 +7,7 @@ import pytest
 
 from handpose.drawing import comparisons, hands, sheets
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 
 SKELETON = skeletons.load()

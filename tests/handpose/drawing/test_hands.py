@@ -9,7 +9,7 @@ from handpose.data.crops import crop_pixels
 from handpose.drawing import hands
 from handpose.facts.cameras import NYU
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 
 SKELETON = skeleton.load()

@@ -10,7 +10,7 @@ import pytest
 from handpose.facts import icvl
 from handpose.facts.cameras import ICVL
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 
 HAND = Path(__file__).parents[3] / "prototxt" / "hand" / "icvl.prototxt"

@@ -12,7 +12,7 @@ from handpose.fitting.absolute_joints import fit_absolute, write_fit
 from handpose.fitting.particle_swarm import fit_joints_by_swarm
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 
 SKELETON = skeletons.load()
 ALL = range(31)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from handpose.fitting import angles
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib import prototxt, schema
 
 SKELETON = skeletons.load()

@@ -11,7 +11,7 @@ from handpose.fitting import calibration, calibration_problem
 from handpose.fitting.calibration import calibrate
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib import prototxt, schema
 from netlib.errors import DataError
 

@@ -6,7 +6,7 @@ import pytest
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting import calibration_problem
 from handpose.fitting.calibration_problem import CalibrationProblem, State
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton, SkeletonParameter, load
 from netlib import prototxt, schema
 

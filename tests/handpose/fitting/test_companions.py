@@ -11,7 +11,7 @@ import netlib
 from handpose.fitting import companions
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 
 SKELETON = skeleton.load()

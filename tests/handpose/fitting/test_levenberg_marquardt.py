@@ -10,7 +10,7 @@ from handpose.fitting import angles, levenberg_marquardt
 from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton as skeletons
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib import prototxt, schema
 from netlib.errors import DataError
 

@@ -8,7 +8,7 @@ from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.observations import read_observations
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 
 HAND = skeleton.load()

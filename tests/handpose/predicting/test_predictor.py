@@ -16,7 +16,7 @@ from handpose.predicting.predictor import LARGEST_MOVE_MM, Predictor
 from handpose.synthetic.flesh import HandShape
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
 from tests.handpose.whole_images import render_image
 

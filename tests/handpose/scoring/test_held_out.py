@@ -9,7 +9,7 @@ import pytest
 import netlib
 from handpose.scoring import held_out
 from layers.hand import skeleton
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from netlib import prototxt
 from netlib.errors import DataError, NetlibError
 

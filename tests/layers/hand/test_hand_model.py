@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
-from layers.hand.kinematics import kinematics_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import load
 
 

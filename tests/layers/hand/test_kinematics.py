@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layers.hand.kinematics import kinematics_of, rotation
+from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import rotation
 from layers.hand.skeleton import load
 
 HAND = load()

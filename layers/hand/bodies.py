@@ -1,0 +1,24 @@
+"""The kinematics of a skeleton in the engine in use, for whoever computes with bodies outside a net."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import Skeleton
+from netlib import engine
+from netlib.plain import Engine
+
+
+def kinematics_of(skeleton: Skeleton, dtype: DTypeLike = np.float64) -> Kinematics:
+    """The kinematics of a skeleton; of the same skeleton the same object."""
+    return _made(engine.get(), skeleton, np.dtype(dtype))
+
+
+@functools.lru_cache(maxsize=64)
+def _made(engine_in_use: Engine, skeleton: Skeleton, dtype: np.dtype[Any]) -> Kinematics:
+    return engine_in_use.twin(Kinematics)(skeleton, dtype)
