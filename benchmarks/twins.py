@@ -73,8 +73,9 @@ def never_steady(step: WholeStep, at: Any) -> None:
     step._steady, step._shapes = False, None
 
 
+ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network: a layer of the recipe, and what fits use
 PARTS: dict[str, Off] = {
-    **{f"twin of {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ != "Kinematics"},
+    **{f"twin of {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ not in ELSEWHERE},
     "slices of the batch": patched(
         fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]
     ),
