@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib import python_layer, schema
-from netlib.engine import ROOT
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.layer import Layer, block_name
+from netlib.paths import ROOT
 from netlib.schema import LayerParameter, Phase
 
 OTHER_BLOCKS = {"python_param", "loss_param", "transform_param"}  # not named after a layer type

@@ -4,7 +4,7 @@
     fast    the same net and the same results, to rounding, faster: the folder fast/, which is asked for only here
 
 ``netlib.Net(..., engine="plain")`` chooses for one net, NETLIB_ENGINE for a whole process; otherwise it is ``fast`` if
-the folder fast/ is there. This file imports nothing at first, because fast/ must set up BLAS before NumPy is loaded.
+the folder fast/ is there. Nothing is imported at first that loads NumPy, because fast/ must set up BLAS before.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import functools
 import importlib
 import importlib.util
 import os
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
+
+from netlib.paths import ROOT
 
 if TYPE_CHECKING:
     from netlib.plain import Engine
 
 NAMES = ("fast", "plain")
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def available_cpus() -> int:

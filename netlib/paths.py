@@ -6,6 +6,8 @@ import contextlib
 import os
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parent.parent  # of this project: where netlib/, layers/ and fast/ lie
+
 
 def find(name: str, source: str | None) -> Path:
     """``name`` from the working directory (Caffe's way), else beside the file ``source`` that names it.

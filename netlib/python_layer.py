@@ -14,9 +14,9 @@ from pathlib import Path
 from types import ModuleType
 
 from netlib import schema
-from netlib.engine import ROOT
 from netlib.errors import PrototxtError
 from netlib.layer import Layer, PythonParameter
+from netlib.paths import ROOT
 from netlib.schema import LayerParameter
 
 

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from source_imports import imports
 
 ROOT = Path(__file__).resolve().parents[1]
 MAY_IMPORT = {  # besides itself
@@ -21,18 +22,6 @@ CORE = {"numpy", "scipy", "cv2", "h5py"}
 SHARED_BY_LAYERS = {"layers.hand.skeleton", "layers.hand.kinematics"}  # mathematics of several layers, no layer types
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 names = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-
-
-def imports(path: Path) -> set[str]:
-    """Full names of all that a file imports, wherever in it."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
 
 
 def test_the_packages_are_found() -> None:

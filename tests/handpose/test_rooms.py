@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from source_imports import imports
 
 ROOT = Path(__file__).resolve().parents[2]
 MAY_IMPORT = {  # besides itself
@@ -21,17 +21,6 @@ MAY_IMPORT = {  # besides itself
     "experiments": {"facts", "data", "fitting", "scoring"},
 }
 FILES = sorted((ROOT / "handpose").rglob("*.py"))
-
-
-def imports(path: Path) -> set[str]:
-    """Full names of all that a file imports, wherever in it."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
 
 
 def test_every_file_is_in_a_room() -> None:

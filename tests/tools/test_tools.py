@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
 import inspect
 import re
@@ -10,6 +9,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from source_imports import imports
 
 from netlib import engine
 from tests.tools.conftest import ROOT
@@ -27,13 +27,7 @@ WITH_ENGINE = ["predict", "test", "time", "train"]
 
 def imported_from_tools(path: Path) -> set[str]:
     """The modules of tools/ that a file imports, wherever in it."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.split(".")[1] for name in found if name.startswith("tools.")}
+    return {name.split(".")[1] for name in imports(path) if name.startswith("tools.")}
 
 
 def examples(doc: str, name: str) -> list[list[str]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from same_frames import assert_equal
 
 from handpose.data.crops import crop_pixels, restore_joints, window
 from handpose.data.frames import Frames
@@ -17,24 +18,6 @@ from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import PosePrior
 from handpose.synthetic.render import Capsules, normalise_depth, render_crop
 from netlib.errors import DataError
-
-
-@pytest.fixture(scope="module")
-def generator() -> Generator:
-    """The default generator."""
-    return Generator(seed=7)
-
-
-@pytest.fixture(scope="module")
-def frames(generator: Generator) -> Frames:
-    """Its first block."""
-    return generator.block(0)
-
-
-def assert_equal(one: Frames, two: Frames) -> None:
-    """Every array is the same."""
-    for name, array in one.arrays().items():
-        np.testing.assert_array_equal(array, two.arrays()[name], name)
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:

@@ -4,29 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from same_frames import assert_equal
 
 from handpose.data.frames import Frames
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.many import generate
 from netlib.errors import DataError
-
-
-@pytest.fixture(scope="module")
-def generator() -> Generator:
-    """The default generator."""
-    return Generator(seed=7)
-
-
-@pytest.fixture(scope="module")
-def frames(generator: Generator) -> Frames:
-    """Its first block."""
-    return generator.block(0)
-
-
-def assert_equal(one: Frames, two: Frames) -> None:
-    """Every array is the same."""
-    for name, array in one.arrays().items():
-        np.testing.assert_array_equal(array, two.arrays()[name], name)
 
 
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:

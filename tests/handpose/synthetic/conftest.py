@@ -1,0 +1,20 @@
+"""The frames that several files of tests look at."""
+
+from __future__ import annotations
+
+import pytest
+
+from handpose.data.frames import Frames
+from handpose.synthetic.generator import Generator
+
+
+@pytest.fixture(scope="module")
+def generator() -> Generator:
+    """The default generator."""
+    return Generator(seed=7)
+
+
+@pytest.fixture(scope="module")
+def frames(generator: Generator) -> Frames:
+    """Its first block."""
+    return generator.block(0)
