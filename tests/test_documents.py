@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from netlib import engine
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/**/*.md")])
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)")
@@ -24,6 +26,8 @@ def test_links_lead_somewhere(path: Path) -> None:
     """To a file that is there, and to a heading of it."""
     for target, anchor in LINK.findall(path.read_text(encoding="utf-8")):
         file = (path.parent / target).resolve() if target else path
+        if ROOT / "fast" in file.parents and not engine.has_fast():
+            continue  # the folder may be deleted; the chapter on speed then speaks of what is gone
         assert file.exists(), target
         assert not anchor or anchor in anchors(file), f"{target}#{anchor}"
 
