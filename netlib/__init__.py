@@ -11,6 +11,7 @@ from netlib import engine
 
 BLAS_NOTE = engine.prepare()  # before anything imports NumPy
 
+from netlib import gradcheck  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
 from netlib.create import layer_types  # noqa: E402
 from netlib.errors import (  # noqa: E402
@@ -27,8 +28,8 @@ from netlib.solver import Solver, get_solver  # noqa: E402
 
 __all__ = [
     "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
-    "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "layer_type_list", "set_mode_cpu",
-    "set_mode_gpu", "set_random_seed", "set_threads", "threads",
+    "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "gradcheck", "layer_type_list",
+    "set_mode_cpu", "set_mode_gpu", "set_random_seed", "set_threads", "threads",
 ]  # fmt: skip
 
 

@@ -11,7 +11,6 @@ from numpy.typing import DTypeLike
 from netlib import python_layer, schema
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.layer import Layer, block_name
-from netlib.paths import ROOT
 from netlib.schema import LayerParameter, Phase
 
 OTHER_BLOCKS = {"python_param", "loss_param", "transform_param"}  # not named after a layer type
@@ -22,7 +21,9 @@ def layer_types() -> dict[str, type[Layer]]:
     package = importlib.import_module("layers")
     types: dict[str, type[Layer]] | None = getattr(package, "LAYER_TYPES", None)
     if types is None:
-        raise NetlibError(f"{package.__file__}: hides this project's package 'layers'; put {ROOT} first on PYTHONPATH")
+        raise NetlibError(
+            f"{package.__file__}: hides this project's package 'layers'; rename it, or remove its __init__.py"
+        )
     return types
 
 

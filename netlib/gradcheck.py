@@ -16,13 +16,15 @@ parameter diffs as ones, so that a backward that forgets an element, or overwrit
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from netlib import engine, prototxt, schema
+from netlib import engine as engines
+from netlib import prototxt, schema
 from netlib.blob import Array, Blob, Blobs
 from netlib.create import create
 from netlib.layer import Layer
@@ -33,8 +35,18 @@ class GradientError(AssertionError):
     """A gradient that does not agree with the differences."""
 
 
-def make_layer(text: str, bottoms: Sequence[ArrayLike], tops: int = 1, phase: Phase = "TRAIN", seed: int = 0) -> Layer:
-    """A layer from the inside of a ``layer { ... }``, set up in float64 for bottoms of these shapes."""
+def make_layer(
+    text: str,
+    bottoms: Sequence[ArrayLike],
+    tops: int = 1,
+    phase: Phase = "TRAIN",
+    seed: int = 0,
+    engine: str | None = None,
+) -> Layer:
+    """A layer from the inside of a ``layer { ... }``, set up in float64 for bottoms of these shapes.
+
+    ``engine`` "plain", the default unless NETLIB_ENGINE is set, is the layer as layers/ has it; "fast" is its twin.
+    """
     spec = schema.read(prototxt.parse(text, "<gradcheck>"), LayerParameter)
     names = [f"bottom{i}" for i in range(len(bottoms))]
     changes: dict[str, Any] = {
@@ -43,7 +55,8 @@ def make_layer(text: str, bottoms: Sequence[ArrayLike], tops: int = 1, phase: Ph
         "top": tuple(f"top{i}" for i in range(tops)),
     }
     spec = schema.changed(spec, **changes)
-    layer = create(spec, phase, np.random.default_rng(seed), np.float64, engine.get().twin)
+    chosen = engines.get(engine or os.environ.get("NETLIB_ENGINE") or "plain")
+    layer = create(spec, phase, np.random.default_rng(seed), np.float64, chosen.twin)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
 

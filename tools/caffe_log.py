@@ -57,14 +57,17 @@ class LogFile(logging.FileHandler):
 
 
 @contextlib.contextmanager
-def log_to(path: str | Path | None) -> Iterator[BarHandler]:
-    """Within it, what netlib logs goes to stderr, and to a file if ``path`` names one. Raises NetlibError."""
+def log_to(path: str | Path | None, append: bool = False) -> Iterator[BarHandler]:
+    """Within it, what netlib logs goes to stderr, and to a file if ``path`` names one. Raises NetlibError.
+
+    ``append`` to what the file holds, instead of replacing it.
+    """
     console = BarHandler(sys.stderr)
     handlers: list[logging.Handler] = [console]
     if path:
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
-            handlers.append(LogFile(path, mode="w", encoding="utf-8"))
+            handlers.append(LogFile(path, mode="a" if append else "w", encoding="utf-8"))
         except OSError as error:
             raise NetlibError(f"{path}: cannot write the log: {reason_of(error)}") from error
     log.setLevel(logging.INFO)

@@ -7,11 +7,11 @@
 The first reads a crop: a square 8-bit picture of normalised depth, in which value v stands for the depth centre +
 (v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white; it is resized to 128 x 128.
 
-With --camera, the images are whole depth frames: 16-bit grey PNG, 0 where the camera read nothing, or NYU's colour
-packing. The nearest thing is taken for the hand, unless --center says where the hand is. The crop is then moved to the
-palm that the network sees in it, --refine times; give 0 for networks whose training crops have another centre than
-NYU's, such as ICVL's. A network knows the hand of its training data: for NYU and the synthetic hands this is a right
-hand, in an image that is not mirrored. Use --mirror for the other hand.
+With --camera, the images are whole depth frames: 16-bit grey PNG, 0 where the camera read nothing; with --camera nyu
+also NYU's colour packing. The nearest thing is taken for the hand, unless --center says where the hand is. The crop is
+then moved to the palm that the network sees in it, --refine times; give 0 for networks whose training crops have
+another centre than NYU's, such as ICVL's. A network knows the hand of its training data: for NYU and the synthetic
+hands this is a right hand, in an image that is not mirrored. Use --mirror for the other hand.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
 """

@@ -34,7 +34,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=natural, metavar="N", help="instead of the solver's random_seed")
     parser.add_argument("--threads", type=positive, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
-    parser.add_argument("--log", metavar="FILE", help="write the log to this file, too")
+    parser.add_argument("--log", metavar="FILE", help="write the log to this file, too; a resumed training adds to it")
     args = parser.parse_args(argv)
     if args.snapshot and args.weights:
         parser.error("--snapshot brings its own weights; give either it or --weights")

@@ -42,7 +42,7 @@ def train(
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
     """
-    with log_to(log_file) as console:
+    with log_to(log_file, append=snapshot is not None) as console:
         chosen = engines.get(engine)
         if threads:
             chosen.set_threads(threads)

@@ -29,7 +29,7 @@ class HandModelParameter:
 class HandModel(Layer):
     """Forward kinematics of a skeleton."""
 
-    kinematics_type: type[Kinematics] = Kinematics
+    kinematics_type: type[Kinematics] = Kinematics  # fast/ replaces it
     param_type = HandModelParameter
     param_name = "hand_model_param"
     bottoms = tops = (1, 1)

@@ -6,9 +6,10 @@ top[0]     y  (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, sam
 MAX   y = max of x over the window             dx[winner] += dy
 AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
 
-Caffe's rules: the output size is rounded **up**, so a last window may hang over the edge; with pad > 0 a last
-window that starts in the padding is dropped. MAX takes the first of equal values and never a pad. The area of
-AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives -FLT_MAX or NaN.
+Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so a last window may hang over the edge;
+with pad > 0 a last window that starts in the padding is dropped. MAX takes the first of equal values and never a pad.
+The area of AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives -FLT_MAX
+or NaN.
 
 Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
 """
@@ -124,30 +125,30 @@ class Pooling(Layer):
                     padded[:, rows, across] += share
             dx[n] = padded[:, top_pad : top_pad + H, left_pad : left_pad + W]
 
-    def padded(self, x: Array, y: tuple[int, ...], value: float) -> Array:
+    def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         """x (C, H, W) with its padding, and with room for the windows that hang over."""
         after = [
             max((outputs - 1) * s + k - n - p, p)
-            for outputs, s, k, n, p in zip(y[2:], self.stride, self.kernel, x.shape[1:], self.pad)
+            for outputs, s, k, n, p in zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
         ]
         return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
 
-    def windows(self, padded: Array, y: tuple[int, ...]) -> Array:
+    def windows(self, padded: Array, y_shape: tuple[int, ...]) -> Array:
         """All windows of an image, (kh kw, C, Ho, Wo): row p holds what stands at place p of every window."""
-        return np.stack([padded[:, rows, across] for rows, across in self.places(y)])
+        return np.stack([padded[:, rows, across] for rows, across in self.places(y_shape)])
 
-    def places(self, y: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
+    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
         """For each place of a window, row by row, the rows and columns of the padded image where it stands."""
-        (sh, sw), (Ho, Wo) = self.stride, y[2:]
+        (sh, sw), (Ho, Wo) = self.stride, y_shape[2:]
         for i, j in np.ndindex(self.kernel):
             yield slice(i, i + (Ho - 1) * sh + 1, sh), slice(j, j + (Wo - 1) * sw + 1, sw)
 
-    def area(self, x: tuple[int, ...], y: tuple[int, ...]) -> Array:
+    def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         """(Ho, Wo): size of each window, clipped where the padding ends."""
         sizes = []
         for i in range(2):
-            start = np.arange(y[2 + i]) * self.stride[i] - self.pad[i]
-            sizes.append(np.minimum(start + self.kernel[i], x[2 + i] + self.pad[i]) - start)
+            start = np.arange(y_shape[2 + i]) * self.stride[i] - self.pad[i]
+            sizes.append(np.minimum(start + self.kernel[i], x_shape[2 + i] + self.pad[i]) - start)
         return np.outer(*sizes).astype(self.dtype)
 
 

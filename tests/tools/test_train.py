@@ -71,6 +71,19 @@ def test_engine(work, name, capsys, engine_in_use):
     assert "invalid choice: 'plane'" in capsys.readouterr().err
 
 
+def test_a_resumed_training_adds_to_its_log(work):
+    """The first part is not lost; another training begins the file anew."""
+    assert train.main(["solver.prototxt", "--max-iter", "3", "--log", "train.log"]) == 0
+    first = (work / "train.log").read_text()
+    assert (
+        train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate.h5", "--log", "train.log"]) == 0
+    )
+    both = (work / "train.log").read_text()
+    assert both.startswith(first) and both.count("Optimization Done.") == 2
+    assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "train.log"]) == 0
+    assert (work / "train.log").read_text().count("Optimization Done.") == 1
+
+
 def test_resume_is_exact(work):
     """Six iterations are three, a new process's resume, and three more."""
     assert train.main(["solver.prototxt"]) == 0
