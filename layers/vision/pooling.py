@@ -6,10 +6,10 @@ top[0]     y  (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, sam
 MAX   y = max of x over the window             dx[winner] += dy
 AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
 
-Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so a last window may hang over the edge;
-with pad > 0 a last window that starts in the padding is dropped. MAX takes the first of equal values and never a pad.
-The area of AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives -FLT_MAX
-or NaN.
+Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so a last window may hang over the
+edge; with pad > 0 a last window that starts in the padding is dropped. MAX takes the first of equal values and never a
+pad. The area of AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives
+-FLT_MAX or NaN.
 
 Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
 """
