@@ -81,8 +81,10 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
     names = sorted({name for log in logs.values() for name in log.test})
     figure = pictures.new_figure(5.2 * (1 + len(names)), 4)
     axes = figure.subplots(1, 1 + len(names), squeeze=False)
+    stems = [Path(path).stem for path in logs]
     for path, log in logs.items():
-        label = Path(path).stem
+        stem, folder = Path(path).stem, Path(path).parent.name
+        label = f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem
         _curve(axes[0, 0], log.loss, f"{label}: train")
         for axis, name in zip(axes[0, 1:], names):
             _curve(axis, log.test.get(name, []), label, marker="o")

@@ -36,6 +36,18 @@ def test_picture(tmp_path, capsys):
     assert cv2.imread(str(out)) is not None
 
 
+def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
+    """By their folders."""
+    shown = []
+    monkeypatch.setattr(plot_log.pictures, "write_figure", lambda path, figure, dpi: shown.append(figure))
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "train.log").write_text(LOG)
+    logs = [str(tmp_path / name / "train.log") for name in ("one", "two")]
+    assert plot_log.main([*logs, "--out", "log.png"]) == 0
+    assert [line.get_label() for line in shown[0].axes[0].lines] == ["one/train: train", "two/train: train"]
+
+
 def test_a_picture_that_cannot_be_written(tmp_path, capsys, monkeypatch):
     """A write that fails half way leaves the old picture whole, and nothing beside it."""
 
