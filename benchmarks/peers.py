@@ -8,12 +8,11 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
+from benchmarks.paper import WEIGHTS
 from fast.kinematics import FastKinematics
 from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.net import Net
-
-WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
 
 
 class TorchHandByJoint(nn.Module):

@@ -44,9 +44,9 @@ def has_fast() -> bool:
     return folders is not None and str(ROOT / "fast") in folders and (ROOT / "fast" / "engine.py").is_file()
 
 
-def get(name: str | None = None) -> Engine:
-    """The engine of this name, or the default. Raises NetlibError."""
-    return _engine(name or os.environ.get("NETLIB_ENGINE") or ("fast" if has_fast() else "plain"))
+def get(name: str | None = None, default: str | None = None) -> Engine:
+    """The engine of this name; without one NETLIB_ENGINE's, then ``default``, then the house's. Raises NetlibError."""
+    return _engine(name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain"))
 
 
 @functools.cache

@@ -16,7 +16,6 @@ parameter diffs as ones, so that a backward that forgets an element, or overwrit
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -55,7 +54,7 @@ def make_layer(
         "top": tuple(f"top{i}" for i in range(tops)),
     }
     spec = schema.changed(spec, **changes)
-    chosen = engines.get(engine or os.environ.get("NETLIB_ENGINE") or "plain")
+    chosen = engines.get(engine, default="plain")
     layer = create(spec, phase, np.random.default_rng(seed), np.float64, chosen.twin)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
