@@ -13,9 +13,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -30,8 +29,8 @@ from handpose.data import parts
 from handpose.experiments.solver_text import with_fields
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import workers
-from handpose.synthetic.flesh import HandShape
-from handpose.synthetic.generator import Generator
+from handpose.synthetic.flesh_prior import FleshPrior
+from handpose.synthetic.generator import RECIPES, Generator, Recipe, View
 from handpose.synthetic.many import generate
 from handpose.synthetic.pose_prior import PosePrior
 from layers.hand import skeleton
@@ -91,7 +90,7 @@ class Study:
     name: str
     title: str
     frames: int = 50000
-    options: dict[str, Any] = field(default_factory=dict)  # of the training data's Generator
+    recipe: Recipe = RECIPES["nyu"]  # of the training data
     net: Callable[[str], str] = str
     solver: Callable[[str], str] = str
     rampup: float = 0.1  # part of the iterations
@@ -105,15 +104,13 @@ STUDIES = (
     Study(
         "on_bones",
         "flesh about the bones, not on the palm's side of them",
-        options={"shape": HandShape(towards_palm=(), forearm_towards_palm=0.0)},
+        recipe=Recipe(flesh=FleshPrior(offsets=(0.0, 0.0))),
     ),
-    Study("clean", "no sensor noise", options={"sensor": None}),
-    Study("armless", "no forearm", options={"shape": HandShape(forearm_radius=(1.0, 1.0), forearm_length=1.0)}),
-    Study("narrow", "narrow rotations of the palm", options={"prior": NARROW}),
-    Study("uncurled", "fingers curl independently", options={"prior": UNCURLED}),
-    Study(
-        "one_hand", "one hand: no other sizes and bones", options={"prior": SAME, "shape": HandShape(thickness_std=0)}
-    ),
+    Study("clean", "no sensor noise", recipe=Recipe(views=(View(sensor=None),))),
+    Study("armless", "no forearm", recipe=Recipe(flesh=FleshPrior(limb=(0.05, 0.05), cut=1.0, cut_at=(0.01, 0.01)))),
+    Study("narrow", "narrow rotations of the palm", recipe=Recipe(NARROW)),
+    Study("uncurled", "fingers curl independently", recipe=Recipe(UNCURLED)),
+    Study("one_hand", "one hand: no other sizes and bones", recipe=Recipe(SAME, FleshPrior(thickness_std=0))),
     Study("one_head", "no second head", net=_without_second_head),
     Study("dropout", "dropout 0.3", net=_with_dropout),
     Study("squares", "EuclideanLoss, the paper's", net=_with_squares),
@@ -142,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
     test = write_frames(args.work / "test", Generator(split="test"), 2000)
     rows = ["| | 14 joints, mm | by seed |", "|---|---|---|"]
     for study in (s for s in STUDIES if s.name in args.only):
-        data = write_frames(args.work / f"data_{_data_name(study)}", Generator(**study.options), study.frames)
+        data = write_frames(args.work / f"data_{_data_name(study)}", Generator(recipe=study.recipe), study.frames)
         errors = []
         for seed in args.seeds:
             status, weights, net = trained(study, data, test, seed, args)
@@ -157,12 +154,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data_name(study: Study) -> str:
-    return study.name if study.options else str(study.frames)
+    return str(study.frames) if study.recipe == RECIPES["nyu"] else study.name
 
 
 def write_frames(prefix: Path, generator: Generator, count: int) -> Path:
     """Frames in one file with its list, unless they are there already; returns the list."""
-    part = parts.Part(prefix.with_suffix(".h5"), count, repr(generator.recipe()))
+    part = parts.Part(prefix.with_suffix(".h5"), count, repr(generator.made_from()))
     if not parts.is_whole(part):
         with workers.processes(engine.available_cpus()) as pool:
             pieces = (frames.arrays() for frames in generate(count, generator, pool))

@@ -8,6 +8,8 @@ and its meaning. ``read`` fills one from a tree and points at the place of every
     Literal["MAX", "AVE"]   an enum, by name or by number (counted from 0)
     tuple[X, ...]           a repeated field     X | None          an optional field
     a dataclass             a nested message     Message           a nested message, left as a tree
+
+A field ``from_`` is ``from`` in the text: the name is a word of Python's.
 """
 
 from __future__ import annotations
@@ -167,7 +169,7 @@ class SolverParameter:
 
 def read(message: Message, cls: type[T], what: str | None = None) -> T:
     """Fill the dataclass ``cls`` from a tree. Raises PrototxtError at the field that is wrong."""
-    hints, fields = dict(_hints(cls)), {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    hints, fields = dict(_hints(cls)), {_written(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     takes_blocks = hints.pop("blocks", None) is not None
     found: dict[str, list[Field]] = {}
     blocks: dict[str, Message] = {}
@@ -191,7 +193,7 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
             raise PrototxtError(message.position, f"missing required field {name!r} in {what or cls.__name__}")
     if takes_blocks:
         values["blocks"] = blocks
-    result = cls(**values)
+    result = cls(**{fields[name].name: value for name, value in values.items()})
     object.__setattr__(result, "_tree", message)
     return result
 
@@ -236,7 +238,12 @@ def position_of(message: object, name: str | None = None, index: int = 0) -> Pos
 
 @functools.cache
 def _hints(cls: type) -> dict[str, Any]:
-    return typing.get_type_hints(cls, include_extras=True)
+    return {_written(name): hint for name, hint in typing.get_type_hints(cls, include_extras=True).items()}
+
+
+def _written(name: str) -> str:
+    """How the name of a Python field is written in a file."""
+    return name.removesuffix("_")
 
 
 def _field_value(items: Sequence[Field], kind: Any) -> Any:

@@ -19,7 +19,11 @@ MAY_IMPORT = {  # besides itself
     "tools": {"netlib", "layers", "handpose"},
 }
 CORE = {"numpy", "scipy", "cv2", "h5py"}
-SHARED_BY_LAYERS = {"layers.hand.skeleton", "layers.hand.kinematics"}  # mathematics of several layers, no layer types
+SHARED_BY_LAYERS = {
+    "layers.hand.skeleton",
+    "layers.hand.skeleton_file",
+    "layers.hand.kinematics",
+}  # mathematics of several layers, no layer types
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 names = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 

@@ -34,6 +34,7 @@ from handpose.fitting.calibration import calibrate
 from handpose.fitting.calibration_problem import FEWEST_FRAMES
 from handpose.fitting.observations import read_observations
 from layers.hand import skeleton as skeletons
+from layers.hand.skeleton_file import text_of
 from netlib.atomic import replace_text
 from netlib.errors import NetlibError, reason_of
 from tools.arguments import natural, parser_of, positive
@@ -87,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     comment = calibration_report.comment(template, frames, found, unit, source=Path(args.annotations).name,
                                          percentile=args.percentile)  # fmt: skip
     try:
-        replace_text(args.out, skeletons.text_of(found.skeleton, args.out.stem, comment))
+        replace_text(args.out, text_of(found.skeleton.param, args.out.stem, comment))
     except OSError as error:
         raise NetlibError(f"{args.out}: cannot write the skeleton: {reason_of(error)}") from None
     print(calibration_report.report(template, frames, found, unit))

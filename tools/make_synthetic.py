@@ -11,6 +11,12 @@ interrupted run goes on where it stopped. Data of another origin are replaced on
 
 writes the same frames in the format of the NYU data set, for tools/prepare_nyu.py: whole depth images in train/
 and test/, and joint_data.mat with the labels. Depth is in whole millimetres there.
+
+--recipe nyu          NYU's camera, distances and poses: the default
+         other_flesh  the same with other hands than the one that a fit believes in, and more noise: to test on
+         any_roll     hands turned by any angle, 250 to 1200 mm away
+         cameras      those, of anybody, in sleeves, before Kinects, RealSense and time-of-flight cameras: to train for
+                      a camera of one's own
 """
 
 from __future__ import annotations
@@ -24,7 +30,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import Split
+from handpose.synthetic.generator import RECIPES, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from netlib import engine
 from tools.arguments import natural, parser_of, positive
@@ -41,6 +47,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--train", type=positive, default=20000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--test", type=positive, default=2000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument("--recipe", choices=RECIPES, default="nyu",
+                        help="whose hands, before which camera (default: %(default)s)")  # fmt: skip
     parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace whatever is there, even real data")
@@ -54,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
     summary = f"{out}: {args.train} train and {args.test} test frames (synthetic, seed {args.seed})"
     where = " in NYU's format" if args.raw else ""
-    data: DataSet | RawDataSet = (RawDataSet if args.raw else DataSet)(out, args.seed, counts, args.force)
+    data: DataSet | RawDataSet = (RawDataSet if args.raw else DataSet)(
+        out, args.seed, counts, RECIPES[args.recipe], args.force
+    )
     if data.is_whole:
         print(f"{summary} are already there{where}, kept")
         return DONE

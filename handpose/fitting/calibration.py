@@ -29,7 +29,8 @@ from handpose.fitting.angles import canonical, rotations, wrap
 from handpose.fitting.calibration_problem import BONE_SPREAD, FEWEST_FRAMES, CalibrationProblem, State
 from handpose.fitting.levenberg_marquardt import fit_joints
 from layers.hand.bodies import kinematics_of
-from layers.hand.skeleton import DECIMALS, Skeleton
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import DECIMALS
 from netlib import schema
 from netlib.blob import Array
 from netlib.errors import DataError

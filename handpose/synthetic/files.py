@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 from handpose.data import nyu_files, parts
 from handpose.data.parts import Columns, Part
-from handpose.synthetic.generator import Generator, Split
+from handpose.synthetic.generator import RECIPES, Generator, Recipe, Split
 from handpose.synthetic.many import generate
 from handpose.synthetic.workers import processes
 from netlib import atomic
 
 MADE_FROM = nyu_files.SYNTHETIC
 DESCRIPTION = (
-    "Rendered capsule hands with Kinect-like noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the crop "
-    "centre (camera axes, x right, y up, z away), dof: the hand model's inputs; lengths in mm."
+    "Rendered capsule hands with a depth camera's noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the "
+    "crop centre (camera axes, x right, y up, z away), dof: the hand model's inputs; lengths in mm."
 )
 
 
@@ -38,7 +38,7 @@ def pieces_of(generator: Generator, count: int, out: Path) -> list[Piece]:
     pieces = []
     for i, start in enumerate(range(0, count, parts.FRAMES_PER_FILE)):
         rows = min(parts.FRAMES_PER_FILE, count - start)
-        recipe = json.dumps({**generator.recipe(), "start": start, "frames": rows}, sort_keys=True)
+        recipe = json.dumps({**generator.made_from(), "start": start, "frames": rows}, sort_keys=True)
         pieces.append(Piece(Part(out / f"{generator.split}_{i:03d}.h5", rows, recipe), generator, start))
     return pieces
 
@@ -48,13 +48,16 @@ class DataSet:
 
     out      the folder
     counts   frames per split
+    recipe   what they are drawn by
     force    write everything anew, and replace data of another origin
 
     Raises DataError where data of another origin would be replaced.
     """
 
-    def __init__(self, out: Path, seed: int, counts: Mapping[Split, int], force: bool = False) -> None:
-        pieces = {split: pieces_of(Generator(seed, split), count, out) for split, count in counts.items()}
+    def __init__(
+        self, out: Path, seed: int, counts: Mapping[Split, int], recipe: Recipe = RECIPES["nyu"], force: bool = False
+    ) -> None:
+        pieces = {split: pieces_of(Generator(seed, split, recipe), count, out) for split, count in counts.items()}
         every = [piece for some in pieces.values() for piece in some]
         self.out = out
         self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}

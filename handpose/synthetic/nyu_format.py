@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from handpose.data import nyu_files, parts
 from handpose.data.crops import restore_joints, window
 from handpose.data.images import pack_depth
+from handpose.facts.cameras import NYU
 from handpose.facts.nyu import frame_name
-from handpose.synthetic.generator import BLOCK, Generator, Scene, Split
+from handpose.synthetic.generator import BLOCK, RECIPES, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
 from netlib import atomic
 from netlib.blob import Array
@@ -34,15 +35,20 @@ class RawDataSet:
 
     out      the folder of these folders
     counts   frames per split
+    recipe   what they are drawn by; seen by NYU's camera
     force    write everything anew, even into a folder that holds other things
 
-    Raises DataError for a folder that holds other things.
+    Raises DataError for a folder that holds other things, and for other cameras.
     """
 
-    def __init__(self, out: Path, seed: int, counts: Mapping[Split, int], force: bool = False) -> None:
+    def __init__(
+        self, out: Path, seed: int, counts: Mapping[Split, int], recipe: Recipe = RECIPES["nyu"], force: bool = False
+    ) -> None:
         self.out, self.counts = out, counts
         self.missing = []
-        for generator in (Generator(seed, split) for split in counts):
+        if any(view.camera != NYU for view in recipe.views):
+            raise DataError("NYU's format is for frames of NYU's camera; expected a recipe without others")
+        for generator in (Generator(seed, split, recipe) for split in counts):
             folder = out / generator.split
             marker = atomic.text_of(folder / MARKER)
             if not force and marker is None and names_in(folder):
@@ -51,7 +57,7 @@ class RawDataSet:
                 self.missing.append(generator)
 
     def _recipe(self, generator: Generator) -> str:
-        return json.dumps({**generator.recipe(), "frames": self.counts[generator.split]}, sort_keys=True)
+        return json.dumps({**generator.made_from(), "frames": self.counts[generator.split]}, sort_keys=True)
 
     @property
     def is_whole(self) -> bool:
@@ -110,8 +116,8 @@ def write_block(generator: Generator, number: int, folder: Path, count: int) -> 
         png = cv2.imencode(".png", packed, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1].tobytes()
         path = folder / frame_name(number * BLOCK + n)
         atomic.replace(path, lambda temporary, png=png: temporary.write_bytes(png), sync=False)  # type: ignore[misc]
-    center = generator.camera.unproject(scene.center_uvd)
-    xyz = restore_joints(scene.hands.joints, center, generator.cube_mm / 2)
+    center = scene.camera.unproject(scene.center_uvd)
+    xyz = restore_joints(scene.hands.joints, center, generator.recipe.cube_mm / 2)
     return nyu_files.annotation_of(xyz, center)[: count - number * BLOCK]
 
 
@@ -120,12 +126,13 @@ def whole_image(scene: Scene, n: int, generator: Generator) -> NDArray[np.float6
 
     Every pixel of the crop fills those pixels of the image that it stands for.
     """
-    camera, half = generator.camera, generator.cube_mm / 2
+    camera, cube_mm = scene.camera, generator.recipe.cube_mm
+    half = cube_mm / 2
     center = scene.center_uvd[n : n + 1]
     crop = scene.depth[n].astype(np.float64)
     mm = np.where(crop <= -1, np.floor(center[0, 2] - half), np.rint(center[0, 2] + crop * half))
     mm[crop >= 1] = 0
-    picked = window(center, generator.cube_mm, camera)
+    picked = window(center, cube_mm, camera)
     image = np.zeros((camera.height, camera.width))
     across, i = _enlarged(picked.columns[0], camera.width)
     down, j = _enlarged(picked.rows[0], camera.height)

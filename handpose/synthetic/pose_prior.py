@@ -1,4 +1,7 @@
-"""How hands are held, and whose they are: the prior of synthetic poses, as numbers, and hands drawn from it."""
+"""How hands are held, and whose they are: the prior of synthetic poses, as numbers, and hands drawn from it.
+
+Whose flesh is about them: ``flesh_prior``.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,12 @@ import numpy as np
 
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
-from handpose.synthetic.flesh import DEFAULT_SHAPE, FINGERS, Flesh, HandShape, cut_normal
+from handpose.flesh.flesh import Flesh
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
+
+FINGERS = ("little", "ring", "middle", "index")
 
 
 @dataclass(frozen=True)
@@ -54,13 +59,17 @@ class PosePrior:
 
 
 DEFAULT_PRIOR = PosePrior()
+# Hands in front of any camera: every roll, so that hands pointing down are as common as others, near and far.
+ANY_ROLL = PosePrior(
+    roll_uniform=0.6, pitch_std=36.0, depth=(250.0, 1200.0), center_jitter=4.0, center_jitter_wide=10.0
+)
 
 
 class Hands(NamedTuple):
     """N posed hands, in half-cubes from their crop centres."""
 
     inputs: Array  # (N, 47) parameters of the model
-    bones: Array  # (N, 31) bone lengths
+    bones: Array  # (N, 33) bone lengths, the flesh's own, too
     joints: Array  # (N, 31, 3)
     scale: Array  # (N,) size relative to the skeleton
 
@@ -72,13 +81,11 @@ class HandSampler:
     flesh     that of the hands, which keeps fingers from running through each other
     """
 
-    def __init__(
-        self, prior: PosePrior = DEFAULT_PRIOR, shape: HandShape = DEFAULT_SHAPE, cube_mm: float = CUBE_MM
-    ) -> None:
+    def __init__(self, prior: PosePrior = DEFAULT_PRIOR, cube_mm: float = CUBE_MM) -> None:
         self.prior, self.cube_mm = prior, cube_mm
         self.skeleton = skeletons.load()
+        self.flesh = Flesh(self.skeleton)
         self.kinematics = kinematics_of(self.skeleton)
-        self.flesh = Flesh(self.skeleton, shape, prior.scale_clip)
         dof = self.skeleton.dof_names.index
         self._palm = self.skeleton.joint_names.index("palm")
         self._rotation = [dof(f"palm_rot_{axis}") for axis in "zxy"]
@@ -89,17 +96,21 @@ class HandSampler:
 
     def hands(self, rng: np.random.Generator, count: int) -> Hands:
         """Draw ``count`` hands in poses in which fingers do not run through each other."""
-        p, sk = self.prior, self.skeleton
+        p, sk, flesh, kinematics = self.prior, self.skeleton, self.flesh, self.flesh.kinematics
         scale = 1 + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
-        bones = sk.bones * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(sk.bones)), p.scale_clip))
-        inputs = np.zeros((count, len(sk.initial)))
+        whole_bones = flesh.whole.bones
+        bones = (
+            whole_bones * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(whole_bones)), p.scale_clip))
+        )
+        inputs = np.zeros((count, len(flesh.whole.initial)))
         inputs[:, self._rotation] = self._rotations(rng, count) - sk.initial[self._rotation]
         todo = np.arange(count)
         depth = np.full(count, np.inf)
         for _ in range(p.redraws):
             trial = inputs[todo]
             self._draw_fingers(rng, trial)
-            found = self.flesh.penetration(self.kinematics.joints(trial, bones[todo]) * (self.cube_mm / 2), scale[todo])
+            ends = flesh.ends(kinematics.forward(trial, bones[todo]), scale[todo])
+            found = flesh.penetration(ends, flesh.radii * scale[todo, None, None]) * (self.cube_mm / 2)
             better = found < depth[todo]
             inputs[todo[better]] = trial[better]
             depth[todo[better]] = found[better]
@@ -109,10 +120,11 @@ class HandSampler:
         # The crop centre hangs on the palm; the origin is the crop centre.
         wide = rng.random((count, 1)) < p.wide
         jitter = rng.standard_normal((count, 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
-        palm = self.kinematics.rotation_of(self.kinematics.forward(inputs, bones), self._palm)
+        palm = kinematics.rotation_of(kinematics.forward(inputs, bones), self._palm)
         center = np.einsum("nij,j->ni", palm, p.center_in_palm) * scale[:, None] + jitter
         inputs[:, self._translation] = -center / (self.cube_mm / 2) - sk.initial[self._translation]
-        return Hands(inputs, bones, self.kinematics.joints(inputs, bones), scale)
+        joints = kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
+        return Hands(inputs[:, : len(sk.initial)], bones, joints, scale)
 
     def _rotations(self, rng: np.random.Generator, count: int) -> Array:
         """Angles (count, 3) about z, x, y in radians."""
@@ -153,3 +165,8 @@ class HandSampler:
         y = (p.lateral_y[0] + p.lateral_y[1] * rng.standard_normal(count)) * z
         uvd = camera.project(np.stack([x, y, z], axis=1))
         return uvd.astype(np.float32).astype(np.float64)
+
+
+def cut_normal(rng: np.random.Generator, shape: tuple[int, ...], cut: float) -> Array:
+    """Standard normal numbers, those beyond ``cut`` moved there."""
+    return np.clip(rng.standard_normal(shape), -cut, cut)

@@ -1,10 +1,11 @@
-"""What a Kinect makes of a depth image: ragged edges, noise in steps, pixels without a reading.
+"""What a depth camera makes of a depth image: ragged edges, noise in steps, flying pixels, pixels without a reading.
 
-    sense(rng, depth, far, Sensor(), camera)
+    sense(rng, depth, far, KINECT, camera)
 
-Three faults in the order in which they arise: matching takes the depth of a neighbour (``_shift``), the disparity is
-noisy and rounded (``_measure``), some pixels at depth steps are not read at all (``_drop``). A change of this code
-changes synthetic frames: raise ``handpose.synthetic.generator.VERSION``.
+The faults in the order in which they arise: matching takes the depth of a neighbour (``_shift``), light from both sides
+of an edge gives a depth between them (``_fly``), disparity or time is noisy and rounded (``_measure``), some pixels at
+depth steps are not read at all (``_drop``). A change of this code changes synthetic frames: raise
+``handpose.synthetic.generator.VERSION``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.synthetic.render import Floats
+from handpose.flesh.render import Floats
 
 _CHUNK = 4  # frames worked on together: their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
@@ -23,8 +24,9 @@ _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
 
 @dataclass(frozen=True)
 class Sensor:
-    """A Kinect v1: it measures disparity (focal length x baseline / depth) by matching small windows.
+    """By default a Kinect v1: it measures disparity (focal length x baseline / depth) by matching small windows.
 
+    Without a baseline it is a time-of-flight camera, whose noise grows with the squared depth, as light gets weaker.
     Of two numbers each frame draws its own between them, uniformly.
     """
 
@@ -33,12 +35,44 @@ class Sensor:
     baseline: float = 75.0  # mm between projector and camera
     disparity_noise: tuple[float, float] = (0.0, 0.08)  # px of the image (deviation)
     disparity_step: float = 0.125  # px of the image: disparity comes in multiples of it
+    depth_noise: tuple[float, float] = (0.0, 0.0)  # mm at 1 m, without a baseline (deviation)
+    depth_step: float = 1.0  # mm, without a baseline: depth comes in multiples of it
+    flying: tuple[float, float] = (0.0, 0.0)  # fraction of the pixels at an edge that read a depth between both sides
     edge: float = 15.0  # mm between neighbours that make an edge
     dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
 
 
 KINECT = Sensor()
+# Short-range coded light (RealSense SR300 and SR305): fine steps, torn edges, more holes.
+CODED_LIGHT = Sensor(
+    pixel_shift=(0.0, 0.5),
+    block_shift=(0.0, 0.4),
+    baseline=48.0,
+    disparity_noise=(0.0, 0.15),
+    disparity_step=0.03125,
+    flying=(0.0, 0.1),
+    dropout=(0.0, 0.4),
+    holes=(0.0, 0.02),
+)
+# Time of flight (Kinect v2, Azure Kinect): no blocks and no steps, noise of millimetres, flying pixels.
+TIME_OF_FLIGHT = Sensor(
+    pixel_shift=(0.0, 0.3),
+    block_shift=(0.0, 0.0),
+    baseline=0.0,
+    depth_noise=(0.5, 5.0),
+    flying=(0.1, 0.5),
+    dropout=(0.0, 0.3),
+    holes=(0.0, 0.004),
+)
+# A Kinect on a bad day.
+NOISY_KINECT = Sensor(
+    pixel_shift=(0.2, 0.6),
+    block_shift=(0.4, 1.2),
+    disparity_noise=(0.05, 0.2),
+    dropout=(0.05, 0.3),
+    holes=(0.0, 0.015),
+)
 
 
 def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera) -> Floats:
@@ -48,7 +82,12 @@ def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], se
     for first in range(0, len(depth), _CHUNK):
         chunk = slice(first, first + _CHUNK)
         out[chunk] = _shift(rng, depth[chunk], sensor)
-        _measure(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
+        if sensor.flying[1]:
+            _fly(rng, out[chunk], limits[chunk], sensor)
+        if sensor.baseline:
+            _measure(rng, out[chunk], limits[chunk], sensor, camera.fx * sensor.baseline)
+        else:
+            _time(rng, out[chunk], limits[chunk], sensor)
         _drop(rng, out[chunk], limits[chunk], sensor)
     return out
 
@@ -96,20 +135,51 @@ def _measure(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Senso
     depth.reshape(-1)[seen] = np.float32(focal_baseline / sensor.disparity_step) / disparity
 
 
-def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
-    """Pixels and small holes at edges that are not read, in place."""
-    N, H, W = depth.shape
-    edge = np.zeros((N, H, W), dtype=bool)
+def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
+    """Noise and rounding of the depth, in place."""
+    deviation = np.broadcast_to(_draw(rng, sensor.depth_noise, len(depth)), depth.shape)
+    seen = np.flatnonzero(depth < far)
+    true = depth.reshape(-1)[seen]
+    noise = rng.standard_normal(len(seen), dtype=np.float32) * deviation.reshape(-1)[seen]
+    step = np.float32(sensor.depth_step)
+    depth.reshape(-1)[seen] = np.rint((true + noise * (true / 1000) ** 2) / step) * step
+
+
+def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
+    """Pixels at edges read a depth between their own and that of a neighbour, in place; behind ``far`` is nothing."""
+    _, H, W = depth.shape
+    where = _at_edges(depth, sensor)
+    frame, pixel = np.divmod(where, H * W)
+    flies = rng.random(len(where)) < _draw(rng, sensor.flying, len(depth))[frame, 0, 0]
+    where, frame, pixel = where[flies], frame[flies], pixel[flies]
+    step = rng.integers(0, 4, len(where))
+    row = np.clip(pixel // W + np.array([-1, 1, 0, 0])[step], 0, H - 1)
+    column = np.clip(pixel % W + np.array([0, 0, -1, 1])[step], 0, W - 1)
+    own, other = depth.reshape(-1)[where], depth[frame, row, column]
+    part = rng.random(len(where), dtype=np.float32) / 2  # the rest of the mixture is the neighbour's
+    mixed = own + part * (other - own)
+    depth.reshape(-1)[where] = np.where((own < far[frame, 0, 0]) & (other < far[frame, 0, 0]), mixed, own)
+
+
+def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
+    """Flat indices of the pixels with a neighbour at another depth."""
+    edge = np.zeros(depth.shape, dtype=bool)
     across = np.abs(depth[:, :, 1:] - depth[:, :, :-1]) > sensor.edge
     down = np.abs(depth[:, 1:] - depth[:, :-1]) > sensor.edge
     edge[:, :, 1:] |= across
     edge[:, :, :-1] |= across
     edge[:, 1:] |= down
     edge[:, :-1] |= down
-    where = np.flatnonzero(edge)
+    return np.flatnonzero(edge)
+
+
+def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
+    """Pixels and small holes at edges that are not read, in place."""
+    _, H, W = depth.shape
+    where = _at_edges(depth, sensor)
     frame = where // (H * W)
-    dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, N)[frame, 0, 0]]
-    holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, N)[frame, 0, 0]]
+    dropped = where[rng.random(len(where)) < _draw(rng, sensor.dropout, len(depth))[frame, 0, 0]]
+    holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, len(depth))[frame, 0, 0]]
     n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
     around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
     depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[n, 0, 0]

@@ -1,4 +1,4 @@
-"""Skeleton: an articulated body as a table, read from a prototxt file and written to one.
+"""Skeleton: an articulated body as a table, read from a prototxt file (skeleton_file.py).
 
 ``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Its degrees of freedom (DoF)
 have the value
@@ -22,69 +22,13 @@ from typing import Literal
 
 import numpy as np
 
+from layers.hand.skeleton_file import Axis, DofParameter, SkeletonParameter
 from netlib import prototxt, schema
 from netlib.blob import Array
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.paths import find
-from netlib.prototxt import Position, Scalar
-from netlib.schema import Double
 
-Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
 NYU_HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
-DECIMALS = 6  # of the numbers in a file, as in the packaged hand
-
-
-# ---------------------------------------------------------------------------------------------- the file
-
-
-@dataclass(frozen=True)
-class DofParameter:
-    """The ``dof { ... }`` of a skeleton file."""
-
-    name: str
-    initial: Double = 0.0  # added to the input
-    lower: Double = -np.inf  # limits of the input
-    upper: Double = np.inf
-    fixed: bool = False  # keeps the initial value, ignores the input
-
-
-@dataclass(frozen=True)
-class MotionParameter:
-    """The ``rotate { ... }`` or ``translate { ... }`` of a joint: a DoF about or along a local axis."""
-
-    axis: Axis
-    dof: str
-
-
-@dataclass(frozen=True)
-class BoneParameter:
-    """The ``bone { ... }`` of a joint."""
-
-    axis: Axis
-    length: Double
-
-
-@dataclass(frozen=True)
-class JointParameter:
-    """The ``joint { ... }`` of a skeleton file."""
-
-    name: str
-    parent: str | None = None  # none: starts at the origin
-    translate: tuple[MotionParameter, ...] = ()
-    rotate: tuple[MotionParameter, ...] = ()
-    bone: BoneParameter | None = None
-
-
-@dataclass(frozen=True)
-class SkeletonParameter:
-    """A whole skeleton file."""
-
-    name: str = ""
-    dof: tuple[DofParameter, ...] = ()
-    joint: tuple[JointParameter, ...] = ()  # in output order
-
-
-# --------------------------------------------------------------------------------------------- the table
 
 
 @dataclass(frozen=True)
@@ -152,10 +96,18 @@ class Skeleton:
         return Skeleton(replace(self.param, dof=tuple(dofs), joint=tuple(joints)))
 
     def scaled(self, scale: float) -> Skeleton:
-        """The same body ``scale`` times as large: bones, and initial values of translations."""
+        """The same body ``scale`` times as large: bones, initial values of translations, flesh."""
         slides = {m.dof for own in self.motions for m in own if m.kind == "translate"}
         dofs = [replace(d, initial=d.initial * scale) if i in slides else d for i, d in enumerate(self.param.dof)]
-        return self.with_numbers(dofs, self.bones * scale)
+        longer = self.with_numbers(dofs, self.bones * scale).param
+        return Skeleton(replace(longer, flesh=longer.flesh and longer.flesh.scaled(scale)))
+
+    def with_flesh(self) -> Skeleton:
+        """The body with the joints and DoFs that only its flesh has, after its own."""
+        flesh = self.param.flesh
+        if flesh is None:
+            raise NetlibError(f"skeleton {self.name!r} has no flesh {{ ... }}; expected capsules about its bones")
+        return Skeleton(replace(self.param, dof=self.param.dof + flesh.dof, joint=self.param.joint + flesh.joint))
 
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
@@ -217,9 +169,6 @@ def _signed(axis: Axis) -> tuple[int, float]:
     return "XYZ".index(axis[-1]), -1.0 if axis.startswith("NEG_") else 1.0
 
 
-# ------------------------------------------------------------------------------------- reading and writing
-
-
 def load(path: str | Path = NYU_HAND) -> Skeleton:
     """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
     return _load(Path(path), Path(path).resolve())
@@ -234,33 +183,3 @@ def _load(path: Path, whole_path: Path) -> Skeleton:
 def load_for(name: str, source: str | None) -> Skeleton:
     """The skeleton that the prototxt ``source`` names; the NYU hand if it names none."""
     return load(find(name, source) if name else NYU_HAND)
-
-
-def text_of(skeleton: Skeleton, name: str, comment: str) -> str:
-    """A file like the packaged ones, of this name and with a comment at the top; numbers have ``DECIMALS``."""
-    param = skeleton.param
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
-    lines += [f"name: {_quoted(name)}", ""]
-    width = max((len(_quoted(d.name)) for d in param.dof), default=0)
-    for i, d in enumerate(param.dof):
-        fields = [f"name: {_quoted(d.name).ljust(width)}", f"initial: {_number(d.initial).rjust(9)}"]
-        fields += ["fixed: true"] if d.fixed else [f"lower: {_number(d.lower)} upper: {_number(d.upper)}"]
-        lines.append(f"dof {{ {'  '.join(fields)} }}  # {i}")
-    lines += ["", f"# Joints in output order: {len(param.joint)} x (x, y, z)."]
-    for i, j in enumerate(param.joint):
-        parent = f" parent: {_quoted(j.parent)}" if j.parent is not None else ""
-        lines += [f"joint {{  # {i}", f"  name: {_quoted(j.name)}{parent}"]
-        for kind, motions in (("translate", j.translate), ("rotate", j.rotate)):
-            lines += [f"  {kind} {{ axis: {motion.axis} dof: {_quoted(motion.dof)} }}" for motion in motions]
-        if j.bone:
-            lines.append(f"  bone {{ axis: {j.bone.axis} length: {_number(j.bone.length)} }}")
-        lines.append("}")
-    return "\n".join(lines) + "\n"
-
-
-def _quoted(text: str) -> str:
-    return str(Scalar("string", text, Position("", 1, 1)))
-
-
-def _number(number: float) -> str:
-    return str(int(number)) if float(number).is_integer() else f"{number:.{DECIMALS}f}"

@@ -23,7 +23,7 @@ def test_every_study_is_a_net_and_a_solver() -> None:
         assert all(layer.type == "SmoothL1Loss" for layer in layers if "smooth_l1_loss_param" in layer.blocks)
         schema.read(prototxt.parse(solver, study.name), SolverParameter, "solver")
         same = (net == ablation.NET, solver == ablation.SOLVER, study.rampup == recipe.rampup)
-        differs = not all(same) or study.frames != recipe.frames or bool(study.options)
+        differs = not all(same) or study.frames != recipe.frames or study.recipe != recipe.recipe
         assert differs == (study is not recipe)
 
 

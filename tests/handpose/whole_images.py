@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.facts.cameras import NYU, Camera
-from handpose.synthetic.render import Capsules, Floats, render
+from handpose.facts.nyu import CUBE_MM
+from handpose.flesh.render import Capsules, Floats, render
+from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsules
+from handpose.synthetic.pose_prior import Hands, HandSampler
+
+ARM_BEHIND = FleshPrior(towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
 
 
 def render_image(capsules: Capsules, camera: Camera = NYU, background: float = np.inf) -> Floats:
@@ -14,3 +19,11 @@ def render_image(capsules: Capsules, camera: Camera = NYU, background: float = n
     x = np.broadcast_to((np.arange(camera.width) - camera.u0) / camera.fx, (N, camera.width))
     y = np.broadcast_to((np.arange(camera.height) - camera.v0) / camera.fy, (N, camera.height))
     return render(capsules, x, y, np.full(N, background))
+
+
+def capsules_of(
+    sampler: HandSampler, rng: np.random.Generator, hands: Hands, center_mm: object, prior: FleshPrior = DEFAULT_FLESH
+) -> Capsules:
+    """Capsules in mm of hands whose crop centres (N, 3) or (3,) are given in mm."""
+    center = np.broadcast_to(np.asarray(center_mm, float), (len(hands.joints), 3))
+    return draw_capsules(rng, prior, sampler.flesh, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center)

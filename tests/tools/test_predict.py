@@ -15,10 +15,9 @@ from handpose.data.images import pack_depth, read_crop, read_frame
 from handpose.facts.cameras import KINECT2, NYU, SR305
 from handpose.facts.nyu import CUBE_MM
 from handpose.predicting import finding
-from handpose.synthetic.flesh import HandShape
 from handpose.synthetic.pose_prior import HandSampler
 from netlib import engine
-from tests.handpose.whole_images import render_image
+from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.tools.conftest import ROOT
 from tools import predict
 
@@ -125,9 +124,9 @@ def frame(snapshot):
 
 def hand_before(camera):
     """Depth (height, width) in whole mm of a hand 700 mm before a camera; 0 where there is none."""
-    sampler, rng = HandSampler(shape=HandShape(forearm_towards_camera=-0.2)), np.random.default_rng(1)
+    sampler, rng = HandSampler(), np.random.default_rng(1)
     hand = sampler.hands(rng, 1)
-    flesh = sampler.flesh.capsules(rng, hand.joints * CUBE_MM / 2 + (30, -20, 700), hand.scale)
+    flesh = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
     depth = render_image(flesh, camera)[0]
     return np.where(np.isfinite(depth), depth, 0).astype(np.uint16)
 

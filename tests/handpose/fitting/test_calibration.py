@@ -12,6 +12,7 @@ from handpose.fitting.calibration import calibrate
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib import prototxt, schema
 from netlib.errors import DataError
 
@@ -45,7 +46,7 @@ def joints_of(hand, inputs):
 def exact():
     """A person, 150 frames of it, and what is found from all joints."""
     truth = person(1)
-    targets = joints_of(truth, poses(150))
+    targets = joints_of(truth, poses(150, seed=1))
     return truth, targets, calibrate(HAND, targets)
 
 
@@ -156,7 +157,7 @@ def test_a_file_gives_the_skeleton_back(exact, tmp_path):
     """All numbers, names and joints; the comment stands above."""
     found = exact[2].skeleton
     path = tmp_path / "me.prototxt"
-    path.write_text(skeleton.text_of(found, "me", "From 150 frames.\nUnits."), encoding="utf-8")
+    path.write_text(text_of(found.param, "me", "From 150 frames.\nUnits."), encoding="utf-8")
     again = skeleton.load(path)
     assert again.name == "me" and path.read_text().startswith('# From 150 frames.\n# Units.\nname: "me"\n')
     for field in ("initial", "lower", "upper", "fixed", "bones", "bone_axes", "parents"):
@@ -171,14 +172,14 @@ def test_packaged_hands_as_text(name):
     """Written and read they are the same; numbers without limits, infinite ones and odd names too."""
 
     def body(text):
-        return skeleton.Skeleton(schema.read(prototxt.parse(text), skeleton.SkeletonParameter, "test"))
+        return skeleton.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
 
     packaged = skeleton.load(skeleton.NYU_HAND.with_name(f"{name}.prototxt"))
-    assert body(skeleton.text_of(packaged, name, "")).param == packaged.param
+    assert body(text_of(packaged.param, name, "")).param == packaged.param
     odd = body(
         'dof { name: "a \\"b\\"\\n" lower: -1e9 } joint { name: "é" rotate { axis: NEG_X dof: "a \\"b\\"\\n" } }'
     )
-    assert body(skeleton.text_of(odd, "", "")).param == odd.param
+    assert body(text_of(odd.param, "", "")).param == odd.param
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting import calibration_problem
 from handpose.fitting.calibration_problem import CalibrationProblem, State
 from layers.hand.bodies import kinematics_of
-from layers.hand.skeleton import Skeleton, SkeletonParameter, load
+from layers.hand.skeleton import Skeleton, load
+from layers.hand.skeleton_file import SkeletonParameter
 from netlib import prototxt, schema
 
 HAND = load()

@@ -11,6 +11,7 @@ from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton_file import SkeletonParameter
 from netlib import prototxt, schema
 from netlib.errors import DataError
 
@@ -49,7 +50,7 @@ def test_a_body_whose_root_does_not_turn():
     text = """dof { name: "bend" }
         joint { name: "root" bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
-    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), skeletons.SkeletonParameter, "arm"))
+    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "arm"))
     bent = np.array([[0.5], [-2.0]])
     assert np.allclose(fit_joints(arm, joints_of(arm, bent)).inputs, bent, atol=1e-6)
 
@@ -61,7 +62,7 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
         dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: X dof: "c" } bone { axis: Y length: 1 } }"""
-    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), skeletons.SkeletonParameter, "arm"))
+    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "arm"))
     found = fit_joints(arm, joints_of(arm, rng.uniform(-2, 1, (50, 3))), limits=limits)
     assert found.residuals.max() < 1e-5
     assert not limits or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()

@@ -9,6 +9,7 @@ from handpose.fitting.particle_swarm import fit_joints_by_swarm
 from handpose.synthetic.pose_prior import HandSampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton_file import SkeletonParameter
 from netlib import prototxt, schema
 from netlib.errors import DataError
 
@@ -35,7 +36,7 @@ def test_a_swarm_on_a_body_without_limits():
         joint { name: "root" rotate { axis: Z dof: "turn" } bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" translate { axis: X dof: "slide" } }"""
     free, bound = (
-        skeletons.Skeleton(schema.read(prototxt.parse(text % limits), skeletons.SkeletonParameter, "telescope"))
+        skeletons.Skeleton(schema.read(prototxt.parse(text % limits), SkeletonParameter, "telescope"))
         for limits in ("", "lower: 0 upper: 1")
     )
     inputs = np.array([[-2.5, 0.3]])

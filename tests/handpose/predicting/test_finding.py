@@ -7,26 +7,25 @@ from handpose.data.nyu_files import read_nyu_depth
 from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
 from handpose.predicting.finding import PALM_MM, depth_around, find_hand, palm_frame, recenter
-from handpose.synthetic.flesh import HandShape
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.nyu_format import whole_image
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
-from layers.hand.skeleton import Skeleton, SkeletonParameter
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
 from netlib import prototxt, schema
 from netlib.errors import DataError
-from tests.handpose.whole_images import render_image
+from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 
-ARM_BEHIND = HandShape(forearm_towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
 EXACT = PosePrior(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)  # all centres at one place of a palm
 COUNT = 16
 
 
 def whole_frames(camera, count=COUNT):
     """Depth images (N, height, width) in mm of hands in free space, and their crop centres (N, 3) in mm."""
-    sampler, rng = HandSampler(shape=ARM_BEHIND), np.random.default_rng(7)
+    sampler, rng = HandSampler(), np.random.default_rng(7)
     hands = sampler.hands(rng, count)
     center = camera.unproject(sampler.centers(rng, count, camera))
-    flesh = sampler.flesh.capsules(rng, hands.joints * CUBE_MM / 2 + center[:, None], hands.scale)
+    flesh = capsules_of(sampler, rng, hands, center, ARM_BEHIND)
     return render_image(flesh, camera), center
 
 

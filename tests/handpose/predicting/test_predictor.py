@@ -13,12 +13,11 @@ from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.predicting import finding
 from handpose.predicting.predictor import LARGEST_MOVE_MM, Predictor
-from handpose.synthetic.flesh import HandShape
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
-from tests.handpose.whole_images import render_image
+from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 
 HAND = skeleton.load()
 NET = """
@@ -54,9 +53,9 @@ def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
 @pytest.fixture(scope="module")
 def frame() -> np.ndarray:
     """Depth (424, 512) in mm of a hand some 700 mm before a Kinect v2 and a wall behind it."""
-    sampler, rng = HandSampler(shape=HandShape(forearm_towards_camera=-0.2)), np.random.default_rng(1)
+    sampler, rng = HandSampler(), np.random.default_rng(1)
     hand = sampler.hands(rng, 1)
-    flesh = sampler.flesh.capsules(rng, hand.joints * CUBE_MM / 2 + (30, -20, 700), hand.scale)
+    flesh = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
     return render_image(flesh, KINECT2, background=1500.0)[0]
 
 

@@ -14,9 +14,10 @@ from handpose.data.crops import crop_pixels, restore_joints, window
 from handpose.data.frames import Frames
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
-from handpose.synthetic.generator import BLOCK, Generator
+from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from handpose.predicting.finding import palm_frame
+from handpose.synthetic.generator import BLOCK, Generator, Recipe, View
 from handpose.synthetic.pose_prior import PosePrior
-from handpose.synthetic.render import Capsules, normalise_depth, render_crop
 from netlib.errors import DataError
 
 
@@ -44,7 +45,7 @@ def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frame
 
 def test_a_generator_in_another_process(generator: Generator, frames: Frames) -> None:
     """Travels as its numbers, and draws the same frames there."""
-    sent = pickle.dumps(Generator(7, "train", PosePrior(), generator.shape, generator.sensor, NYU, 300.0))
+    sent = pickle.dumps(Generator(7, "train", Recipe()))
     assert len(sent) < 10_000
     assert_equal(pickle.loads(sent).block(0), frames)
 
@@ -61,7 +62,7 @@ def test_the_scene_of_a_block(generator: Generator, frames: Frames) -> None:
 
 def test_joints_are_inside_the_flesh() -> None:
     """Along the ray through a joint the surface is in front of it; mostly no more than a finger or palm in front."""
-    frames = Generator(seed=3, sensor=None).block(0)
+    frames = Generator(seed=3, recipe=Recipe(views=(View(NYU, None),))).block(0)
     joints = frames.joint.reshape(-1, 31, 3).astype(float)
     xyz = restore_joints(joints, frames.center, frames.half_cube)
     at = np.rint(crop_pixels(NYU.project(xyz), frames.center_uvd, 300.0)).astype(int)
@@ -76,7 +77,7 @@ def test_joints_are_inside_the_flesh() -> None:
 def test_nothing_is_seen_outside_the_image() -> None:
     """Hands at the border of the image: no ragged edge reaches into crop pixels that no image pixel fills."""
     at_the_border = PosePrior(lateral_x=(-0.5, 0.02), lateral_y=(0.38, 0.02), depth=(550, 560))
-    frames = Generator(prior=at_the_border).block(0)
+    frames = Generator(recipe=Recipe(at_the_border)).block(0)
     picked = window(frames.center_uvd, 300.0)
     outside = (picked.columns < 0)[:, None, :] | (picked.rows < 0)[:, :, None]
     assert outside.any(axis=(1, 2)).mean() > 0.9
@@ -96,8 +97,13 @@ def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
     real = published / 127.5 - 1
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][frame].astype(float)
     joints = NYU.unproject(uvd[list(ANNOTATION_OF_JOINT)])[None]
-    flesh = generator.sampler.flesh.capsules(np.random.default_rng(0), joints, np.ones(1))
-    hand = Capsules(*(values[:, :-1] for values in flesh))  # without the forearm, whose direction is not annotated
+    flesh = generator.sampler.flesh
+    palm = palm_frame(joints[0], generator.sampler.skeleton)[None]
+    joints = np.concatenate([joints, np.zeros((1, len(flesh.whole.joint_names) - 31, 3))], axis=1) / 150
+    ends = flesh.ends_at(joints, dict.fromkeys(flesh.offsets, palm)) * 150
+    own = ~flesh.limbs  # without the forearm, whose direction is not annotated
+    radii = flesh.radii[None, own] * 150
+    hand = Capsules(ends[:, flesh.start[own]], ends[:, flesh.end[own]], radii[..., 0], radii[..., 1])
     center = uvd[None, CENTER_JOINT]
     made = normalise_depth(render_crop(hand, center, 300.0), center[:, 2], 300.0)[0]
     wrist = int(crop_pixels(uvd[None, 30:32], center, 300.0)[0, :, 1].min())
@@ -108,11 +114,11 @@ def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
     assert np.abs(apart).mean() < 6
 
 
-def test_crops_look_like_real_ones(frames: Frames) -> None:
+def test_crops_look_like_real_ones(generator: Generator) -> None:
     """As much background as real crops have (67% and 73%), and hands at the same depth (median -27 mm)."""
-    background = (frames.depth == 1).mean(axis=(1, 2, 3))
-    assert 0.65 < np.median(background) < 0.85
-    assert np.median(frames.depth[frames.depth < 1]) * 150 == pytest.approx(-27, abs=12)
+    depth = np.concatenate([generator.block(number).depth for number in range(4)])
+    assert 0.65 < np.median((depth == 1).mean(axis=(1, 2, 3))) < 0.85
+    assert np.median(depth[depth < 1]) * 150 == pytest.approx(-27, abs=15)
 
 
 def test_mistakes() -> None:

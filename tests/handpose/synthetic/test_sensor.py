@@ -12,7 +12,9 @@ from handpose.facts.cameras import NYU
 from handpose.synthetic.sensor import Sensor, sense
 
 FAR = np.array([950.0, 950.0])
-PERFECT = Sensor((0, 0), (0, 0), 75.0, (0, 0), 0.125, 15.0, (0, 0), (0, 0))
+PERFECT = Sensor(
+    pixel_shift=(0, 0), block_shift=(0, 0), disparity_noise=(0, 0), disparity_step=0.125, dropout=(0, 0), holes=(0, 0)
+)
 
 
 def slope() -> np.ndarray:

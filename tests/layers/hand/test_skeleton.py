@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import netlib
-from layers.hand.skeleton import load, load_for, text_of
+from layers.hand.skeleton import load, load_for
+from layers.hand.skeleton_file import text_of
 
 HAND = load()
 
@@ -48,12 +49,12 @@ def test_the_hand_has_26_free_dofs_of_47_and_31_joints():
 def test_a_written_skeleton_reads_back_the_same(tmp_path):
     """Names, axes, parents, limits and all numbers, to their decimals; then text and table agree exactly."""
     path = tmp_path / "again.prototxt"
-    path.write_text(text_of(HAND, "again", "A comment\nof two lines."))
+    path.write_text(text_of(HAND.param, "again", "A comment\nof two lines."))
     back = load(path)
     assert back.name == "again"
     assert back.param.joint == HAND.param.joint
     assert back.param.dof == HAND.param.dof
-    assert text_of(back, "again", "A comment\nof two lines.") == path.read_text()
+    assert text_of(back.param, "again", "A comment\nof two lines.") == path.read_text()
 
 
 def test_a_scaled_hand():

@@ -1,4 +1,4 @@
-"""handpose/synthetic/render.py"""
+"""handpose/flesh/render.py"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import crop, window
 from handpose.facts.cameras import NYU
-from handpose.synthetic.render import Capsules, normalise_depth, render_crop
+from handpose.flesh.render import Capsules, normalise_depth, render_crop
 from netlib.errors import DataError
 from tests.handpose.whole_images import render_image
 

@@ -1,0 +1,120 @@
+"""Flesh: the capsules of a skeleton file as a table, where a pose puts them, and how deep they are in each other.
+
+A capsule goes from one joint to another, with a radius at both. Where it ends beside the joint, the ``offset`` o of the
+joint says how far, along axes that turn with a joint f of the body:
+
+    E_j = X_j + size R_f o_j        with the pose's joints X_j and rotations R_f = world_from_f
+
+All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the skeleton with what only
+its flesh has (a forearm) after its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Kinematics, Pose
+from layers.hand.skeleton import Skeleton
+from netlib import schema
+from netlib.blob import Array
+from netlib.errors import PrototxtError, did_you_mean
+
+
+class Flesh:
+    """The M capsules of a skeleton; of the same skeleton the same tables.
+
+    whole      the skeleton with the flesh's own joints and DoFs
+    start, end (M,) joints that the capsules go from and to
+    radii      (M, 2) at both
+    limbs      (M,) bool: it ends at a joint that only the flesh has
+    offsets    per joint f that has some: the joints j, and their o_j (n, 3) in its axes
+    apart      two arrays (P,): pairs of capsules that should not be in each other
+    """
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self.skeleton, self.whole = skeleton, skeleton.with_flesh()
+        flesh = skeleton.param.flesh
+        assert flesh is not None  # with_flesh says so
+        if not flesh.capsule:
+            raise PrototxtError(schema.position_of(flesh), "no capsule in the flesh")
+        self.start = np.array([self._joint(c, "from", c.from_) for c in flesh.capsule])
+        self.end = np.array([self._joint(c, "to", c.to) for c in flesh.capsule])
+        for c in flesh.capsule:
+            if len(c.radius) not in (1, 2) or not all(0 < r < np.inf for r in c.radius):
+                raise PrototxtError(
+                    schema.position_of(c), f"radius {', '.join(map(str, c.radius))}; expected one or two > 0"
+                )
+        self.radii = np.array([(c.radius * 2)[:2] for c in flesh.capsule])
+        self.limbs = self.end >= len(skeleton.joint_names)
+        self.offsets: dict[int, tuple[NDArray[np.int_], Array]] = {}
+        axes = np.array([self._joint(o, "axes", o.axes) for o in flesh.offset], dtype=int)
+        joints = np.array([self._joint(o, "joint", o.joint) for o in flesh.offset], dtype=int)
+        vectors = np.array([(o.x, o.y, o.z) for o in flesh.offset]).reshape(-1, 3)
+        for f in np.unique(axes):
+            self.offsets[int(f)] = joints[axes == f], vectors[axes == f]
+        self.deviation = np.array([d.deviation for d in self.whole.param.dof])
+        self.parts = [c.part for c in flesh.capsule]
+        self.apart = self._keep_apart()
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """That of the whole body, in the engine in use."""
+        return kinematics_of(self.whole)
+
+    def ends(self, pose: Pose, size: Array | float = 1.0, offset: Array | float = 1.0) -> Array:
+        """Where the capsules of each joint end, (N, K, 3), in poses of the whole body.
+
+        size, offset  (N,) factors of the offsets
+        """
+        return self.ends_at(pose.joints, {f: self.kinematics.rotation_of(pose, f) for f in self.offsets}, size, offset)
+
+    def ends_at(
+        self, joints: Array, rotations: dict[int, Array], size: Array | float = 1.0, offset: Array | float = 1.0
+    ) -> Array:
+        """``ends`` of given joints (N, K, 3) and rotations (N, 3, 3) of the joints whose axes the offsets have."""
+        ends = joints.copy()
+        factor = np.broadcast_to(np.multiply(size, offset), len(joints))[:, None, None]
+        for f, (own, vectors) in self.offsets.items():
+            ends[:, own] += factor * (vectors @ rotations[f].swapaxes(1, 2))
+        return ends
+
+    def penetration(self, ends: Array, radii: Array) -> Array:
+        """How deep (N,) two parts that should keep apart are in each other; ends (N, K, 3), radii (N, M, 2)."""
+        i, j = self.apart
+        a, b = (ends[:, joints].transpose(2, 1, 0) for joints in (self.start, self.end))
+        s, t, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
+        r = radii.transpose(1, 2, 0)
+        thick = r[i, 0] + s * (r[i, 1] - r[i, 0]) + r[j, 0] + t * (r[j, 1] - r[j, 0])
+        return np.asarray((thick - distance).max(axis=0, initial=-np.inf))
+
+    def _joint(self, param: object, field: str, name: str) -> int:
+        if name not in self.whole.joint_names:
+            where = schema.position_of(param, field)
+            raise PrototxtError(where, f"unknown joint {name!r}{did_you_mean(name, self.whole.joint_names)}")
+        return self.whole.joint_names.index(name)
+
+    def _keep_apart(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """Capsules of different parts that are not in each other when the body is at rest, all inputs 0."""
+        named = [m for m, part in enumerate(self.parts) if part]
+        pairs = [(i, j) for i, j in itertools.combinations(named, 2) if self.parts[i] != self.parts[j]]
+        i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
+        ends = self.ends(self.kinematics.forward(np.zeros((1, len(self.whole.initial)))))
+        a, b = (ends[0, joints].T for joints in (self.start, self.end))
+        _, _, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
+        clear = distance > self.radii[i].max(axis=1) + self.radii[j].max(axis=1)
+        return i[clear], j[clear]
+
+
+def _between(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Array]:
+    """Nearest points of the segments ab and cd, arrays (3, ...): where on each, 0 to 1, and their distance."""
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (u * u).sum(0), (v * v).sum(0), (u * v).sum(0)
+    uw, vw = (u * w).sum(0), (v * w).sum(0)
+    s = np.clip((uv * vw - uw * vv) / np.maximum(uu * vv - uv * uv, 1e-9), 0, 1)
+    t = np.clip((uv * s + vw) / np.maximum(vv, 1e-9), 0, 1)
+    s = np.clip((uv * t - uw) / np.maximum(uu, 1e-9), 0, 1)
+    return s, t, np.sqrt(((w + s * u - t * v) ** 2).sum(0))

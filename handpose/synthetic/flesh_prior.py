@@ -1,0 +1,123 @@
+"""Whose flesh a hand has: thicknesses, forearms, sleeves, as numbers, and capsules drawn from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handpose.flesh.flesh import Flesh
+from handpose.flesh.render import Capsules
+from handpose.synthetic.pose_prior import cut_normal
+from netlib.blob import Array
+
+CLEAR_MM = 40.0  # a forearm that comes so near to the camera's plane ends there
+
+
+@dataclass(frozen=True)
+class FleshPrior:
+    """How the flesh of hands differs from the skeleton file's. A limb is what only the flesh has: the forearm."""
+
+    thickness_std: float = 0.08  # normal: all radii of a hand together
+    radius_std: float = 0.0  # normal: each radius by itself
+    clip: float = 2.5  # both are cut at so many deviations
+    offsets: tuple[float, float] = (1.0, 1.0)  # uniform: how far capsules end beside their joints, of the file's
+    limb: tuple[float, float] = (1.0, 1.0)  # uniform: radii of limbs, of the file's
+    towards_camera: float = 0.35  # largest part of a limb's direction that may point at the camera, else ...
+    redraws: int = 12  # ... its angles are drawn again, so often, from the file's deviations to ...
+    redraw_wider: float = 3.0  # ... so many times those; of all draws the best is kept
+    cut: float = 0.0  # this fraction of limbs ends early (out of the picture, or masked away) ...
+    cut_at: tuple[float, float] = (0.1, 0.9)  # ... uniform: at this part of its length
+    sleeve: float = 0.0  # this fraction of limbs wears one ...
+    sleeve_from: tuple[float, float] = (0.0, 0.5)  # ... uniform: from this part of its length on
+    sleeve_mm: tuple[float, float] = (2.0, 15.0)  # ... uniform: so much thicker
+
+
+DEFAULT_FLESH = FleshPrior()
+# Another hand than the one that a fit believes in: to test fits on hands that they do not know.
+OTHER_FLESH = FleshPrior(thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4)
+# People in front of a camera.
+ANYBODY = FleshPrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
+
+
+def draw_capsules(
+    rng: np.random.Generator, prior: FleshPrior, flesh: Flesh, inputs: Array, bones: Array, scale: Array,
+    unit_mm: float, origin: Array,
+) -> Capsules:  # fmt: skip
+    """The capsules of N hands and their limbs, in mm, camera axes.
+
+    inputs   (N, D) of the skeleton (what the flesh has beside it is drawn)
+    bones    (N, K) of the whole body
+    scale    (N,) size of each hand
+    unit_mm  what a length of 1 stands for
+    origin   (N, 3) mm, where the inputs' origin is
+    """
+    N, M = len(inputs), len(flesh.radii)
+    offset = rng.uniform(*prior.offsets, N)
+    ends = _least_towards_camera(rng, prior, flesh, inputs, bones, scale, offset)
+    thickness = scale * (1 + prior.thickness_std * cut_normal(rng, (N,), prior.clip))
+    radii = flesh.radii * thickness[:, None, None]
+    if prior.radius_std:
+        radii = radii * (1 + prior.radius_std * cut_normal(rng, (N, M, 2), prior.clip))
+    radii[:, flesh.limbs] *= rng.uniform(*prior.limb, (N, 1, 1))
+    a, b = (origin[:, None] + ends[:, joints] * unit_mm for joints in (flesh.start, flesh.end))
+    radii *= unit_mm
+    cut = np.where(rng.random(N) < prior.cut, rng.uniform(*prior.cut_at, N), 1.0)
+    worn = rng.random(N) < prior.sleeve
+    sleeve_from = rng.uniform(*prior.sleeve_from, N)
+    thicker = np.where(worn, rng.uniform(*prior.sleeve_mm, N), 0.0)
+    sleeves = []
+    for m in np.flatnonzero(flesh.limbs):
+        a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
+        b[:, m], radii[:, m] = _before_the_camera(a[:, m], b[:, m], radii[:, m])
+        if prior.sleeve:
+            sleeves.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
+    for start, end, r in sleeves:  # who wears none has a second arm in the same place
+        a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
+        radii = np.concatenate([radii, r[:, None]], axis=1)
+    return Capsules(a, b, radii[:, :, 0], radii[:, :, 1])
+
+
+def _least_towards_camera(
+    rng: np.random.Generator, prior: FleshPrior, flesh: Flesh, inputs: Array, bones: Array, scale: Array, offset: Array
+) -> Array:
+    """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the camera, or the best."""
+    whole, own = flesh.whole, len(flesh.skeleton.initial)
+    free = own + np.flatnonzero(~whole.fixed[own:] & np.isfinite(flesh.deviation[own:]))
+    posed = np.zeros((len(inputs), len(whole.initial)))
+    posed[:, :own] = inputs[:, :own]
+    least = np.full(len(inputs), np.inf)
+    best = np.zeros((len(inputs), len(whole.joint_names), 3))
+    todo = np.arange(len(inputs))
+    for wider in np.linspace(1, prior.redraw_wider, 1 + prior.redraws):
+        trial = posed[todo]
+        drawn = wider * flesh.deviation[free] * rng.standard_normal((len(todo), len(free)))
+        trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
+        ends = flesh.ends(flesh.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo])
+        limb = ends[:, flesh.end[flesh.limbs]] - ends[:, flesh.start[flesh.limbs]]
+        towards = (-limb[..., 2] / np.linalg.norm(limb, axis=-1)).max(axis=1, initial=-1.0)
+        better = towards < least[todo]
+        best[todo[better]], least[todo[better]] = ends[better], towards[better]
+        todo = np.flatnonzero(least > prior.towards_camera)
+        if not len(todo):
+            break
+    return best
+
+
+def _piece(a: Array, b: Array, radii: Array, first: Array, last: Array) -> tuple[Array, Array, Array]:
+    """The capsule (N, 3), (N, 3), (N, 2) from the part ``first`` (N,) of its length to the part ``last``."""
+    along, wider = b - a, radii[:, 1] - radii[:, 0]
+    return (
+        a + first[:, None] * along,
+        a + last[:, None] * along,
+        np.stack([radii[:, 0] + first * wider, radii[:, 0] + last * wider], axis=1),
+    )
+
+
+def _before_the_camera(a: Array, b: Array, radii: Array) -> tuple[Array, Array]:
+    """End and radii of a capsule that ends where its surface comes within CLEAR_MM of the camera's plane."""
+    near_a, near_b = a[:, 2] - radii[:, 0], b[:, 2] - radii[:, 1]
+    part = np.clip((near_a - CLEAR_MM) / np.maximum(near_a - near_b, 1e-9), 0, 1)
+    part = np.where(near_b < CLEAR_MM, part, 1.0)
+    _, end, cut = _piece(a, b, radii, np.zeros(len(a)), part)
+    return end, cut

@@ -1,0 +1,173 @@
+"""The skeleton file: an articulated body as text, its messages, and how one is written.
+
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in the unit of the
+bones (the hand: half-cubes), angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
+
+``flesh`` is the body around the bones: capsules, which are round cones with a sphere at either end, from one joint to
+another. Who only computes joints does not need it.
+
+    dof, joint  what the flesh has beside the skeleton: joints that nobody predicts and the camera sees (a forearm)
+    offset      how far beside a joint the capsules that come to it end
+    capsule     the round cones
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from netlib.prototxt import Position, Scalar
+from netlib.schema import Double
+
+Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+DECIMALS = 6  # of the numbers in a file, as in the packaged hand
+
+
+@dataclass(frozen=True)
+class DofParameter:
+    """The ``dof { ... }`` of a skeleton file."""
+
+    name: str
+    initial: Double = 0.0  # added to the input
+    lower: Double = -np.inf  # limits of the input
+    upper: Double = np.inf
+    fixed: bool = False  # keeps the initial value, ignores the input
+    deviation: Double = np.inf  # of the inputs that occur, about 0; inf: not known
+
+
+@dataclass(frozen=True)
+class MotionParameter:
+    """The ``rotate { ... }`` or ``translate { ... }`` of a joint: a DoF about or along a local axis."""
+
+    axis: Axis
+    dof: str
+
+
+@dataclass(frozen=True)
+class BoneParameter:
+    """The ``bone { ... }`` of a joint."""
+
+    axis: Axis
+    length: Double
+
+
+@dataclass(frozen=True)
+class JointParameter:
+    """The ``joint { ... }`` of a skeleton file."""
+
+    name: str
+    parent: str | None = None  # none: starts at the origin
+    translate: tuple[MotionParameter, ...] = ()
+    rotate: tuple[MotionParameter, ...] = ()
+    bone: BoneParameter | None = None
+
+
+@dataclass(frozen=True)
+class OffsetParameter:
+    """An ``offset { ... }``: capsules end so far from the joint, along the axes that turn with another joint."""
+
+    joint: str
+    axes: str
+    x: Double = 0.0
+    y: Double = 0.0
+    z: Double = 0.0
+
+
+@dataclass(frozen=True)
+class CapsuleParameter:
+    """A ``capsule { ... }``: a round cone between two joints."""
+
+    from_: str
+    to: str
+    radius: tuple[Double, ...]  # at ``from`` and at ``to``; or one for both
+    part: str = ""  # capsules of different parts do not run through each other; "": may be in anything
+
+
+@dataclass(frozen=True)
+class FleshParameter:
+    """The ``flesh { ... }`` of a skeleton file."""
+
+    dof: tuple[DofParameter, ...] = ()
+    joint: tuple[JointParameter, ...] = ()
+    offset: tuple[OffsetParameter, ...] = ()
+    capsule: tuple[CapsuleParameter, ...] = ()
+
+    def scaled(self, scale: float) -> FleshParameter:
+        """The same flesh about a body ``scale`` times as large."""
+
+        def longer(joint: JointParameter) -> JointParameter:
+            return replace(joint, bone=joint.bone and replace(joint.bone, length=joint.bone.length * scale))
+
+        return replace(
+            self,
+            joint=tuple(longer(joint) for joint in self.joint),
+            offset=tuple(replace(o, x=o.x * scale, y=o.y * scale, z=o.z * scale) for o in self.offset),
+            capsule=tuple(replace(c, radius=tuple(r * scale for r in c.radius)) for c in self.capsule),
+        )
+
+
+@dataclass(frozen=True)
+class SkeletonParameter:
+    """A whole skeleton file."""
+
+    name: str = ""
+    dof: tuple[DofParameter, ...] = ()
+    joint: tuple[JointParameter, ...] = ()  # in output order
+    flesh: FleshParameter | None = None
+
+
+def text_of(param: SkeletonParameter, name: str, comment: str) -> str:
+    """A file like the packaged ones, of this name and with a comment at the top; numbers have ``DECIMALS``."""
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    lines += [f"name: {_quoted(name)}", ""]
+    lines += _dof_lines(param.dof)
+    lines += ["", f"# Joints in output order: {len(param.joint)} x (x, y, z)."]
+    lines += _joint_lines(param.joint)
+    if param.flesh is not None:
+        lines += ["", "flesh {", *(f"  {line}" for line in _flesh_lines(param.flesh)), "}"]
+    return "\n".join(lines) + "\n"
+
+
+def _dof_lines(dofs: tuple[DofParameter, ...]) -> Iterator[str]:
+    width = max((len(_quoted(d.name)) for d in dofs), default=0)
+    for i, d in enumerate(dofs):
+        fields = [f"name: {_quoted(d.name).ljust(width)}", f"initial: {_number(d.initial).rjust(9)}"]
+        fields += ["fixed: true"] if d.fixed else [f"lower: {_number(d.lower)} upper: {_number(d.upper)}"]
+        fields += [f"deviation: {_number(d.deviation)}"] if np.isfinite(d.deviation) else []
+        yield f"dof {{ {'  '.join(fields)} }}  # {i}"
+
+
+def _joint_lines(joints: tuple[JointParameter, ...]) -> Iterator[str]:
+    for i, j in enumerate(joints):
+        parent = f" parent: {_quoted(j.parent)}" if j.parent is not None else ""
+        yield f"joint {{  # {i}"
+        yield f"  name: {_quoted(j.name)}{parent}"
+        for kind, motions in (("translate", j.translate), ("rotate", j.rotate)):
+            for motion in motions:
+                yield f"  {kind} {{ axis: {motion.axis} dof: {_quoted(motion.dof)} }}"
+        if j.bone:
+            yield f"  bone {{ axis: {j.bone.axis} length: {_number(j.bone.length)} }}"
+        yield "}"
+
+
+def _flesh_lines(flesh: FleshParameter) -> Iterator[str]:
+    yield from _dof_lines(flesh.dof)
+    yield from _joint_lines(flesh.joint)
+    for o in flesh.offset:
+        place = f"x: {_number(o.x)} y: {_number(o.y)} z: {_number(o.z)}"
+        yield f"offset {{ joint: {_quoted(o.joint)} axes: {_quoted(o.axes)} {place} }}"
+    for c in flesh.capsule:
+        radii = " ".join(f"radius: {_number(r)}" for r in c.radius)
+        part = f" part: {_quoted(c.part)}" if c.part else ""
+        yield f"capsule {{ from: {_quoted(c.from_)} to: {_quoted(c.to)} {radii}{part} }}"
+
+
+def _quoted(text: str) -> str:
+    return str(Scalar("string", text, Position("", 1, 1)))
+
+
+def _number(number: float) -> str:
+    return str(int(number)) if float(number).is_integer() else f"{number:.{DECIMALS}f}"
