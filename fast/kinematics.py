@@ -100,6 +100,7 @@ class FastKinematics(Kinematics):
         self.free = np.flatnonzero(~skeleton.fixed[self.dof_of])
         self.spare: FastPose | None = None
         self._slides = np.flatnonzero([step.kind == "translate" for _, step in moving])
+        self._joint_of = np.array([j for j, _ in moving], dtype=int)
         carried = skeleton.carries[[j for j, _ in moving]].reshape(len(moving), len(skeleton.parents))
         self._moves = carried.astype(self.dtype)
         self.groups, self._places = _groups(skeleton, steps, self.dtype)
@@ -198,6 +199,12 @@ class FastKinematics(Kinematics):
             directions[group.joints] = frame[group.bone_axis]
         directions[self.skeleton.bone_axes < 0] = 0
         return directions.transpose(2, 0, 1)
+
+    def axes(self, pose: Pose) -> tuple[Array, Array]:
+        """Pivots are moved to where the roots are."""
+        assert isinstance(pose, FastPose)
+        start = (pose.X - pose.local)[self._joint_of[self.free]]
+        return pose.axis[self.free].transpose(2, 0, 1), (pose.pivot[self.free] + start).transpose(2, 0, 1)
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """From the frame of its group."""

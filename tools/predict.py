@@ -1,17 +1,22 @@
 #!/usr/bin/env python3
-"""Predict the hand in depth images: the joints, and a picture with the skeleton on the depth and in space.
+"""Find the hand in depth images: its joints, how sure they are, and a picture.
 
-    python tools/predict.py snapshots/nyu_iter_1000.caffemodel.h5 crop.png --out pictures
-    python tools/predict.py snapshots/nyu_iter_1000.caffemodel.h5 frame.png --camera kinect2 --out pictures
+    python tools/predict.py frame.png --camera kinect2 --out pictures
+    python tools/predict.py crop.png --out pictures
 
-The first reads a crop: a square 8-bit picture of normalised depth, in which value v stands for the depth centre +
-(v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white; it is resized to 128 x 128.
+The network of models/synthetic_hand predicts a pose, and a fit moves it until it explains the depth (--fit fast takes a
+third of the time, --fit no leaves the network alone). --weights takes a network of one's own.
 
 With --camera, the images are whole depth frames: 16-bit grey PNG, 0 where the camera read nothing; with --camera nyu
-also NYU's colour packing. The nearest thing is taken for the hand, unless --center says where the hand is. The crop is
-then moved to the palm that the network sees in it, --refine times; give 0 for networks whose training crops have
-another centre than NYU's, such as ICVL's. A network knows the hand of its training data: for NYU and the synthetic
-hands this is a right hand, in an image that is not mirrored. Use --mirror for the other hand.
+also NYU's colour packing. --center says where the hand is, else it is looked for. The crop is then moved to the palm
+that the network sees in it, --refine times; give 0 for networks whose training crops have another centre than NYU's,
+such as ICVL's.
+
+Without, they are crops: square 8-bit pictures of normalised depth, in which value v stands for the depth centre +
+(v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white; they are resized to 128 x 128.
+
+Networks know right hands, in images that are not mirrored. --hand either, which is what a fit does by itself, tries
+both and takes the one that explains the depth better; --hand left or right where it is known.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
 """
@@ -20,13 +25,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 
 # isort: split
 
@@ -34,12 +40,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.images import read_crop, read_frame
-from handpose.drawing import hands, sheets
+from handpose.drawing import flesh, hands, sheets
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
-from handpose.predicting.predictor import FramePrediction, Prediction, Predictor
+from handpose.fitting.depth.search import PLANS
+from handpose.predicting.nets import has_flesh
+from handpose.predicting.packaged import load_predictor, predictor_of
+from handpose.predicting.predictor import Fit, FramePrediction, Hand, Prediction, Predictor
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.net import Net
 from tools import pictures
 from tools.arguments import add_engine, camera, center, natural, parser_of
 from tools.console import DONE, guarded
@@ -50,10 +58,15 @@ ROOT = Path(__file__).resolve().parent.parent
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="crops, or with --camera whole depth frames")
-    parser.add_argument("--model", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
-                        help="net with the input depth and the output pred (default: nyu_deploy.prototxt)")  # fmt: skip
+    parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
+    parser.add_argument("--model", metavar="NET",
+                        help="net with the input depth and the output pred (default: that of the weights that are "
+                             "packaged, with --weights nyu_deploy.prototxt)")  # fmt: skip
+    parser.add_argument("--fit", choices=("no", *PLANS), help="move the predicted hand until it explains the depth "
+                        "(default: accurate; no for hands without flesh)")  # fmt: skip
+    parser.add_argument("--hand", choices=("right", "left", "either"),
+                        help="(default: either, with --fit no right)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--cube", type=float, default=CUBE_MM, metavar="MM",
                         help="edge of the cube (default: %(default)g)")  # fmt: skip
@@ -66,11 +79,13 @@ def main(argv: list[str] | None = None) -> int:
                         help="px, px, mm: middle of the hand, once for all frames or once per frame")  # fmt: skip
     parser.add_argument("--refine", type=natural, default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--mirror", action="store_true",
-                        help="for the other hand: mirror the image, and mirror the joints back")  # fmt: skip
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
+    if args.model and not args.weights:
+        parser.error("--model needs the --weights of that net")
+    if args.fit == "no" and args.hand == "either":
+        parser.error("--hand either needs a fit, which tells the hands apart; say --hand right or left")
     if args.camera is None and (args.center or args.unit is not None):
         parser.error("--center and --unit are for whole frames; name their --camera")
     if args.center and len(args.center) not in (1, len(args.images)):
@@ -86,8 +101,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Predict as the parsed arguments say."""
-    net = Net(args.model, args.snapshot, netlib.TEST, engine=args.engine)
-    predictor = Predictor(net, args.camera or NYU, cube_mm=args.cube, mirror=args.mirror, refine=args.refine)
+    predictor = _predictor(args)
     out = Path(args.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -104,23 +118,61 @@ def run(args: argparse.Namespace) -> int:
     for image, depth, middle in zip(args.images, depths, centers):
         found = predictor.in_crop(depth) if args.camera is None else _in_frame(predictor, depth, middle, image)
         _draw(places[image], found, predictor)
-        facts = {}
-        if isinstance(found, FramePrediction):
-            facts = {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
+        facts = _facts(found)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
             results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube, **facts,
                             "joints_mm": rounded})  # fmt: skip
         else:
-            where = "" if not facts else " at {:.0f}, {:.0f}, {:.0f} mm".format(*facts["center_mm"])
-            print(f"{image}: joints in mm from the crop's centre{where}, cube {args.cube:g} mm; "
-                  f"picture {places[image]}")  # fmt: skip
+            print(f"{image}: {_in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
             for name, (x, y, z) in joints.items():
                 print(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
     if args.json:
         print(json.dumps(results, indent=2))
     return DONE
+
+
+def _predictor(args: argparse.Namespace) -> Predictor:
+    """The predictor that the arguments ask for."""
+    camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
+    if not args.weights:
+        fit = args.fit or "accurate"
+        return load_predictor(camera, fit=fit, hand=_hand(args.hand, fit), **options)
+    model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
+    fit = args.fit or ("accurate" if has_flesh(model) else "no")
+    return predictor_of(model, args.weights, camera, fit=fit, hand=_hand(args.hand, fit), **options)
+
+
+def _hand(asked: Hand | None, fit: Fit) -> Hand:
+    return asked or ("right" if fit == "no" else "either")
+
+
+def _facts(found: Prediction) -> dict[str, Any]:
+    """What JSON says beside the joints."""
+    facts: dict[str, Any] = {"hand": found.hand}
+    if isinstance(found, FramePrediction):
+        facts |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
+    if found.fit:
+        measured = not math.isnan(found.fit.error_mm)
+        facts |= {
+            "size": round(found.fit.size, 4),
+            "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
+            "confidence": round(found.fit.confidence, 3) if measured else None,
+            "misfit": round(found.fit.misfit, 2),
+        }
+    return facts
+
+
+def _in_words(found: Prediction) -> str:
+    """The first line of the table."""
+    words = f"{found.hand} hand"
+    if found.fit and not math.isnan(found.fit.error_mm):
+        words += f", {found.fit.confidence:.0%} sure, {found.fit.error_mm:.0f} mm of error expected"
+    words += "; joints in mm from the crop's centre"
+    if isinstance(found, FramePrediction):
+        words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
+    return words
 
 
 def _in_frame(
@@ -138,12 +190,17 @@ def _in_frame(
 
 
 def _draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
-    """The skeleton on the crop, and in space."""
+    """The skeleton on the crop and in space; between them the flesh, if there was a fit."""
     place: dict[str, Any] = {}
     if isinstance(found, FramePrediction):
         place = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
-    drawn = hands.overlay(found.crop, found.joints, predictor.skeleton, **place)
-    pictures.write_image(picture, sheets.sheet([drawn, hands.view_3d(found.joints, predictor.skeleton)], 2))
+    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **place)]
+    if found.fit:
+        camera, middle = predictor.alone()
+        place = place or {"center_uvd": middle, "cube_mm": found.cube_mm, "camera": camera}
+        drawn.append(flesh.over_crop(found.crop, found.fit.capsules, **place))
+    drawn.append(hands.view_3d(found.joints, predictor.skeleton))
+    pictures.write_image(picture, sheets.sheet(drawn, len(drawn)))
 
 
 if __name__ == "__main__":

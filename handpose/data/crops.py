@@ -70,6 +70,19 @@ def crop_pixels(
     return np.stack(at, axis=-1)
 
 
+def crop_scale(
+    center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> tuple[Array, Array]:
+    """Offset and factor, (N, 2) each for columns and rows: crop pixel = offset + factor * image pixel.
+
+    The crop pixel is the one whose middle shows the middle of the image pixel; ``crop_pixels`` rounds it.
+    """
+    spans = _spans(center_uvd, cube_mm, camera, size)
+    factor = np.stack([span.length / span.extent for span in spans], axis=1)
+    first = np.stack([(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans], axis=1)
+    return first, factor
+
+
 def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int) -> tuple[_Span, _Span]:
     center = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))
     cube = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64), len(center))

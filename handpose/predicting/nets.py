@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
 from netlib.blob import Array
 from netlib.errors import NetlibError
+from netlib.layer import TEST
 from netlib.net import Net
 
 
@@ -24,8 +29,30 @@ def hand_layer(net: Net) -> HandModel | None:
     return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
 
 
+def has_flesh(model: str | Path) -> bool:
+    """Does the skeleton of a net file have flesh, so that it can be fitted to depth? Raises NetlibError."""
+    hand = hand_layer(Net(model, TEST))
+    return hand is not None and hand.skeleton.param.flesh is not None
+
+
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
     """The crops (size, size) of some frames that a test net reads, by their numbers. Raises NetlibError."""
     data = data_layer(net)
     depth = data.spec.top.index("depth")
     return [data.row(int(frame))[depth][0] for frame in frames]
+
+
+def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
+    """What the net feeds its hand model for crops (N, size, size): inputs (N, D), float64. Raises NetlibError."""
+    hand = hand_layer(net)
+    if hand is None:
+        raise NetlibError(f"{net.source}: no HandModel layer, so there are no angles")
+    name = hand.spec.bottom[0]
+    depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
+    if net.blobs["depth"].shape != depth.shape:
+        net.blobs["depth"].reshape(*depth.shape)
+    found = net.forward(blobs=[name], depth=depth)[name].reshape(len(crops), -1).astype(np.float64)
+    if not np.isfinite(found).all():
+        raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
+    found[:, hand.skeleton.fixed] = 0
+    return found

@@ -1,9 +1,9 @@
 """Predictor: the joints of a hand in a crop, or in a whole depth frame.
 
-net = netlib.Net("prototxt/nyu_deploy.prototxt", "weights.caffemodel.h5", netlib.TEST)
-predictor = Predictor(net, KINECT2)
-found = predictor.in_frame(depth)   # depth (424, 512) in mm, 0 where nothing was read
-found.xyz                           # (K, 3) mm in camera axes
+predictor = load_predictor(KINECT2)   # the packaged weights, and the fit to the depth
+found = predictor.in_frame(depth)     # depth (424, 512) in mm, 0 where nothing was read
+found.xyz                             # (K, 3) mm in camera axes
+found.fit.confidence                  # ... and how sure they are
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,45 @@ from numpy.typing import NDArray
 from handpose.data.crops import SIZE, crop
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.fitting.depth.network_errors import NetworkErrors
+from handpose.fitting.depth.observation import observe
+from handpose.fitting.depth.search import PLANS
+from handpose.flesh.render import Capsules
 from handpose.predicting import finding
-from handpose.predicting.nets import hand_layer
+from handpose.predicting.nets import hand_inputs, hand_layer
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
+Hand = Literal["right", "left", "either"]
+Fit = Literal["no", "fast", "accurate"]
+
 # A crop is moved no farther than this from where it was first. Nine of ten hands are found within 55 mm of their centre
 # (finding.py), so a prediction that wants it farther away has gone astray.
 LARGEST_MOVE_MM = 60.0
+ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away
+_MIRROR = (-1, 1, 1)
+
+
+@dataclass(frozen=True)
+class FittedHand:
+    """What the fit to the depth found beside the joints.
+
+    inputs      (D,) of the skeleton; of a left hand, those of its mirror image
+    size        relative to the skeleton
+    misfit      how badly the flesh explains the picture, in deviations squared
+    error_mm    the error of the joints to be expected; NaN if nobody has measured it for these weights
+    confidence  the chance that it is below 30 mm; NaN likewise
+    capsules    the flesh, in mm from the crop's centre
+    """
+
+    inputs: Array
+    size: float
+    misfit: float
+    error_mm: float
+    confidence: float
+    capsules: Capsules
 
 
 @dataclass(frozen=True)
@@ -34,13 +65,19 @@ class Prediction:
     """The hand in one crop.
 
     joints   (K, 3) half-cubes from the crop centre: x right, y up, z away from the camera
+    network  (K, 3) the same as the network alone has it
     crop     (128, 128) in [-1, 1], where the hand was seen
     cube_mm  edge of the crop's cube
+    hand     "right" or "left", if the skeleton is a right one
+    fit      what the fit found, if there was one
     """
 
     joints: Array
+    network: Array
     crop: NDArray[np.float32]
     cube_mm: float
+    hand: str
+    fit: FittedHand | None
 
     @property
     def joints_mm(self) -> Array:
@@ -76,52 +113,62 @@ class Predictor:
     net      its input is the blob depth, its joints are the blob pred, which a HandModel computes
     camera   of the frames; one without a size takes frames of any
     cube_mm  edge of the cube around the hand
-    mirror   see the other hand: mirror the crop, and the joints back
+    hand     which it is, in an image that is not mirrored; "either" tries both and takes the one that explains the
+             picture better, which needs a fit
     refine   how often the crop of a frame is moved to the palm that was predicted in it; 0 for nets whose training
              crops are not centred as NYU's are (ICVL's)
+    fit      move the predicted hand until it explains the depth (``handpose.fitting.depth``): the plan, or "no"
+    errors   of the net, where somebody has measured them (``read_errors``)
 
-    A net knows the hand of its training data: of NYU and of the synthetic hands a right hand, seen by a camera that
-    does not mirror. Raises NetlibError for a net without these blobs or without a HandModel.
+    A net knows the hand of its training data: of NYU and of the synthetic hands a right hand. Raises NetlibError for a
+    net without these blobs or without a HandModel, and for a fit of a skeleton without flesh.
     """
 
     def __init__(
-        self, net: Net, camera: Camera = NYU, *, cube_mm: float = CUBE_MM, mirror: bool = False, refine: int = 3
-    ) -> None:
+        self, net: Net, camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: Hand = "right", refine: int = 3,
+        fit: Fit = "no", errors: NetworkErrors | None = None,
+    ) -> None:  # fmt: skip
         for name in ("depth", "pred"):
             if name not in net.blobs:
                 raise NetlibError(
                     f"{net.source}: no blob {name!r}; expected a net with the input depth and the output pred"
                 )
-        hand = hand_layer(net)
-        if hand is None:
+        layer = hand_layer(net)
+        if layer is None:
             raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
-        self.net, self.skeleton, self.camera = net, hand.skeleton, camera
-        self.cube_mm, self.mirror, self.refine = cube_mm, mirror, refine
+        if hand == "either" and fit == "no":
+            raise NetlibError("only a fit can tell which hand it is; expected fit fast or accurate, or left or right")
+        self.net, self.skeleton, self.camera = net, layer.skeleton, camera
+        self.cube_mm, self.refine, self.fit = cube_mm, refine, fit
+        self.sides = ("right", "left") if hand == "either" else (hand,)
+        self.fitter = None if fit == "no" else DepthFitter(self.skeleton, cube_mm / 2, errors)
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
         """The hand in a crop (128, 128) in [-1, 1]. Raises DataError for another shape, NetlibError."""
         if depth.shape != (SIZE, SIZE):
             raise DataError(f"crop of shape {depth.shape}, expected ({SIZE}, {SIZE})")
-        seen = depth.astype(np.float32)
-        return Prediction(self._joints(seen), seen, self.cube_mm)
+        camera, middle = self.alone()
+        return min((self._in(depth.astype(np.float32), camera, middle, side) for side in self.sides), key=_misfit)
+
+    def alone(self) -> tuple[Camera, Array]:
+        """Camera and centre (3,) that a crop without its frame is taken to have."""
+        camera = self.camera
+        if not camera.width:
+            camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
+        return camera, np.array([camera.u0, camera.v0, ALONE_MM])
 
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> FramePrediction:
         """The hand in a depth frame (height, width) in mm, 0 where nothing was read. Raises DataError, NetlibError.
 
         center  where to look first, as for ``start``
         """
-        camera = self._camera_of(depth)
-        first = found = self._at(depth, camera, self.start(depth, center))
-        for _ in range(self.refine):
-            uvd = finding.recenter(found.joints, self.skeleton, found.center_uvd, self.cube_mm, camera, self.mirror)
-            far = np.linalg.norm(camera.unproject(uvd) - first.center_mm)
-            if not (far < LARGEST_MOVE_MM and uvd[2] > self.cube_mm / 2):
-                break  # a prediction gone astray
-            try:
-                found = self._at(depth, camera, uvd)
-            except DataError:  # out of sight
-                break
-        return found
+        camera, start = self._camera_of(depth), self.start(depth, center)
+
+        def found(side: str) -> FramePrediction:
+            seen, uvd = self._centred(depth, camera, start, side)
+            return FramePrediction(**vars(self._in(seen, camera, uvd, side)), camera=camera, center_uvd=uvd)
+
+        return min((found(side) for side in self.sides), key=_misfit)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.
@@ -135,18 +182,54 @@ class Predictor:
             return np.array(center, dtype=np.float64)
         return finding.depth_around(depth, center[0], center[1])
 
-    def _at(self, depth: NDArray[np.generic], camera: Camera, center_uvd: Array) -> FramePrediction:
-        """The hand in the crop at a centre (3,). Raises DataError if the cube there lies outside the image."""
-        seen = crop(depth, center_uvd, self.cube_mm, camera)
-        return FramePrediction(self._joints(seen), seen, self.cube_mm, camera, center_uvd)
+    def _centred(
+        self, depth: NDArray[np.generic], camera: Camera, start: Array, side: str
+    ) -> tuple[NDArray[np.float32], Array]:
+        """The crop about the palm that is predicted, and its centre. Raises DataError if the start is out of sight."""
+        uvd, seen = start, crop(depth, start, self.cube_mm, camera)
+        for _ in range(self.refine):
+            joints = self._network(seen, side)
+            there = finding.recenter(joints, self.skeleton, uvd, self.cube_mm, camera, side == "left")
+            far = np.linalg.norm(camera.unproject(there) - camera.unproject(start))
+            if not (far < LARGEST_MOVE_MM and there[2] > self.cube_mm / 2):
+                break  # a prediction gone astray
+            try:
+                seen, uvd = crop(depth, there, self.cube_mm, camera), there
+            except DataError:  # out of sight
+                break
+        return seen, uvd
 
-    def _joints(self, seen: NDArray[np.float32]) -> Array:
-        """The joints (K, 3) in half-cubes that the net predicts in a crop."""
-        shown = np.ascontiguousarray(seen[:, ::-1]) if self.mirror else seen
+    def _network(self, seen: NDArray[np.float32], side: str) -> Array:
+        """The joints (K, 3) in half-cubes that the net alone predicts in a crop."""
+        shown = np.ascontiguousarray(seen[:, ::-1]) if side == "left" else seen
         joints = self.net.forward(blobs=["pred"], depth=shown[None, None])["pred"].reshape(-1, 3).astype(np.float64)
         if not np.isfinite(joints).all():
             raise NetlibError(f"{self.net.source}: predicts joints that are not finite; check its weights")
-        return np.asarray(joints * (-1, 1, 1) if self.mirror else joints)
+        return np.asarray(joints * _MIRROR if side == "left" else joints)
+
+    def _in(self, seen: NDArray[np.float32], camera: Camera, center_uvd: Array, side: str) -> Prediction:
+        """The hand of one side in a crop."""
+        network = self._network(seen, side)
+        if self.fitter is None:
+            return Prediction(network, network, seen, self.cube_mm, side, None)
+        plan, left = PLANS[self.fit], side == "left"
+        shown = seen[:, ::-1] if left else seen
+        observed = observe(seen[None], center_uvd, camera, self.cube_mm, plan.points)
+        turned = np.stack([np.rot90(shown, quarter) for quarter in plan.quarters])
+        predictions = list(hand_inputs(self.net, turned)[:, None])
+        found = self.fitter.fit(observed.mirrored() if left else observed, predictions, self.fit)
+        flip = _MIRROR if left else (1, 1, 1)
+        flesh = self.fitter.model.capsules(found.x, np.zeros((1, 3)))
+        hand = FittedHand(
+            inputs=found.inputs[0],
+            size=float(found.size[0]),
+            misfit=float(found.misfit[0]),
+            error_mm=float(found.error_mm[0]),
+            confidence=float(found.confidence[0]),
+            capsules=Capsules(flesh.a * flip, flesh.b * flip, flesh.radius_a, flesh.radius_b),
+        )
+        joints = found.joints[0] * flip / (self.cube_mm / 2)
+        return Prediction(joints, network, seen, self.cube_mm, side, hand)
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
         """The camera, with the frame's size if it has none."""
@@ -155,3 +238,8 @@ class Predictor:
         if self.camera.width:
             return self.camera
         return dataclasses.replace(self.camera, width=depth.shape[1], height=depth.shape[0])
+
+
+def _misfit(found: Prediction) -> float:
+    """What chooses between a right and a left hand."""
+    return found.fit.misfit if found.fit else 0.0

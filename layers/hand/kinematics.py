@@ -111,6 +111,10 @@ class Kinematics:
         directions = pose.frames[:, np.arange(len(sk.bone_axes)), :, sk.bone_axes].swapaxes(0, 1)
         return np.asarray(directions * (sk.bone_axes >= 0)[:, None])
 
+    def axes(self, pose: Pose) -> tuple[Array, Array]:
+        """Of each free motion, the unit vector of its axis in the world and a point on it, (N, Q, 3) and (N, Q, 3)."""
+        return pose.axis, pose.pivot
+
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """world_from_joint of one joint, (N, 3, 3)."""
         return np.asarray(pose.frames[:, joint])

@@ -1,0 +1,137 @@
+"""What the fit to the depth is worth on synthetic frames with known joints: errors, hands, confidence, by rotation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.cameras import Camera
+from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.fitting.depth.fit import DepthFit, DepthFitter
+from handpose.predicting.many import fit_crops
+from handpose.predicting.nets import hand_inputs
+from handpose.synthetic.generator import BLOCK, Generator
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.net import Net
+
+
+@dataclass(frozen=True)
+class Block:
+    """Frames of one camera: crops (n, S, S), their centres (n, 3) px, px, mm, true joints (n, K, 3) in mm, true inputs."""
+
+    crops: NDArray[np.float32]
+    center_uvd: Array
+    camera: Camera
+    joints: Array
+    inputs: Array
+
+
+def frames_of(generator: Generator, frames: int) -> Iterator[Block]:
+    """The first so many frames of a generator."""
+    for number in range(-(-frames // BLOCK)):
+        scene, n = generator.scene(number), min(BLOCK, frames - number * BLOCK)
+        joints = scene.hands.joints[:n] * generator.recipe.cube_mm / 2
+        yield Block(scene.depth[:n], scene.center_uvd[:n], scene.camera, joints, scene.hands.inputs[:n])
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of N frames.
+
+    network  (N,) mean error in mm over NYU's 14 joints of the network alone
+    fits     per plan, (N,) that of the fit
+    misfit, expected, confidence  per plan, (N,) as the fit says
+    right    per plan, (N,) bool: the frame is explained better than its mirror image; where it was asked
+    roll     (N,) degrees: how far the palm is turned in the picture from its mean pose, -180 to 180
+    limbs    (N, L) errors of the limbs' inputs of the network
+    """
+
+    network: Array
+    fits: dict[str, Array]
+    misfit: dict[str, Array]
+    expected: dict[str, Array]
+    confidence: dict[str, Array]
+    right: dict[str, Array]
+    roll: Array
+    limbs: Array
+
+
+def measure(
+    net: Net,
+    fitter: DepthFitter,
+    blocks: Iterator[Block],
+    plans: tuple[str, ...],
+    *,
+    hands: bool = False,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Figures:
+    """Fit frames by several plans. ``hands``: their mirror images, too. ``progress`` is told of frames done."""
+    parts: list[dict[str, Array]] = []
+    for block in blocks:
+        own = hand_inputs(net, block.crops)
+        x = fitter.model.variables_of(own)
+        limbs = fitter.model.limbs
+        part = {
+            "network": joint_errors(fitter.model.joints(x), block.joints),
+            "limbs": (x - fitter.model.variables_of(block.inputs))[:, limbs],
+            "roll": roll_of(fitter.model.skeleton, block.inputs),
+        }
+        for plan in plans:
+            fit = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan)
+            part |= {f"{name} {plan}": values for name, values in _of(fit, block).items()}
+            if hands:
+                mirrored = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan, left=True)
+                part[f"right {plan}"] = fit.misfit < mirrored.misfit
+        parts.append(part)
+        progress(len(block.crops))
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def per_plan(name: str) -> dict[str, Array]:
+        return {plan: whole[f"{name} {plan}"] for plan in plans if f"{name} {plan}" in whole}
+
+    return Figures(
+        network=whole["network"],
+        fits=per_plan("fit"),
+        misfit=per_plan("misfit"),
+        expected=per_plan("expected"),
+        confidence=per_plan("confidence"),
+        right=per_plan("right"),
+        roll=whole["roll"],
+        limbs=whole["limbs"],
+    )
+
+
+def joint_errors(joints: Array, truth: Array) -> Array:
+    """(N,) mean distance in mm over NYU's 14 joints."""
+    few = list(EVALUATION_JOINTS)
+    return np.asarray(np.linalg.norm(joints[:, few] - truth[:, few], axis=2).mean(axis=1))
+
+
+def roll_of(skeleton: Skeleton, inputs: Array) -> Array:
+    """(N,) degrees by which the palm is turned about the line of sight from the skeleton's initial pose."""
+    turn = inputs[:, skeleton.dof_names.index("palm_rot_z")]
+    return np.asarray(np.rad2deg((turn + np.pi) % (2 * np.pi) - np.pi))
+
+
+def auc(score: Array, failed: NDArray[np.bool_]) -> float:
+    """The chance that a failed frame has a higher score than another: the area under the ROC curve; NaN without both."""
+    order = np.argsort(score, kind="stable")
+    ranks = np.empty(len(score))
+    ranks[order] = np.arange(1, len(score) + 1)
+    bad, good = int(failed.sum()), int((~failed).sum())
+    if not bad or not good:
+        return float("nan")
+    return float((ranks[failed].sum() - bad * (bad + 1) / 2) / (bad * good))
+
+
+def _of(fit: DepthFit, block: Block) -> dict[str, Array]:
+    return {
+        "fit": joint_errors(fit.joints, block.joints),
+        "misfit": fit.misfit,
+        "expected": fit.error_mm,
+        "confidence": fit.confidence,
+    }

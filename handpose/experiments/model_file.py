@@ -1,0 +1,38 @@
+"""A file of weights small enough for a repository: fewer bits, compressed, with what is known of the network's errors."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.fitting.depth.network_errors import GROUP, LIMBS, NetworkErrors
+from netlib import atomic
+from netlib.net import Net
+
+
+def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
+    """The values with so many bits of the 23 of a mantissa, rounded to the nearest, ties to even."""
+    drop = np.uint32(23 - bits)
+    raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
+    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + ((raw >> drop) & np.uint32(1))
+    kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
+    return np.asarray(kept.view(np.float32))
+
+
+def write_model(net: Net, errors: NetworkErrors, path: Path) -> None:
+    """The net's weights as Caffe reads them (HDF5, float32), shuffled and compressed, and the errors beside them."""
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        for layer, blobs in net.params.items():
+            for i, blob in enumerate(blobs):
+                values = np.asarray(blob.data, np.float32)
+                file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
+                                    shuffle=True)  # fmt: skip
+        file.create_dataset(f"{GROUP}/{LIMBS}", data=errors.limbs)
+        for plan, table in errors.tables.items():
+            file.create_dataset(f"{GROUP}/{plan}", data=table)
+    atomic.replace(path, lambda temporary: temporary.write_bytes(image.getvalue()))

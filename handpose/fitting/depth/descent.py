@@ -1,0 +1,69 @@
+"""Levenberg-Marquardt on the objective, for many fits at once, with limits.
+
+A step solves (A + mu diag A) step = -b; it is taken if it lowers the cost, and then mu falls, else it grows. A variable
+at a limit that wants beyond it is held. The robust distance shrinks from stage to stage: first far points pull, too,
+at the end only what the model explains.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.fitting.depth.objective import Cost, Objective, Prior
+from handpose.fitting.depth.observation import Observation
+from netlib.blob import Array
+
+# Little depends on the damping, as in ``handpose.fitting.levenberg_marquardt``.
+FIRST_MU, TRUST, DOUBT, SMALLEST_MU, LARGEST_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
+
+
+# The nearest places slide along the flesh as it moves, so that a step falls short of where it aims.
+FURTHER = 1.4
+
+T = TypeVar("T", bound=Any)
+
+
+class Stage(NamedTuple):
+    """Some iterations with one robust distance."""
+
+    robust: float  # mm
+    iterations: int
+
+
+def descend(
+    objective: Objective, x: Array, seen: Observation, prior: Prior, stages: tuple[Stage, ...]
+) -> tuple[Array, Cost]:
+    """x (N, V) after all stages, and its cost."""
+    lower, upper = objective.model.lower, objective.model.upper
+    x, mu, diagonal = np.clip(x, lower, upper), np.full(len(x), FIRST_MU), np.arange(x.shape[1])
+    measured = objective.measure(x, seen, prior)
+    for stage in stages:
+        now = objective.weigh(measured, seen, stage.robust)
+        for _ in range(stage.iterations):
+            held = ((x <= lower) & (now.b > 0)) | ((x >= upper) & (now.b < 0))
+            M = now.A.astype(np.float64)
+            M[:, diagonal, diagonal] *= 1 + mu[:, None]
+            M[:, diagonal, diagonal] += 1e-9  # a variable that nothing depends on stays
+            M[held[:, :, None] | held[:, None, :]] = 0
+            M[:, diagonal, diagonal] += held
+            step = np.linalg.solve(M, np.where(held, 0, -now.b)[..., None])[..., 0]
+            trial = np.clip(x + FURTHER * step, lower, upper)
+            trial_measured = objective.measure(trial, seen, prior)
+            found = objective.weigh(trial_measured, seen, stage.robust)
+            better = found.total < now.total
+            x = _chosen(better, trial, x)
+            measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)
+            mu = np.clip(mu * np.where(better, TRUST, DOUBT), SMALLEST_MU, LARGEST_MU)
+    return x, now
+
+
+def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
+    """The rows of ``new`` that are better, else those of ``old``; of arrays, or of tuples of them."""
+    if better.all():
+        return new
+    if isinstance(new, tuple):
+        return type(new)(*(_chosen(better, n, o) for n, o in zip(new, old)))
+    return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)

@@ -1,0 +1,104 @@
+"""Fit the flesh of a body to depth crops, from where a network put it: half the error, and how sure one may be.
+
+fitter = DepthFitter(skeleton, CUBE_MM / 2, errors)
+seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
+found = fitter.fit(seen, predictions, "accurate")   # predictions: the network's inputs, per quarter turn of the plan
+found.joints                                        # (N, K, 3) mm from the crops' centres
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
+from handpose.fitting.depth.objective import Objective, Weights
+from handpose.fitting.depth.observation import Observation
+from handpose.fitting.depth.search import PLANS, Found, drawn, misfit, search, turned_back
+from handpose.fitting.parallel import blocks, for_each
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+
+STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
+
+
+@dataclass(frozen=True)
+class DepthFit:
+    """The body in N frames.
+
+    inputs      (N, D) of the skeleton: radians and units of the bones
+    size        (N,) relative to the skeleton
+    joints      (N, K, 3) mm from the crops' centres
+    misfit      (N,) how badly the flesh explains the picture: what is left, in deviations squared
+    error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
+    confidence  (N,) chance that this error is below 30 mm; NaN likewise
+    x           (N, V) all variables, for ``FleshModel``
+    start       (N,) which start it came from: first the quarter turns, then those drawn
+    """
+
+    inputs: Array
+    size: Array
+    joints: Array
+    misfit: Array
+    error_mm: Array
+    confidence: Array
+    x: Array
+    start: Array
+
+
+class DepthFitter:
+    """Fits of one body, whose unit of length is so many mm.
+
+    errors   of the network that fits start from; by default an unknown one's
+    weights  of the terms
+    """
+
+    def __init__(
+        self, skeleton: Skeleton, unit_mm: float, errors: NetworkErrors | None = None, weights: Weights | None = None
+    ) -> None:
+        self.model = FleshModel(skeleton, unit_mm)
+        self.errors = errors or unknown_errors(self.model)
+        self.objective = Objective(self.model, weights or Weights())
+        self.precision = np.linalg.inv(self.errors.limbs)
+
+    def fit(
+        self, seen: Observation, predictions: Sequence[Array], plan: str, *, size: float | None = None, seed: int = 0
+    ) -> DepthFit:
+        """The best fit of every frame; the same whatever frames are fitted with it. Raises DataError.
+
+        predictions  inputs (N, D), from each crop turned counter-clockwise by the quarters of the plan
+        size         the body's, if it is known
+        seed         of the drawn starts
+        """
+        how, model = PLANS[plan], self.model
+        if len(predictions) != len(how.quarters):
+            raise DataError(f"{len(predictions)} predictions, expected {len(how.quarters)} for the plan {plan!r}")
+        own = np.stack([
+            model.variables_of(turned_back(model, np.asarray(p, np.float64), quarter))
+            for p, quarter in zip(predictions, how.quarters)
+        ])  # fmt: skip
+        if own.shape[1] != len(seen):
+            raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
+        objective = self.objective
+        if size is not None:
+            own[:, :, -1] = np.log(size)
+            objective = objective.of_known_size()
+        starts = np.concatenate([own, drawn(model, own[0], self.errors.limbs, how.draws, seed)])
+        priors = np.concatenate([own, np.tile(own[:1], (how.draws, 1, 1))])
+        N, V = own.shape[1:]
+        found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
+
+        def job(rows: slice) -> None:
+            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], self.precision, how)
+            for whole, values in zip(found, part):
+                whole[rows] = values
+
+        for_each(blocks(N, max(STARTS_TOGETHER // len(starts), 1)), job)
+        left = misfit(found.parts)
+        error_mm, confidence = self.errors.expected(plan, left)
+        return DepthFit(model.inputs_of(found.x), np.exp(found.x[:, -1]), model.joints(found.x), left, error_mm,
+                        confidence, found.x, found.start)  # fmt: skip

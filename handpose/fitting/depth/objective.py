@@ -1,0 +1,132 @@
+r"""What a fit minimises: the terms, each in units of its own deviation squared, and their sum.
+
+    surface  points on the capsules, robust (Geman-McClure): k q / (k + q) of the squared distance q, k the square of
+             ``robust``. Neighbouring points err together, so all of a frame count as ``independent`` ones.
+    outline  spheres out of the silhouette, robust likewise
+    front    spheres before the surface, robust likewise
+    prior    limbs near their start's angles (covariance of the network's errors), what moves with the root near where
+             the network has it, what only the flesh has near its mean, the size near the skeleton's
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.fitting.depth.body import FleshModel, Posed
+from handpose.fitting.depth.observation import Floats, Observation
+from handpose.fitting.depth.residuals import Residuals, joined, normal_equations
+from handpose.fitting.depth.silhouette import sphere_residuals, spheres_of
+from handpose.fitting.depth.surface import nearest_capsules, point_residuals
+from netlib.blob import Array
+
+
+SMALLEST_SIZE = 1e-4  # deviation of the logarithm of a size that is known
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much each term counts. Chosen on synthetic frames that no reported figure is of."""
+
+    sigma: float = 4.0  # mm that capsules are off real flesh: the unit of the first three terms
+    independent: float = 150.0  # independent points that a frame is worth
+    outline: float = 0.3
+    front: float = 0.1
+    slack: float = 3.0  # mm that a sphere may stand in free space
+    limbs: float = 1.0
+    rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
+    size: float = 0.06  # deviation of the logarithm of the size; 0: it is known
+
+
+class Prior(NamedTuple):
+    """Where the start of each of N fits was."""
+
+    x: Array  # (N, V); what only the flesh has, and the size, where they are on the mean
+    rigid: Floats  # (N, n, 3) mm, its ends that move with the root
+    precision: Array  # (L, L) of the limbs' variables
+
+
+class Measured(NamedTuple):
+    """Of N fits at some x."""
+
+    posed: Posed
+    residuals: Residuals
+    prior: Array  # (N,) cost, and below it curvature and half gradient
+    prior_A: Array
+    prior_b: Array
+
+
+class Cost(NamedTuple):
+    """Of N fits at some x."""
+
+    total: Array  # (N,)
+    A: Array  # (N, V, V)
+    b: Array  # (N, V)
+    parts: Array  # (N, 4) surface, outline, front, prior
+
+
+class Objective:
+    """The terms of frames, as a function of x."""
+
+    def __init__(self, model: FleshModel, weights: Weights) -> None:
+        self.model, self.weights = model, weights
+        self.spheres = spheres_of(model)
+        deviation = np.append(model.deviation[:-1], max(weights.size, SMALLEST_SIZE))
+        self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
+        self.plain_precision = deviation[self.plain] ** -2.0
+
+    def of_known_size(self) -> Objective:
+        """The same terms for bodies whose size is that of their start."""
+        return Objective(self.model, replace(self.weights, size=0.0))
+
+    def prior_of(self, x: Array, precision: Array) -> Prior:
+        """The prior of fits that start at x (N, V)."""
+        return Prior(x, self.model.posed(x).ends[:, self.model.rigid], precision)
+
+    def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
+        """All that does not depend on the robust distance, at x (N, V)."""
+        model = self.model
+        posed = model.posed(x)
+        points = point_residuals(model, posed, seen, nearest_capsules(model, posed, seen))
+        spheres = sphere_residuals(model, posed, seen, self.spheres, self.weights.slack)
+        return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
+
+    def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
+        """Cost, and half its gradient and its curvature (Gauss-Newton)."""
+        w, P = self.weights, seen.points.shape[1]
+        k = np.float32(robust * robust)
+        q = m.residuals.value * m.residuals.value
+        surface = q[:, :P].sum(axis=2, keepdims=True)  # a point's two residuals are robust together
+        q[:, :P] = surface
+        weight = np.empty_like(q)
+        unit = w.independent / w.sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
+        weight[:, :P] = (seen.known * unit.astype(np.float32))[..., None]
+        weight[:, P:] = np.array([w.outline, w.front], np.float32) / np.float32(w.sigma**2)
+        robustly = k / (k + q)
+        each = weight * robustly * q
+        A, b = normal_equations(self.model, m.posed, m.residuals, weight * robustly * robustly)
+        outline, front = each[:, P:, 0].sum(axis=1), each[:, P:, 1].sum(axis=1)
+        parts = np.stack([each[:, :P, 0].sum(axis=1), outline, front, m.prior], axis=1).astype(np.float64)
+        return Cost(parts.sum(axis=1), A + m.prior_A, b + m.prior_b, parts)
+
+    def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
+        """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""
+        model, w = self.model, self.weights
+        A = np.tile(self._constant(prior.precision), (len(x), 1, 1))
+        d = x - prior.x
+        b = (A @ d[..., None])[..., 0]
+        cost = (b * d).sum(axis=1)
+        d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / np.float32(w.rigid)
+        J = posed.motion[:, model.rigid].reshape(*d.shape, -1) / np.float32(w.rigid)
+        A += J.swapaxes(1, 2) @ J
+        b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
+        return cost + (d * d).sum(axis=1), A, b
+
+    def _constant(self, precision: Array) -> Array:
+        """The curvature (V, V) of the prior on the variables themselves: limbs, the flesh's own, the size."""
+        A = np.zeros((self.model.variables,) * 2)
+        A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
+        A[self.plain, self.plain] = self.plain_precision
+        return A

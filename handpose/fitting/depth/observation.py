@@ -1,0 +1,136 @@
+"""What was seen of N bodies: the surface as points, the outline, the free space before it.
+
+Everything is in mm from the crop's centre, in camera axes (x right, y up, z away).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.data.crops import crop_scale, window
+from handpose.facts.cameras import Camera
+from netlib.errors import DataError
+
+Floats = NDArray[np.float32]
+
+BACKGROUND = 0.999  # a crop's depth beyond it is background, before its negative the near face
+THIN_PX = 3.0  # points are so much denser at the outline than deep inside, for fingers are thin and count most
+_CROSS = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """N frames.
+
+    points   (N, P, 3) on the surface, from the rows of the crop; 0 where there are fewer
+    rays     (N, P, 3) unit vectors from the camera through them
+    known    (N, P) 1, or 0 where there are fewer
+    outside  (N, S, S) how far a pixel is outside the silhouette, negative inside
+    nearest  (N, S, S) nearest depth in the 3 x 3 pixels about each
+    visible  (N,) does the frame show anything?
+    center   (N, 3) the crop's centre in camera axes
+    half     (N,) of the cube's edge
+    offset, factor  (N, 2) column and row of the crop: offset + factor * x / z, offset - factor * y / z
+    """
+
+    points: Floats
+    rays: Floats
+    known: Floats
+    outside: Floats
+    nearest: Floats
+    visible: NDArray[np.bool_]
+    center: Floats
+    half: Floats
+    offset: Floats
+    factor: Floats
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def take(self, rows: slice | NDArray[np.int_]) -> Observation:
+        """Some of the frames, or some several times."""
+        return Observation(**{name: values[rows] for name, values in vars(self).items()})
+
+    def mirrored(self) -> Observation:
+        """The frames as a mirror along x shows them, where a left hand is a right one."""
+        flip = np.array([-1, 1, 1], np.float32)
+        offset = self.offset.copy()
+        offset[:, 0] = self.outside.shape[-1] - 1 - offset[:, 0]
+        changed = {name: getattr(self, name) * flip for name in ("points", "rays", "center")}
+        turned = {name: np.ascontiguousarray(getattr(self, name)[:, :, ::-1]) for name in ("outside", "nearest")}
+        return Observation(**(vars(self) | changed | turned | {"offset": offset}))
+
+    def thinned(self, every: int) -> Observation:
+        """Every so manieth of the points."""
+        few = {name: getattr(self, name)[:, ::every] for name in ("points", "rays", "known")}
+        return Observation(**(vars(self) | few))
+
+
+def observe(
+    crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: ArrayLike, points: int = 400
+) -> Observation:
+    """What crops (N, S, S) in [-1, 1] show. Raises DataError.
+
+    center_uvd  (N, 3) px, px, mm: where they were cut
+    cube_mm     edges of their cubes, one or (N,)
+    """
+    if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
+        raise DataError(f"crops of shape {crops.shape}, expected (N, size, size)")
+    N, S, _ = crops.shape
+    uvd = np.asarray(center_uvd, dtype=np.float64).reshape(N, 3)
+    center = camera.unproject(uvd)
+    half = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64) / 2, N)
+    picked = window(uvd, 2 * half, camera, S)
+    first, scale = crop_scale(uvd, 2 * half, camera, S)
+    x = ((picked.columns - camera.u0) / camera.fx).astype(np.float32)
+    y = ((camera.v0 - picked.rows) / camera.fy).astype(np.float32)
+    inside = (picked.columns >= 0)[:, None, :] & (picked.rows >= 0)[:, :, None]
+    inside &= np.abs(crops) < BACKGROUND
+
+    surface, rays = np.zeros((2, N, points, 3), np.float32)
+    known = np.zeros((N, points), np.float32)
+    outside, nearest = np.empty((2, N, S, S), np.float32)
+    for n in range(N):
+        outline = _outside(crops[n])
+        seen = np.flatnonzero(inside[n])
+        if len(seen) > points:
+            share = np.cumsum(1 / (THIN_PX + np.maximum(-outline.reshape(-1)[seen], 0)))
+            seen = seen[np.searchsorted(share, (np.arange(points) + 0.5) * (share[-1] / points))]
+        row, column = np.divmod(seen, S)
+        z = crops[n].reshape(-1)[seen] * half[n] + center[n, 2]
+        at = np.stack([x[n, column] * z, y[n, row] * z, z], axis=1)
+        surface[n, : len(seen)] = at - center[n]
+        rays[n, : len(seen)] = at / np.linalg.norm(at, axis=1, keepdims=True)
+        known[n, : len(seen)] = 1
+        outside[n] = outline * np.float32(2 * half[n] / S)
+        nearest[n] = cv2.erode(crops[n].astype(np.float32), _CROSS) * np.float32(half[n])
+    middle = np.array([camera.u0, camera.v0])
+    focal = np.array([camera.fx, camera.fy])
+    return Observation(
+        surface,
+        rays,
+        known,
+        outside,
+        nearest,
+        np.asarray(inside.any(axis=(1, 2))),
+        center.astype(np.float32),
+        half.astype(np.float32),
+        (first + scale * middle).astype(np.float32),
+        (scale * focal).astype(np.float32),
+    )
+
+
+def _outside(crop: NDArray[np.floating]) -> Floats:
+    """Distance (S, S) in pixels of each pixel's middle from the silhouette's edge, negative inside.
+
+    Single pixels that were not read are closed before; where the silhouette leaves the crop, it goes on.
+    """
+    solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
+    out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
+    within = cv2.distanceTransform(cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
+                                   cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]  # fmt: skip
+    return np.asarray(np.where(solid > 0, 0.5 - within, out - 0.5), np.float32)

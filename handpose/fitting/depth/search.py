@@ -1,0 +1,115 @@
+"""A tournament of starts: all of them for a few iterations on few points, the best of them to the end.
+
+The fit falls into the valley where it starts, and a network that mistakes a thumb for a little finger, or sees a hand
+from the wrong side, starts in the wrong one. Other starts are the network's predictions in the crop turned by quarters,
+and its prediction with limbs drawn from the errors that it makes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.descent import Stage, descend
+from handpose.fitting.depth.objective import Objective, Prior
+from handpose.fitting.depth.observation import Observation
+from netlib.blob import Array
+from netlib.errors import NetlibError
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a fit searches.
+
+    points    that a frame is sampled at
+    quarters  of a turn by which the crop is turned for the network; 0 is the crop as it is
+    draws     further starts about the first prediction, with limbs drawn from the network's errors
+    first     what all starts go through, on every ``thin``-th of the points
+    keep      so many of them go on to
+    last      to the end, on all points
+    """
+
+    points: int
+    quarters: tuple[int, ...]
+    draws: int
+    thin: int
+    first: tuple[Stage, ...]
+    keep: int
+    last: tuple[Stage, ...]
+
+
+PLANS = {
+    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(30, 5), Stage(15, 4))),
+    "accurate": Plan(400, (0, 1, 2, 3), 6, 3, (Stage(40, 4), Stage(20, 3)), 2, (Stage(20, 3), Stage(10, 5))),
+}
+
+
+class Found(NamedTuple):
+    """The best fit of each of N frames."""
+
+    x: Array  # (N, V)
+    parts: Array  # (N, 4) of its cost: surface, outline, front, prior
+    start: NDArray[np.int_]  # (N,) which start it came from
+
+
+def search(objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan) -> Found:
+    """The best of K starts (K, N, V), each with the prediction (K, N, V) that its prior is about."""
+    K, N, _ = starts.shape
+    every = np.tile(np.arange(N), K)
+    x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
+    chosen = np.arange(K * N)
+    if plan.first and K > 1:
+        x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
+        order = misfit(cost.parts).reshape(K, N).argsort(axis=0)[: plan.keep]
+        chosen = (order * N + np.arange(N)).reshape(-1)
+    own = Prior(own.x[chosen], own.rigid[chosen], precision)
+    x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
+    best = misfit(cost.parts).reshape(-1, N).argmin(axis=0) * N + np.arange(N)
+    return Found(x[best], cost.parts[best], chosen[best] // N)
+
+
+def misfit(parts: Array) -> Array:
+    """What chooses between starts (N,): how badly the flesh explains the picture, wherever it started."""
+    return np.asarray(parts[:, :3].sum(axis=1))
+
+
+def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
+    """(count, N, V): x (N, V) with limbs off by errors that the network makes, within their limits."""
+    rng = np.random.default_rng(seed)
+    starts = np.tile(x, (count, 1, 1))
+    errors = rng.multivariate_normal(np.zeros(len(model.limbs)), covariance, (count, 1), method="cholesky")
+    starts[:, :, model.limbs] += errors
+    return np.clip(starts, model.lower, model.upper)
+
+
+def turned_back(model: FleshModel, inputs: Array, quarter: int) -> Array:
+    """Inputs (N, D) found in crops that were turned counter-clockwise by quarters, for the crops as they were.
+
+    A turn about the line of sight turns the root's place, and is added to its outermost angle. Raises NetlibError for a
+    skeleton whose root does not translate along x and y and turn about z first.
+    """
+    if quarter % 4 == 0:
+        return inputs
+    skeleton = model.skeleton
+    motions = skeleton.motions[int(np.flatnonzero(skeleton.parents < 0)[0])]
+    slides = {m.axis: m for m in motions if m.kind == "translate"}
+    turns = [m for m in motions if m.kind == "rotate"]
+    if not {0, 1} <= set(slides) or not turns or turns[0].axis != 2:
+        raise NetlibError(
+            f"skeleton {skeleton.name!r}: its root does not translate along x and y and turn about z first, so it "
+            "cannot be turned with the picture; expected a plan without quarter turns"
+        )
+    theta = skeleton.theta(inputs)
+    x, y = (slides[axis].sign * theta[:, slides[axis].dof] for axis in (0, 1))
+    c, s = [(0, -1), (-1, 0), (0, 1)][quarter % 4 - 1]  # cosine and sine of -quarter * 90 degrees
+    result = inputs.copy()
+    for axis, value in ((0, c * x - s * y), (1, s * x + c * y)):
+        m = slides[axis]
+        result[:, m.dof] = m.sign * value - skeleton.initial[m.dof]
+    angle = result[:, turns[0].dof] - turns[0].sign * quarter * np.pi / 2
+    result[:, turns[0].dof] = (angle + np.pi) % (2 * np.pi) - np.pi
+    return result

@@ -1,0 +1,90 @@
+"""The weights that come with the repository, and what a model's card says of them.
+
+A model is a folder, in the way of Caffe's model zoo: ``readme.md`` begins with front matter, lines ``key: value``
+between two lines ``---``: name, caffemodel (the file of weights), license, sha256 (its checksum); ``deploy.prototxt``
+is the net.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from handpose.facts.cameras import NYU, Camera
+from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.network_errors import read_errors
+from handpose.predicting.nets import hand_layer
+from handpose.predicting.predictor import Fit, Hand, Predictor
+from netlib.errors import NetlibError, WeightsError, reason_of
+from netlib.layer import TEST
+from netlib.net import Net
+from netlib.paths import ROOT
+
+SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
+KEYS = ("name", "caffemodel", "license", "sha256")
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a model's readme.md says in its front matter."""
+
+    name: str
+    weights: Path
+    license: str
+    sha256: str
+
+
+def read_card(folder: Path) -> Card:
+    """The card of a model's folder. Raises NetlibError."""
+    path = folder / "readme.md"
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise NetlibError(f"{path}: cannot read the model's card: {reason_of(error)}") from error
+    if lines[:1] != ["---"] or "---" not in lines[1:]:
+        raise NetlibError(f"{path}: no front matter; expected lines 'key: value' between two lines '---'")
+    said = dict(line.split(":", 1) for line in lines[1 : lines.index("---", 1)] if ":" in line)
+    values = {key.strip(): value.strip() for key, value in said.items()}
+    missing = [key for key in KEYS if not values.get(key)]
+    if missing:
+        raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
+    return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"])
+
+
+def checked_weights(card: Card) -> Path:
+    """The file of weights, after comparing its checksum. Raises WeightsError."""
+    try:
+        found = hashlib.sha256(card.weights.read_bytes()).hexdigest()
+    except OSError as error:
+        raise WeightsError(f"{card.weights}: cannot read weights: {reason_of(error)}") from error
+    if found != card.sha256:
+        raise WeightsError(
+            f"{card.weights}: SHA-256 {found[:12]}..., the card says {card.sha256[:12]}...; the file is damaged or of "
+            "another version: get it again"
+        )
+    return card.weights
+
+
+def load_predictor(
+    camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: Hand = "either", refine: int = 3, fit: Fit = "accurate",
+    folder: Path = SYNTHETIC_HAND, engine: str | None = None,
+) -> Predictor:  # fmt: skip
+    """A predictor with a packaged model; the options are those of ``Predictor``. Raises NetlibError."""
+    weights = checked_weights(read_card(folder))
+    return predictor_of(folder / "deploy.prototxt", weights, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit,
+                        engine=engine)  # fmt: skip
+
+
+def predictor_of(
+    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float, hand: Hand, refine: int, fit: Fit,
+    engine: str | None = None,
+) -> Predictor:  # fmt: skip
+    """A predictor with any net and its weights. Raises NetlibError."""
+    net = Net(model, weights, TEST, engine=engine)
+    layer = hand_layer(net)
+    errors = None
+    if fit != "no" and layer is not None:
+        errors = read_errors(weights, FleshModel(layer.skeleton, cube_mm / 2))
+    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, errors=errors)

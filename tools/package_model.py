@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""Make a small file of weights that a fit can start from: rounded, compressed, with the network's errors measured.
+
+    python tools/package_model.py snapshots/synthetic_iter_80000.caffemodel.h5 \
+        --model models/synthetic_hand/deploy.prototxt --out models/synthetic_hand/synthetic_hand.caffemodel.h5
+
+The errors are measured on training frames of a recipe (tools/make_synthetic.py says which there are) that the network
+was not trained on: how far its angles are off, which says where else a fit starts and how near it stays; and how the
+misfit of each plan goes with the error of the joints, which is the confidence. Caffe reads the file like any other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+from handpose.experiments import fit_figures
+from handpose.experiments.fit_figures import frames_of
+from handpose.experiments.model_file import rounded, write_model
+from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.fitting.depth.network_errors import NetworkErrors, covariance, table_of
+from handpose.fitting.depth.search import PLANS
+from handpose.predicting.nets import hand_layer
+from handpose.synthetic.generator import RECIPES, Generator
+from netlib.errors import NetlibError
+from netlib.net import Net
+from tools.arguments import natural, parser_of, positive
+from tools.console import DONE, guarded
+from tools.progress import ProgressBar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
+    parser.add_argument("--model", metavar="NET", required=True, help="the net that predicts with them")
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")
+    parser.add_argument("--bits", type=natural, default=10, metavar="N",
+                        help="of each mantissa, of 23 (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--recipe", choices=RECIPES, default="cameras", help="of the frames (default: %(default)s)")
+    parser.add_argument("--frames", type=positive, default=2048, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=natural, default=1000, metavar="N",
+                        help="of the frames; not that of the training (default: %(default)s)")  # fmt: skip
+    args = parser.parse_args(argv)
+    if args.bits > 23:
+        parser.error(f"--bits must be at most 23, found {args.bits}")
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and write as the parsed arguments say. Raises NetlibError."""
+    if not args.out.parent.is_dir():
+        raise NetlibError(f"{args.out}: no folder {args.out.parent}")
+    net = Net(args.model, args.snapshot, netlib.TEST)
+    layer = hand_layer(net)
+    if layer is None:
+        raise NetlibError(f"{args.model}: no HandModel layer, so there is nothing to fit")
+    generator = Generator(args.seed, "train", RECIPES[args.recipe])
+    with ProgressBar(4 * args.frames) as progress:
+        exact = fit_figures.measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2), frames_of(generator, args.frames),
+                                    (), progress=progress)  # fmt: skip
+        for blobs in net.params.values():
+            for blob in blobs:
+                blob.data[...] = rounded(blob.data, args.bits)
+        first = fit_figures.measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2), frames_of(generator, args.frames),
+                                    (), progress=progress)  # fmt: skip
+        errors = NetworkErrors(covariance(first.limbs), {})
+        fitter = DepthFitter(layer.skeleton, CUBE_MM / 2, errors)
+        found = fit_figures.measure(net, fitter, frames_of(generator, args.frames), tuple(PLANS), progress=progress)
+    tables = {plan: table_of(found.misfit[plan], found.fits[plan]) for plan in PLANS}
+    write_model(net, NetworkErrors(errors.limbs, tables), args.out)
+    print(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
+          f"{args.bits} bits {first.network.mean():.2f} mm, "
+          + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip
+    image = args.out.read_bytes()
+    print(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
