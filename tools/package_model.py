@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     if layer is None:
         raise NetlibError(f"{args.model}: no HandModel layer, so there is nothing to fit")
     generator = Generator(args.seed, "train", RECIPES[args.recipe])
-    with ProgressBar(4 * args.frames) as progress:
+    with ProgressBar(3 * args.frames) as progress:
         exact = fit_figures.measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip
         for blobs in net.params.values():

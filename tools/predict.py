@@ -137,7 +137,7 @@ def _predictor(args: argparse.Namespace) -> Predictor:
     """The predictor that the arguments ask for."""
     camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
     if not args.weights:
-        fit = args.fit or "accurate"
+        fit: Fit = args.fit or "accurate"
         return load_predictor(camera, fit=fit, hand=_hand(args.hand, fit), **options)
     model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
     fit = args.fit or ("accurate" if has_flesh(model) else "no")

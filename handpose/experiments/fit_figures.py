@@ -21,7 +21,7 @@ from netlib.net import Net
 
 @dataclass(frozen=True)
 class Block:
-    """Frames of one camera: crops (n, S, S), their centres (n, 3) px, px, mm, true joints (n, K, 3) in mm, true inputs."""
+    """Frames of one camera: crops (n, S, S), centres (n, 3) px, px, mm, true joints (n, K, 3) in mm and inputs."""
 
     crops: NDArray[np.float32]
     center_uvd: Array
@@ -118,7 +118,7 @@ def roll_of(skeleton: Skeleton, inputs: Array) -> Array:
 
 
 def auc(score: Array, failed: NDArray[np.bool_]) -> float:
-    """The chance that a failed frame has a higher score than another: the area under the ROC curve; NaN without both."""
+    """The chance that a failed frame has a higher score than another (area under the ROC curve); NaN without both."""
     order = np.argsort(score, kind="stable")
     ranks = np.empty(len(score))
     ranks[order] = np.arange(1, len(score) + 1)

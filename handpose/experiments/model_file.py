@@ -1,4 +1,4 @@
-"""A file of weights small enough for a repository: fewer bits, compressed, with what is known of the network's errors."""
+"""A file of weights small enough for a repository: fewer bits, compressed, with the network's errors beside them."""
 
 from __future__ import annotations
 

@@ -13,13 +13,15 @@ import netlib
 from handpose.data.crops import crop
 from handpose.data.images import pack_depth, read_crop, read_frame
 from handpose.facts.cameras import KINECT2, NYU, SR305
-from handpose.facts.nyu import CUBE_MM
-from handpose.predicting import finding
+from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.predicting import finding, packaged
 from handpose.synthetic.pose_prior import HandSampler
 from netlib import engine
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.tools.conftest import ROOT
 from tools import predict
+
+OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # a network of one's own, alone
 
 
 @pytest.fixture
@@ -33,11 +35,11 @@ def snapshot(tmp_path, monkeypatch):
 
 def test_joints_and_picture(snapshot, capsys):
     """JSON has 31 joints in mm, scaled by the cube; the picture is written beside."""
-    assert predict.main([snapshot, "crop.png", "--out", "p", "--json"]) == 0
+    assert predict.main([*OWN, "crop.png", "--out", "p", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)[0]
     assert cv2.imread(found["picture"]) is not None and found["picture"] == "p/crop_hand.png"
     assert len(found["joints_mm"]) == 31
-    assert predict.main([snapshot, "crop.png", "--out", "p", "--json", "--cube", "261"]) == 0
+    assert predict.main([*OWN, "crop.png", "--out", "p", "--json", "--cube", "261"]) == 0
     smaller = json.loads(capsys.readouterr().out)[0]
     assert smaller["joints_mm"]["palm"] == pytest.approx(np.array(found["joints_mm"]["palm"]) * 0.87, abs=0.02)
 
@@ -50,15 +52,15 @@ def test_engine(snapshot, capsys, monkeypatch):
         nets.append(netlib.Net(*args, **options))
         return nets[-1]
 
-    monkeypatch.setattr(predict, "Net", built)
+    monkeypatch.setattr(packaged, "Net", built)
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
     for chosen in ([], *(["--engine", name] for name in names)):
-        assert predict.main([snapshot, "crop.png", "--out", "p", "--json", *chosen]) == 0
+        assert predict.main([*OWN, "crop.png", "--out", "p", "--json", *chosen]) == 0
         found.append(np.array(list(json.loads(capsys.readouterr().out)[0]["joints_mm"].values())))
     assert [net.engine.name for net in nets] == ["plain", *names]
     assert all(np.allclose(joints, found[0], atol=0.02) for joints in found)  # mm
     with pytest.raises(SystemExit) as stopped:
-        predict.main([snapshot, "crop.png", "--engine", "plane"])
+        predict.main([*OWN, "crop.png", "--engine", "plane"])
     assert stopped.value.code == 2
     assert "invalid choice: 'plane'" in capsys.readouterr().err
 
@@ -83,7 +85,7 @@ def test_mistakes(snapshot, capsys, image, message):
     """A picture that is not a crop is one line."""
     if image is not None:
         cv2.imwrite("bad.png", image)
-    assert predict.main([snapshot, "bad.png"]) == 1
+    assert predict.main([*OWN, "bad.png"]) == 1
     assert message in capsys.readouterr().err
 
 
@@ -94,9 +96,9 @@ def test_no_picture_is_written_over(snapshot, tmp_path, capsys):
         cv2.imwrite(f"{folder}/x.png", np.zeros((128, 128), np.uint8))
     cv2.imwrite("x_hand.png", np.zeros((128, 128), np.uint8))
     before = (tmp_path / "x_hand.png").read_bytes()
-    assert predict.main([snapshot, "a/x.png", "b/x.png", "--out", "o"]) == 1
+    assert predict.main([*OWN, "a/x.png", "b/x.png", "--out", "o"]) == 1
     assert "b/x.png: its picture o/x_hand.png would overwrite another's" in capsys.readouterr().err
-    assert predict.main([snapshot, "a/x.png", "x_hand.png"]) == 1
+    assert predict.main([*OWN, "a/x.png", "x_hand.png"]) == 1
     assert "a/x.png: its picture x_hand.png would overwrite an input" in capsys.readouterr().err
     assert (tmp_path / "x_hand.png").read_bytes() == before
 
@@ -105,7 +107,7 @@ def test_weights_that_lack_a_layer(snapshot, capsys):
     """A hand from half the weights would look like an answer."""
     with h5py.File(snapshot, "a") as file:
         del file["data/FC2"]
-    assert predict.main([snapshot, "crop.png"]) == 1
+    assert predict.main([*OWN, "crop.png"]) == 1
     assert "no weights for layer 'FC2' of net 'DeepModel'" in capsys.readouterr().err
 
 
@@ -133,13 +135,13 @@ def hand_before(camera):
 
 def predicted(capsys, *arguments):
     """What the tool says as JSON of each image."""
-    assert predict.main(["net.caffemodel.h5", "--out", "p", "--json", *arguments]) == 0
+    assert predict.main([*OWN, "--out", "p", "--json", *arguments]) == 0
     return json.loads(capsys.readouterr().out)
 
 
 def mistake(capsys, *arguments):
     """The one line that a mistake prints."""
-    assert predict.main(["net.caffemodel.h5", *arguments]) == 1
+    assert predict.main([*OWN, *arguments]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1, lines
     return lines[0]
@@ -160,10 +162,12 @@ def test_a_whole_frame(frame, capsys):
 
 def test_the_table_says_where_the_hand_is(frame, capsys):
     """In mm before the camera."""
-    assert predict.main(["net.caffemodel.h5", "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700"]) == 0
+    assert predict.main([*OWN, "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700"]) == 0
     first, *joints = capsys.readouterr().out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
-    assert re.fullmatch(f"frame.png: joints in mm from the crop's centre {place}, cube 300 mm; picture .*", first)
+    assert re.fullmatch(
+        f"frame.png: right hand; joints in mm from the crop's centre {place}, cube 300 mm; picture .*", first
+    )
     assert len(joints) == 31
 
 
@@ -227,9 +231,9 @@ def test_nyus_colour_packing(snapshot, capsys):
 
 
 def test_the_other_hand(snapshot, capsys):
-    """--mirror gives the mirror image of what is predicted of the mirrored crop, exactly."""
+    """--hand left gives the mirror image of what is predicted of the mirrored crop, exactly."""
     cv2.imwrite("mirrored.png", cv2.imread("crop.png", cv2.IMREAD_UNCHANGED)[:, ::-1])
-    (left,) = predicted(capsys, "crop.png", "--mirror")
+    (left,) = predicted(capsys, "crop.png", "--hand", "left")
     (right,) = predicted(capsys, "mirrored.png")
     for name, (x, y, z) in right["joints_mm"].items():
         assert left["joints_mm"][name] == [-x, y, z]
@@ -239,7 +243,7 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypat
     """The hand is the mirror image of the skeleton's, and recenter is told so."""
     told = []
     monkeypatch.setattr(finding, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
-    predicted(capsys, "frame.png", "--camera", "kinect2", "--mirror", "--refine", "1")
+    predicted(capsys, "frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
     predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "1")
     assert told == [True, False]
 
@@ -294,12 +298,48 @@ def test_a_frame_without_its_camera(frame, capsys):
         ),
         (["--camera", "nyu", "--unit", "0"], "--unit must be more than 0, found 0"),
         (["--camera", "nyu", "--refine", "-1"], "expected a whole number, found '-1'"),
+        (["--hand", "either"], "--hand either needs a fit, which tells the hands apart; say --hand right or left"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_usage(capsys, options, message):
     """Wrong usage is argparse's own message and status 2."""
     with pytest.raises(SystemExit) as stopped:
-        predict.main(["net.caffemodel.h5", "a.png", "b.png", *options])
+        predict.main([*OWN, "a.png", "b.png", *options])
     assert stopped.value.code == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_net_without_its_weights(capsys):
+    """Would be given the packaged ones."""
+    with pytest.raises(SystemExit):
+        predict.main(["a.png", "--model", "net.prototxt"])
+    assert "--model needs the --weights of that net" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------- the packaged weights
+
+
+def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch, capsys):
+    """Found, fitted, told from a left one, with its error expected; within 12 mm of the truth (14 joints)."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(3)
+    sampler = HandSampler()
+    hand = sampler.hands(rng, 1)
+    depth = render_image(capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND), KINECT2)[0]
+    cv2.imwrite("frame.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))
+    cv2.imwrite("mirrored.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16)[:, ::-1])
+    arguments = ["frame.png", "--camera", "kinect2", "--out", "p", "--json"]
+    assert predict.main(arguments) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found["hand"] == "right" and found["expected_error_mm"] < 15 and found["confidence"] > 0.9
+    joints = np.array(list(found["joints_mm"].values())) + found["center_mm"]
+    truth = hand.joints[0] * 150 + (30, -20, 700)
+    assert np.linalg.norm(joints - truth, axis=1)[list(EVALUATION_JOINTS)].mean() < 12
+    picture = cv2.imread("p/frame_hand.png")
+    assert picture.shape[1] > 3 * 512  # skeleton, flesh, space
+    assert predict.main(["mirrored.png", *arguments[1:]]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["hand"] == "left"
+    assert predict.main([*arguments[:-1], "--fit", "fast", "--hand", "right"]) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert re.match(r"frame.png: right hand, \d+% sure, \d+ mm of error expected; joints in mm from the crop's", first)

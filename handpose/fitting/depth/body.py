@@ -1,8 +1,8 @@
 r"""A body of flesh as a function of few variables, and how every capsule's ends move with them.
 
-The variables x (N, V) of a frame are the free inputs of the whole body, its flesh's own too, and last the logarithm of
-its size, by which bones, offsets and radii are larger. With a capsule's end E_j = X_j + R_f o_j (``handpose.flesh``), a
-turn about the unit axis a through P moves
+The variables x (N, V) of a frame are the free inputs of the whole body, its flesh's own too, and last the logarithms of
+its size, by which bones, offsets and radii are larger, and of its girth, by which the radii are larger still. With a
+capsule's end E_j = X_j + R_f o_j (``handpose.flesh``), a turn about the unit axis a through P moves
 
     dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
     dE_j / d log size  =  E_j - (where the root stands)
@@ -29,7 +29,8 @@ from netlib.errors import NetlibError
 
 Floats = NDArray[np.float32]
 
-SIZE_LIMIT = 0.18  # of the logarithm: hands of 0.84 to 1.2 times the skeleton's size
+SIZE, GIRTH = -2, -1  # places in x
+SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton's size
 
 
 class Posed(NamedTuple):
@@ -38,18 +39,18 @@ class Posed(NamedTuple):
     joints: Floats  # (N, K, 3)
     ends: Floats  # (N, E, 3)
     motion: Floats  # (N, E, 3, V): of the ends
-    size: Floats  # (N,) the factor of all lengths
+    girth: Floats  # (N,) the factor of all radii
 
 
 class FleshModel:
     """The capsules of a skeleton with flesh, for fitting.
 
-    free          (V - 1,) the DoFs of the whole body that are variables; the last variable is log size
+    free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log girth
     lower, upper  (V,) limits
     root          the variables that move the whole body
     limbs         the variables that move a part of the skeleton
     own           the variables that only the flesh has
-    deviation     (V,) of the inputs that occur, where the file says it
+    deviation     (V - 2,) of the inputs that occur, where the file says it
     rigid         the ends that move with the root alone
     start, end    (M,) the capsules' ends, among the E
     radii         (M, 2) mm
@@ -62,15 +63,15 @@ class FleshModel:
         self.free = np.unique(whole.driven)
         self._sums = (whole.driven[:, None] == self.free).astype(np.float32)
         self._one_each = np.array_equal(whole.driven, self.free)
-        self.lower = np.append(whole.lower[self.free], -SIZE_LIMIT)
-        self.upper = np.append(whole.upper[self.free], SIZE_LIMIT)
-        self.deviation = np.append(flesh.deviation[self.free], np.inf)
+        self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
+        self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
+        self.deviation = flesh.deviation[self.free]
         roots = np.flatnonzero(whole.parents < 0)
         slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]
         if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
             raise NetlibError(f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates")
         self._slides = [m for _, m in slides]
-        everything = self._sums.T @ whole.moves > 0  # (V - 1, K)
+        everything = self._sums.T @ whole.moves > 0  # (V - 2, K)
         self.root = np.flatnonzero(everything[:, roots[0]])
         self.own = np.flatnonzero(self.free >= len(skeleton.initial))
         self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
@@ -90,14 +91,14 @@ class FleshModel:
     @property
     def variables(self) -> int:
         """V."""
-        return len(self.free) + 1
+        return len(self.free) + 2
 
     def variables_of(self, inputs: ArrayLike) -> Array:
         """x (N, V) of the skeleton's inputs (N, D), limbs within their limits, of the skeleton's size."""
         given = np.asarray(inputs, dtype=np.float64)
         x = np.zeros((len(given), self.variables))
         skeletons = self.free < given.shape[1]
-        x[:, :-1][:, skeletons] = given[:, self.free[skeletons]]
+        x[:, :SIZE][:, skeletons] = given[:, self.free[skeletons]]
         x[:, self.limbs] = np.clip(x[:, self.limbs], self.lower[self.limbs], self.upper[self.limbs])
         return x
 
@@ -107,7 +108,7 @@ class FleshModel:
 
     def joints(self, x: Array) -> Array:
         """The skeleton's joints (N, K, 3) in mm."""
-        bones = self.skeleton.bones * np.exp(x[:, -1:])
+        bones = self.skeleton.bones * np.exp(x[:, [SIZE]])
         return kinematics_of(self.skeleton).joints(self.inputs_of(x), bones) * self.unit_mm
 
     def posed(self, x: Array) -> Posed:
@@ -115,10 +116,12 @@ class FleshModel:
         flesh, unit = self.flesh, np.float32(self.unit_mm)
         kinematics = kinematics_of(self.whole, np.float32)
         N, Q = len(x), len(self.whole.driven)
-        inputs, size = self._whole_inputs(x), np.exp(x[:, -1])
+        inputs, size = self._whole_inputs(x), np.exp(x[:, SIZE])
         pose = kinematics.forward(inputs, self.whole.bones * size[:, None])
         joints = np.asarray(pose.joints, np.float32) * unit
-        all_ends = flesh.ends_at(joints, {f: kinematics.rotation_of(pose, f) for f in flesh.offsets}, size * self.unit_mm)
+        all_ends = flesh.ends_at(
+            joints, {f: kinematics.rotation_of(pose, f) for f in flesh.offsets}, size * self.unit_mm
+        )
         at, ends = joints[:, self._used], np.asarray(all_ends[:, self._used], np.float32)
         axis, pivot = (np.asarray(v, np.float32) for v in kinematics.axes(pose))
         turn, P = (v.swapaxes(1, 2) for v in (axis * self._turns, pivot * unit))
@@ -127,7 +130,7 @@ class FleshModel:
         slide = (axis * (unit * (1 - self._turns))).swapaxes(1, 2)
         for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
             screws[:, 3 + i] = slide[:, i] + P[:, j] * turn[:, k] - P[:, k] * turn[:, j]
-        motion = np.empty((N, 3 * len(self._used), Q + 1), np.float32)
+        motion = np.zeros((N, 3 * len(self._used), Q + 2), np.float32)
         np.multiply(_levers(at) @ screws, self._with_joint, out=motion[:, :, :Q])
         if flesh.offsets:
             motion[:, :, :Q] += (_levers(ends - at)[:, :, :3] @ screws[:, :3]) * self._with_axes
@@ -138,18 +141,22 @@ class FleshModel:
         motion[:, :, Q] = (ends - root).reshape(N, -1)
         if not self._one_each:
             motion = np.concatenate([motion[:, :, :Q] @ self._sums, motion[:, :, Q:]], axis=2)
-        return Posed(joints, ends, motion.reshape(N, len(self._used), 3, -1), size.astype(np.float32))
+        return Posed(joints, ends, motion.reshape(N, len(self._used), 3, -1), self._girth(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
         """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is where the origin is."""
         p = self.posed(x)
         ends = p.ends.astype(np.float64) + center_mm[:, None]
-        radii = self.radii * np.exp(x[:, -1])[:, None, None]
+        radii = self.radii.astype(np.float64) * self._girth(x)[:, None, None]
         return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1])
+
+    def _girth(self, x: Array) -> Array:
+        """The factor of all radii (N,)."""
+        return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
 
     def _whole_inputs(self, x: Array) -> Array:
         inputs = np.zeros((len(x), len(self.whole.initial)))
-        inputs[:, self.free] = x[:, :-1]
+        inputs[:, self.free] = x[:, :SIZE]
         return inputs
 
 

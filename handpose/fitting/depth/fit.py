@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.body import SIZE, FleshModel
 from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
@@ -85,7 +85,7 @@ class DepthFitter:
             raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
         objective = self.objective
         if size is not None:
-            own[:, :, -1] = np.log(size)
+            own[:, :, SIZE] = np.log(size)
             objective = objective.of_known_size()
         starts = np.concatenate([own, drawn(model, own[0], self.errors.limbs, how.draws, seed)])
         priors = np.concatenate([own, np.tile(own[:1], (how.draws, 1, 1))])
@@ -100,5 +100,5 @@ class DepthFitter:
         for_each(blocks(N, max(STARTS_TOGETHER // len(starts), 1)), job)
         left = misfit(found.parts)
         error_mm, confidence = self.errors.expected(plan, left)
-        return DepthFit(model.inputs_of(found.x), np.exp(found.x[:, -1]), model.joints(found.x), left, error_mm,
+        return DepthFit(model.inputs_of(found.x), np.exp(found.x[:, SIZE]), model.joints(found.x), left, error_mm,
                         confidence, found.x, found.start)  # fmt: skip

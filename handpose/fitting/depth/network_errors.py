@@ -4,7 +4,7 @@ A file of weights in Caffe's HDF5 layout has a group ``data``; beside it stands 
 at:
 
     fit/limbs          (L, L) covariance of the errors of the limbs' inputs: where else to start, how near to stay
-    fit/PLAN           (k, 3) of each plan, ascending: misfit, expected error in mm, chance that the error is below 30 mm
+    fit/PLAN           (k, 3) of each plan, ascending: misfit, expected error in mm, chance of an error below 30 mm
 """
 
 from __future__ import annotations

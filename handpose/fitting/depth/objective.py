@@ -1,11 +1,11 @@
 r"""What a fit minimises: the terms, each in units of its own deviation squared, and their sum.
 
-    surface  points on the capsules, robust (Geman-McClure): k q / (k + q) of the squared distance q, k the square of
-             ``robust``. Neighbouring points err together, so all of a frame count as ``independent`` ones.
-    outline  spheres out of the silhouette, robust likewise
-    front    spheres before the surface, robust likewise
-    prior    limbs near their start's angles (covariance of the network's errors), what moves with the root near where
-             the network has it, what only the flesh has near its mean, the size near the skeleton's
+surface  points on the capsules, robust (Geman-McClure): k q / (k + q) of the squared distance q, k the square of
+         ``robust``. Neighbouring points err together, so all of a frame count as ``independent`` ones.
+outline  spheres out of the silhouette, robust likewise
+front    spheres before the surface, robust likewise
+prior    limbs near their start's angles (covariance of the network's errors), what moves with the root near where
+         the network has it, what only the flesh has near its mean, size and girth near the skeleton's
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from handpose.fitting.depth.silhouette import sphere_residuals, spheres_of
 from handpose.fitting.depth.surface import nearest_capsules, point_residuals
 from netlib.blob import Array
 
-
 SMALLEST_SIZE = 1e-4  # deviation of the logarithm of a size that is known
 
 
@@ -37,7 +36,8 @@ class Weights:
     slack: float = 3.0  # mm that a sphere may stand in free space
     limbs: float = 1.0
     rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
-    size: float = 0.06  # deviation of the logarithm of the size; 0: it is known
+    size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
+    girth: float = 0.08  # deviation of the logarithm of the girth
 
 
 class Prior(NamedTuple):
@@ -53,9 +53,9 @@ class Measured(NamedTuple):
 
     posed: Posed
     residuals: Residuals
-    prior: Array  # (N,) cost, and below it curvature and half gradient
-    prior_A: Array
-    prior_b: Array
+    prior: Array  # (N,) its cost
+    prior_curvature: Array  # (N, V, V)
+    prior_gradient: Array  # (N, V) half of it
 
 
 class Cost(NamedTuple):
@@ -73,7 +73,7 @@ class Objective:
     def __init__(self, model: FleshModel, weights: Weights) -> None:
         self.model, self.weights = model, weights
         self.spheres = spheres_of(model)
-        deviation = np.append(model.deviation[:-1], max(weights.size, SMALLEST_SIZE))
+        deviation = np.append(model.deviation, [max(weights.size, SMALLEST_SIZE), weights.girth])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
         self.plain_precision = deviation[self.plain] ** -2.0
 
@@ -109,7 +109,7 @@ class Objective:
         A, b = normal_equations(self.model, m.posed, m.residuals, weight * robustly * robustly)
         outline, front = each[:, P:, 0].sum(axis=1), each[:, P:, 1].sum(axis=1)
         parts = np.stack([each[:, :P, 0].sum(axis=1), outline, front, m.prior], axis=1).astype(np.float64)
-        return Cost(parts.sum(axis=1), A + m.prior_A, b + m.prior_b, parts)
+        return Cost(parts.sum(axis=1), A + m.prior_curvature, b + m.prior_gradient, parts)
 
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
         """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""

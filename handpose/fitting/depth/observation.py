@@ -133,4 +133,5 @@ def _outside(crop: NDArray[np.floating]) -> Floats:
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
     within = cv2.distanceTransform(cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
                                    cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]  # fmt: skip
-    return np.asarray(np.where(solid > 0, 0.5 - within, out - 0.5), np.float32)
+    far = np.float32(len(crop))  # a crop without a silhouette, or all of it, has no distance
+    return np.asarray(np.where(solid > 0, 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5), np.float32)

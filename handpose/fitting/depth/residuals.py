@@ -3,12 +3,12 @@ r"""Residuals of points on capsules, and the normal equations of all of them.
 A residual r measures one point of the body along one direction u. With c = (1 - s) E_i + s E_j the point at the place s
 of a capsule's axis,
 
-    dr / dx  =  (1 - s) u . dE_i/dx  +  s u . dE_j/dx  +  w dr_0/dx        z = ((1 - s) u, s u, w)
+    dr / dx  =  (1 - s) u . dE_i/dx  +  s u . dE_j/dx  +  w d log radius / dx        z = ((1 - s) u, s u, w)
 
-where w is what a radius adds as the body grows: dr / d log size = ... + w. So each residual needs 8 numbers: z and r
+where w is what a radius adds as the body gets thicker. So each residual needs 8 numbers: z and r
 itself. Their weighted products, added up for each capsule to an 8 x 8 matrix G_m, are all that the picture has to say:
 
-    A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for log size), 7 x V
+    A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for size and girth), 7 x V
     b  =  sum over capsules of  B_m^T g_m            g_m the last column of G_m
 
 There are some hundred residuals and 37 capsules: this is a third of the work of writing out their Jacobian. Every point
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fitting.depth.body import FleshModel, Posed
+from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel, Posed
 
 Floats = NDArray[np.float32]
 
@@ -33,7 +33,7 @@ class Residuals(NamedTuple):
     capsule: NDArray[np.int_]  # (N, R)
     place: Floats  # (N, R) on its axis, 0 to 1
     direction: Floats  # (N, R, 2, 3): a residual grows by this much as the point moves
-    swell: Floats  # (N, R, 2): ... and by this much as the logarithm of the size grows, beside the point's own motion
+    swell: Floats  # (N, R, 2): ... and by this much as the logarithm of the radii grows
     value: Floats  # (N, R, 2)
 
 
@@ -42,13 +42,13 @@ def point_of(model: FleshModel, posed: Posed, capsule: NDArray[np.int_], place: 
     n = np.arange(len(posed.ends))[:, None]
     a, b = posed.ends[n, model.start[capsule]], posed.ends[n, model.end[capsule]]
     ra, rb = model.radii[capsule, 0], model.radii[capsule, 1]
-    radius = (ra + place * (rb - ra)) * posed.size[:, None]
+    radius = (ra + place * (rb - ra)) * posed.girth[:, None]
     return a + place[..., None] * (b - a), radius
 
 
 def joined(first: Residuals, second: Residuals) -> Residuals:
     """All of both."""
-    return Residuals(*(np.concatenate(pair, axis=1) for pair in zip(first, second)))
+    return Residuals(*(np.concatenate([a, b], axis=1) for a, b in zip(first, second)))  # type: ignore[list-item]
 
 
 def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Floats, Floats]:
@@ -68,7 +68,7 @@ def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floa
     G = (belongs @ products.reshape(N, R, 64)).reshape(N, M, 8, 8)
     B = np.zeros((N, M, 7, V), np.float32)
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
-    B[:, :, 6, -1] = 1
+    B[:, :, 6, [SIZE, GIRTH]] = 1
     transposed = B.reshape(N, M * 7, V).swapaxes(1, 2)
     A = transposed @ (G[..., :7, :7] @ B).reshape(N, M * 7, V)
     b = transposed @ np.ascontiguousarray(G[..., :7, 7]).reshape(N, M * 7, 1)

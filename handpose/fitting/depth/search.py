@@ -56,7 +56,9 @@ class Found(NamedTuple):
     start: NDArray[np.int_]  # (N,) which start it came from
 
 
-def search(objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan) -> Found:
+def search(
+    objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan
+) -> Found:
     """The best of K starts (K, N, V), each with the prediction (K, N, V) that its prior is about."""
     K, N, _ = starts.shape
     every = np.tile(np.arange(N), K)

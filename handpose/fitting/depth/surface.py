@@ -1,7 +1,7 @@
 r"""The surface: every observed point belongs on a capsule.
 
-Of a point p, the nearest place of a capsule's axis is c(s) = a + s (b - a), with the radius r(s) there; the point should
-lie at that distance, on the side of the capsule that faces the camera. With the ray v through the point and y = p - c,
+Of a point p, the nearest place of a capsule's axis is c(s) = a + s (b - a), with the radius r(s) there. The point
+should lie at that distance, on the side that faces the camera. With the ray v through the point and y = p - c,
 
     f = max(y . v, 0)         how far the point is behind the axis, as the camera looks
     rho = |y - f v|           how far beside it
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fitting.depth.body import FleshModel, Posed
-from handpose.fitting.depth.observation import Floats, Observation
+from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.residuals import Residuals, point_of
 
 _TINY = np.float32(1e-6)
@@ -29,7 +29,7 @@ def nearest_capsules(model: FleshModel, posed: Posed, seen: Observation) -> NDAr
     All capsules are tried for all points, so the axis' nearest place is taken as if both radii were the same.
     """
     a, b = posed.ends[:, model.start], posed.ends[:, model.end]
-    ra, rb = (model.radii[:, k] * posed.size[:, None] for k in (0, 1))
+    ra, rb = (model.radii[:, k] * posed.girth[:, None] for k in (0, 1))
     D = b - a
     LL = np.maximum((D * D).sum(axis=-1), _TINY)[:, None]
     aT, DT = a.swapaxes(1, 2), D.swapaxes(1, 2)
@@ -70,7 +70,7 @@ def point_residuals(model: FleshModel, posed: Posed, seen: Observation, capsule:
     """
     n = np.arange(len(capsule))[:, None]
     a, b = posed.ends[n, model.start[capsule]], posed.ends[n, model.end[capsule]]
-    ra, rb = (model.radii[capsule, k] * posed.size[:, None] for k in (0, 1))
+    ra, rb = (model.radii[capsule, k] * posed.girth[:, None] for k in (0, 1))
     D, q, w = b - a, seen.points - a, ra - rb
     LL, t = np.maximum((D * D).sum(axis=-1), _TINY), (q * D).sum(axis=-1)
     h = np.sqrt(np.maximum((q * q).sum(axis=-1) * LL - t * t, 0))

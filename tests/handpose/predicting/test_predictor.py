@@ -12,7 +12,7 @@ from handpose.data.crops import crop
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.predicting import finding
-from handpose.predicting.predictor import LARGEST_MOVE_MM, Predictor
+from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
@@ -91,7 +91,7 @@ def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
 
 def test_the_other_hand(seeing: netlib.Net) -> None:
     """The mirror image of what is seen in the mirrored crop."""
-    left = Predictor(seeing, mirror=True).in_crop(some_crop())
+    left = Predictor(seeing, hand="left").in_crop(some_crop())
     right = Predictor(seeing).in_crop(some_crop()[:, ::-1])
     np.testing.assert_array_equal(left.joints, right.joints * (-1, 1, 1))
     np.testing.assert_array_equal(left.crop, some_crop())
@@ -154,14 +154,14 @@ def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
         predictor.in_frame(np.zeros((424, 512)))
 
 
-@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("hand", ["right", "left"])
 @pytest.mark.parametrize("refine", [0, 1, 2, 3])
 def test_the_crop_goes_to_the_palm(
-    fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, mirror: bool
+    fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, hand: Hand
 ) -> None:
     """Each time by as much as the hand is beside; then the joints are those of the last crop."""
-    beside = np.array([10.0, -5.0, 4.0]) * ((-1, 1, 1) if mirror else 1)
-    predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, mirror=mirror)
+    beside = np.array([10.0, -5.0, 4.0]) * ((-1, 1, 1) if hand == "left" else 1)
+    predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, hand=hand)
     start = np.array([260.0, 210.0, 690.0])
     found = predictor.in_frame(frame, start)
     np.testing.assert_allclose(found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3)

@@ -1,0 +1,130 @@
+"""handpose/fitting/depth/fit.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import NYU
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.fitting.depth.network_errors import NetworkErrors
+from handpose.fitting.depth.observation import observe
+from handpose.flesh.flesh import Flesh
+from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib import engine, prototxt, schema
+from netlib.errors import DataError
+from tests.handpose.fitting.depth.conftest import Scene
+from tests.handpose.fitting.depth.test_descent import error, start_of
+
+# Three bones in a row, nothing of a hand: moves in space, turns about all axes, bends twice.
+WORM = """name: "worm"
+dof { name: "x" } dof { name: "y" } dof { name: "z" } dof { name: "rz" } dof { name: "rx" } dof { name: "ry" }
+dof { name: "bend" lower: -1.5 upper: 1.5 } dof { name: "curl" lower: -1.5 upper: 1.5 }
+joint { name: "tail" translate { axis: X dof: "x" } translate { axis: Y dof: "y" } translate { axis: Z dof: "z" }
+        rotate { axis: Z dof: "rz" } rotate { axis: X dof: "rx" } rotate { axis: Y dof: "ry" } }
+joint { name: "side" parent: "tail" bone { axis: Y length: 0.3 } }
+joint { name: "one" parent: "tail" bone { axis: X length: 0.5 } }
+joint { name: "two" parent: "one" rotate { axis: Z dof: "bend" } bone { axis: X length: 0.4 } }
+joint { name: "three" parent: "two" rotate { axis: Z dof: "curl" } bone { axis: X length: 0.3 } }
+flesh {
+  capsule { from: "tail" to: "side" radius: 0.12 radius: 0.08 }
+  capsule { from: "tail" to: "one" radius: 0.12 radius: 0.1 }
+  capsule { from: "one" to: "two" radius: 0.1 radius: 0.08 }
+  capsule { from: "two" to: "three" radius: 0.08 radius: 0.05 }
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def fitter(model: FleshModel) -> DepthFitter:
+    """Of a network whose limbs are off by 0.15 radians."""
+    table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
+    return DepthFitter(model.skeleton, 150.0, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}))
+
+
+def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
+    """Joints near the truth, inputs that make them, a size, a misfit, and what the table says of it."""
+    model = fitter.model
+    start = start_of(scene, model)
+    found = fitter.fit(scene.seen, [model.inputs_of(start)], "fast")
+    assert np.median(np.linalg.norm(found.joints - scene.joints, axis=2).mean(axis=1)) < 6
+    assert error(model, start, scene).mean() > 12
+    np.testing.assert_allclose(found.joints, model.joints(found.x))
+    assert ((found.size > 0.74) & (found.size < 1.36)).all() and (found.start == 0).all()
+    np.testing.assert_allclose(found.error_mm, np.interp(found.misfit, [1, 100, 1000], [2, 20, 60]))
+    assert np.isfinite(found.confidence).all()
+
+
+def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
+    """The accurate plan; nobody has measured it here, so that its confidence is not known."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    fast = fitter.fit(scene.seen, [inputs], "fast")
+    accurate = fitter.fit(scene.seen, [inputs] * 4, "accurate")
+    assert np.median(accurate.misfit) < np.median(fast.misfit)
+    assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
+
+
+@pytest.mark.parametrize("plan", ["fast", "accurate"])
+def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> None:
+    """A frame's fit does not depend on the frames beside it, nor on threads; a second run is the same bit for bit."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    quarters = 4 if plan == "accurate" else 1
+    whole = fitter.fit(scene.seen, [inputs] * quarters, plan)
+    again = fitter.fit(scene.seen, [inputs] * quarters, plan)
+    np.testing.assert_array_equal(whole.x, again.x)
+    one = fitter.fit(scene.seen.take(slice(3, 4)), [inputs[3:4]] * quarters, plan)
+    assert np.linalg.norm(one.joints[0] - whole.joints[3], axis=1).max() < 3
+    threads = engine.get().threads()
+    try:
+        engine.get().set_threads(1)
+        np.testing.assert_array_equal(fitter.fit(scene.seen, [inputs] * quarters, plan).x, whole.x)
+    finally:
+        engine.get().set_threads(threads)
+
+
+def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
+    """Exactly enough."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    found = fitter.fit(scene.seen, [inputs], "fast", size=1.07)
+    assert found.size == pytest.approx(1.07, abs=2e-3)
+
+
+def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
+    """The true pose as a start, of the hand and of its mirror image."""
+    inputs = fitter.model.inputs_of(scene.truth)
+    right = fitter.fit(scene.seen, [inputs] * 4, "accurate")
+    left = fitter.fit(scene.seen.mirrored(), [inputs] * 4, "accurate")
+    assert (right.misfit < left.misfit).all()
+
+
+def test_any_body_with_flesh() -> None:
+    """A worm of three bones, drawn at a known pose, found again from beside it."""
+    skeleton = Skeleton(schema.read(prototxt.parse(WORM), SkeletonParameter, "worm"))
+    flesh, rng = Flesh(skeleton), np.random.default_rng(0)
+    inputs = np.zeros((8, 8))
+    inputs[:, 3:6] = rng.normal(0, 0.5, (8, 3))
+    inputs[:, 6:] = rng.uniform(-1, 1, (8, 2))
+    uvd = np.tile([320.0, 240, 700], (8, 1))
+    ends = flesh.ends(flesh.kinematics.forward(inputs)) * 150 + NYU.unproject(uvd)[:, None]
+    radii = np.tile(flesh.radii * 150, (8, 1, 1))
+    capsules = Capsules(ends[:, flesh.start], ends[:, flesh.end], radii[..., 0], radii[..., 1])
+    crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
+    fitter = DepthFitter(skeleton, 150.0)
+    start = inputs + rng.normal(0, 0.15, inputs.shape)
+    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [start], "fast")
+    truth = flesh.kinematics.joints(inputs) * 150
+    before = np.linalg.norm(flesh.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
+    after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
+    assert np.median(after) < 3 and before.mean() > 15
+
+
+def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
+    """As many predictions as quarter turns, as many frames as crops."""
+    inputs = fitter.model.inputs_of(scene.truth)
+    with pytest.raises(DataError, match="1 predictions, expected 4 for the plan 'accurate'"):
+        fitter.fit(scene.seen, [inputs], "accurate")
+    with pytest.raises(DataError, match="predictions of 11 frames for 12 crops"):
+        fitter.fit(scene.seen, [inputs[:11]], "fast")

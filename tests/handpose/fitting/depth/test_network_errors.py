@@ -1,0 +1,96 @@
+"""handpose/fitting/depth/network_errors.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.network_errors import (
+    UNKNOWN_STD,
+    NetworkErrors,
+    covariance,
+    read_errors,
+    table_of,
+)
+from netlib.errors import DataError
+
+TABLE = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
+
+
+def write(path: Path, **arrays: object) -> Path:
+    """A file with a group fit."""
+    with h5py.File(path, "w") as file:
+        file.create_group("data")
+        for name, values in arrays.items():
+            file[f"fit/{name}"] = values
+    return path
+
+
+def test_read(model: FleshModel, tmp_path: Path) -> None:
+    """Covariance and tables, interpolated between the rows and constant beyond them."""
+    own = np.eye(20) * 0.04
+    found = read_errors(write(tmp_path / "w.h5", limbs=own, fast=TABLE), model)
+    np.testing.assert_array_equal(found.limbs, own)
+    expected, chance = found.expected("fast", np.array([0.0, 30, 125, 900]))
+    np.testing.assert_allclose(expected, [4, 6, 24, 40])
+    np.testing.assert_allclose(chance, [1, 0.95, 0.55, 0.2])
+    assert np.isnan(found.expected("accurate", np.zeros(2))).all()
+
+
+def test_weights_that_nobody_measured(model: FleshModel, tmp_path: Path) -> None:
+    """Of Caffe, or of another format: a spread is assumed, and no confidence is told."""
+    with h5py.File(tmp_path / "w.h5", "w") as file:
+        file.create_group("data")
+    (tmp_path / "binary.caffemodel").write_bytes(b"\x0a\x03abc")
+    for name in ("w.h5", "binary.caffemodel"):
+        found = read_errors(tmp_path / name, model)
+        np.testing.assert_allclose(found.limbs, np.eye(20) * UNKNOWN_STD**2)
+        assert np.isnan(found.expected("fast", np.zeros(1))).all()
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"limbs": np.eye(19)}, r"fit/limbs of shape \(19, 19\), expected a covariance \(20, 20\)"),
+        ({"fast": TABLE}, r"fit/limbs of shape \(0,\), expected a covariance"),
+        ({"limbs": -np.eye(20)}, "expected a covariance"),
+        ({"limbs": np.eye(20) * np.nan}, "expected a covariance"),
+        ({"limbs": np.eye(20), "fast": TABLE[::-1]}, r"fit/fast of shape \(3, 3\), expected rows of misfit"),
+        ({"limbs": np.eye(20), "fast": TABLE[:, :2]}, r"fit/fast of shape \(3, 2\), expected rows of misfit"),
+        ({"limbs": b"text"}, "cannot read the group 'fit'"),
+    ],
+)
+def test_files_with_something_wrong(model: FleshModel, tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+    """One line."""
+    with pytest.raises(DataError, match=message):
+        read_errors(write(tmp_path / "w.h5", **arrays), model)
+
+
+def test_covariance() -> None:
+    """About 0, not about the mean: a network that is always off by 0.1 is off."""
+    np.testing.assert_allclose(covariance(np.full((5, 2), 0.1)), np.full((2, 2), 0.01))
+
+
+@given(st.lists(st.tuples(st.floats(0, 1000), st.floats(0, 100)), min_size=2, max_size=200))
+def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
+    """Whatever the fits were; and it keeps the mean error."""
+    misfit, error = np.array(pairs).T
+    table = table_of(misfit, error)
+    assert (np.diff(table[:, 0]) > 0).all()
+    assert (np.diff(table[:, 1]) >= -1e-9).all() and (np.diff(table[:, 2]) <= 1e-9).all()
+    assert error.min() - 1e-9 <= table[:, 1].min() and table[:, 1].max() <= error.max() + 1e-9
+
+
+def test_a_table_of_fits_that_are_known() -> None:
+    """Errors that grow with the misfit come back."""
+    misfit = np.random.default_rng(0).uniform(0, 100, 5000)
+    errors = NetworkErrors(np.eye(1), {"fast": table_of(misfit, 3 + misfit / 2)})
+    expected, chance = errors.expected("fast", np.array([20.0, 50, 90]))
+    np.testing.assert_allclose(expected, [13, 28, 48], atol=0.5)
+    assert chance[0] == 1 and chance[2] == 0

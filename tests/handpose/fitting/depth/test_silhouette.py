@@ -1,0 +1,73 @@
+"""handpose/fitting/depth/silhouette.py"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.facts.cameras import NYU
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.observation import observe
+from handpose.fitting.depth.residuals import point_of
+from handpose.fitting.depth.silhouette import sphere_residuals, spheres_of
+from tests.handpose.fitting.depth.conftest import Scene
+
+
+def test_spheres_are_on_the_skeletons_own_capsules(model: FleshModel) -> None:
+    """Not on the forearm, whose end nobody knows."""
+    capsule, place = spheres_of(model)
+    assert not model.flesh.limbs[capsule].any() and len(capsule) == 2 * (~model.flesh.limbs).sum()
+    assert set(place.tolist()) == {0.5, 1.0}
+
+
+def test_nothing_sticks_out_of_its_own_picture(model: FleshModel, scene: Scene) -> None:
+    """At the true pose hardly a sphere is where nothing was seen; a hand moved aside is."""
+    spheres = spheres_of(model)
+    still = sphere_residuals(model, model.posed(scene.truth), scene.seen, spheres, 3.0).value
+    assert (still > 2).mean() < 0.02
+    aside = scene.truth.copy()
+    aside[:, 0] += 0.2  # 30 mm
+    moved = sphere_residuals(model, model.posed(aside), scene.seen, spheres, 3.0).value
+    assert (moved[..., 0] > 2).mean() > 0.2
+    near = scene.truth.copy()
+    near[:, 2] -= 0.2
+    assert (sphere_residuals(model, model.posed(near), scene.seen, spheres, 3.0).value[..., 1] > 10).mean() > 0.4
+
+
+def test_how_they_change(model: FleshModel, scene: Scene) -> None:
+    """The interpolated outline has an exact slope: residuals that stay active change as direction and swelling say."""
+    spheres = spheres_of(model)
+    x = scene.truth.copy()
+    x[:, 0] += 0.1
+    posed = model.posed(x)
+    r = sphere_residuals(model, posed, scene.seen, spheres, 3.0)
+    n, s = np.arange(len(x))[:, None], r.place[..., None, None]
+    motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
+    J = np.einsum("npti,npiv->nptv", r.direction, motion)
+    J[..., -2:] += r.swell[..., None]
+    for v in range(0, model.variables, 3):
+        d = np.zeros(model.variables)
+        d[v] = 1e-3
+        both = [
+            sphere_residuals(model, model.posed(x + sign * d), scene.seen, spheres, 3.0).value.astype(float)
+            for sign in (1, -1)
+        ]
+        active = (both[0][..., 0] > 0) & (both[1][..., 0] > 0) & (r.value[..., 0] > 0)
+        off = np.abs((both[0] - both[1]) / 2e-3 - J[..., v])[..., 0][active]
+        assert active.sum() > 50 and np.percentile(off, 80) < 4  # mm per radian, where no pixel's border is crossed
+
+
+def test_a_sphere_before_a_plate() -> None:
+    """By hand: a plate 30 mm behind the centre, a hand at the centre: before it by the depth and its radius."""
+    from layers.hand import skeleton
+
+    model = FleshModel(skeleton.load(), 150.0)
+    crop = np.full((1, 128, 128), 0.2, np.float32)
+    seen = observe(crop, [[320, 240, 700]], NYU, 300.0)
+    x = np.zeros((1, model.variables))
+    posed, spheres = model.posed(x), spheres_of(model)
+    found = sphere_residuals(model, posed, seen, spheres, 3.0)
+    c, radius = point_of(model, posed, found.capsule, found.place)
+    expected = np.maximum(30 - (c[..., 2] - radius) - 3, 0)
+    shown = (np.abs(c[..., :2]) < 120).all(axis=2)
+    np.testing.assert_allclose(found.value[..., 1][shown], expected[shown], atol=1e-3)
+    assert (found.value[..., 0] == 0).all()  # the plate fills the picture
