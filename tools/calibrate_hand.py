@@ -11,6 +11,11 @@ Bones and fixed directions that the frames do not determine are held near those 
 size of the hand; the report names them. "+-" is the standard deviation. Limits are percentiles of the angles in the
 frames, so the frames should show everything that the hand can do.
 To use the file, write skeleton: "FILE" in the hand_model_param and in the phys_limit_param of a net.
+
+    python tools/calibrate_hand.py --from-depth frames/*.png --camera kinect2 --out prototxt/hand/me.prototxt
+
+needs no annotation: it finds the hand in each depth frame, fits the packaged hand to it, and looks for the one size
+that explains all frames best, and how thick the flesh is. Twenty frames of an open, moving hand are enough.
 """
 
 from __future__ import annotations
@@ -28,26 +33,38 @@ import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 
 import numpy as np
 
+from handpose.data.images import read_frame
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting import calibration_report
 from handpose.fitting.calibration import calibrate
 from handpose.fitting.calibration_problem import FEWEST_FRAMES
+from handpose.fitting.depth.size_calibration import GRID, calibrate_size, sized
 from handpose.fitting.observations import read_observations
+from handpose.predicting.packaged import load_predictor
+from handpose.predicting.predictor import FramePrediction
 from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
 from netlib.atomic import replace_text
-from netlib.errors import NetlibError, reason_of
-from tools.arguments import natural, parser_of, positive
+from netlib.errors import DataError, NetlibError, reason_of
+from tools.arguments import camera, natural, parser_of, positive
 from tools.console import DONE, duration, guarded
 from tools.progress import ProgressBar
 
+UNSURE = 0.03  # deviation of a size
 LARGE_MM = 4.0  # a mean distance; careful annotation of one person leaves 3 mm (NYU's two test subjects)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("annotations", metavar="ANNOTATIONS", help="an HDF5 file, or a list of them (.txt)")
+    parser.add_argument("annotations", metavar="ANNOTATIONS", nargs="+",
+                        help="an HDF5 file, or a list of them (.txt); with --from-depth depth frames")  # fmt: skip
+    parser.add_argument("--from-depth", action="store_true", help="no annotation: size and girth alone, from depth")
+    parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0", help="of the depth frames")
+    parser.add_argument("--unit", type=float, metavar="MM", help="of the depth frames (default: 1, of sr305 0.125)")
+    parser.add_argument("--hand", choices=("right", "left", "either"), default="either",
+                        help="in the depth frames (default: %(default)s, the one that most of them show)")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
     parser.add_argument("--template", metavar="SKELETON", help="a skeleton file to start from (default: the NYU hand)")
     parser.add_argument("--frames", type=positive, default=2000, metavar="N",
@@ -69,15 +86,20 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"--half-cube must be more than 0, found {args.half_cube:g}")
     if not 0 <= args.percentile < 50:
         parser.error(f"--percentile must be at least 0 and less than 50, found {args.percentile:g}")
-    return guarded(lambda: run(args))
+    if args.from_depth != (args.camera is not None):
+        parser.error("--from-depth and --camera belong together")
+    if not args.from_depth and len(args.annotations) > 1:
+        parser.error(f"{len(args.annotations)} ANNOTATIONS; expected one file, or a list of files")
+    return guarded(lambda: run_on_depth(args) if args.from_depth else run(args))
 
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate as the parsed arguments say. Raises NetlibError."""
     _check_out(args.out, args.force)
     template = skeletons.load(args.template) if args.template else skeletons.load()
+    (annotations,) = args.annotations
     frames = read_observations(
-        args.annotations, template, args.joints, args.frames, args.seed, args.half_cube or CUBE_MM / 2
+        annotations, template, args.joints, args.frames, args.seed, args.half_cube or CUBE_MM / 2
     )
     cubes, counts = np.unique(frames.half_cube, return_counts=True)
     unit = args.half_cube or float(cubes[counts.argmax()])
@@ -85,12 +107,9 @@ def run(args: argparse.Namespace) -> int:
     with ProgressBar(len(frames.targets)) as progress:
         found = calibrate(template, frames.targets * (frames.half_cube / unit)[:, None, None], frames.joints,
                           percentile=args.percentile, seed=args.seed, progress=progress)  # fmt: skip
-    comment = calibration_report.comment(template, frames, found, unit, source=Path(args.annotations).name,
+    comment = calibration_report.comment(template, frames, found, unit, source=Path(annotations).name,
                                          percentile=args.percentile)  # fmt: skip
-    try:
-        replace_text(args.out, text_of(found.skeleton.param, args.out.stem, comment))
-    except OSError as error:
-        raise NetlibError(f"{args.out}: cannot write the skeleton: {reason_of(error)}") from None
+    _write(args.out, found.skeleton, comment)
     print(calibration_report.report(template, frames, found, unit))
     print(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     after = float(np.nanmean(found.after)) * unit
@@ -98,6 +117,43 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning: the joints are still {after:.1f} mm from the hand on average; are all frames of one person, "
               "and their joints in this order?", file=sys.stderr)  # fmt: skip
     return DONE
+
+
+def run_on_depth(args: argparse.Namespace) -> int:
+    """Find size and girth as the parsed arguments say. Raises NetlibError."""
+    _check_out(args.out, args.force)
+    begun = time.perf_counter()
+    predictor = load_predictor(args.camera, hand=args.hand)
+    assert predictor.fitter is not None  # load_predictor fits unless told otherwise
+    found: list[FramePrediction] = []
+    with ProgressBar((1 + len(GRID)) * len(args.annotations)) as progress:
+        for image in args.annotations:
+            try:
+                found.append(predictor.in_frame(read_frame(image, args.camera, args.unit)))
+            except DataError as error:
+                raise DataError(f"{image}: {error}" if image not in str(error) else str(error)) from None
+            progress(1)
+        left = sum(frame.hand == "left" for frame in found) * 2 > len(found)
+        fit = predictor.fit_again(found, left)
+        size = calibrate_size(predictor.fitter, *fit, progress)
+    person = sized(predictor.skeleton, size)
+    hand = "left" if left else "right"
+    words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
+             f"its flesh {size.girth:.2f} times as thick, from the depth of {len(found)} frames.")  # fmt: skip
+    _write(args.out, person, words if not left else f"{words} The file is its mirror image, a right hand.")
+    print(words)
+    print(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
+    if size.deviation > UNSURE:
+        print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
+              "each? (tools/predict.py draws it)", file=sys.stderr)  # fmt: skip
+    return DONE
+
+
+def _write(out: Path, skeleton: Skeleton, comment: str) -> None:
+    try:
+        replace_text(out, text_of(skeleton.param, out.stem, comment))
+    except OSError as error:
+        raise NetlibError(f"{out}: cannot write the skeleton: {reason_of(error)}") from None
 
 
 def _check_out(out: Path, force: bool) -> None:

@@ -3,6 +3,8 @@
 
     python tools/test.py snapshots/nyu_iter_*.caffemodel.h5
 
+    python tools/test.py --fit accurate ...     # the same after the hand model was fitted to the depth, in more columns
+
 Errors are distances between predicted and annotated joints. Both are relative to the centre of the crop (joint 34 of
 the NYU annotation; on synthetic data the same place of the synthetic hand) and scaled by each frame's own cube.
 """
@@ -12,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -22,8 +25,10 @@ import netlib  # before NumPy: it chooses BLAS kernels
 
 from handpose.data.examples import spread
 from handpose.drawing import comparisons
+from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import crops_of, data_layer, hand_layer
 from handpose.scoring.held_out import Predictions, figures_of, predict_all
+from handpose.scoring.held_out_fits import fit_all
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.net import Net
@@ -41,6 +46,10 @@ COLUMNS = {  # figure -> heading, format
     "within_20_mm": ("max <= 20 mm", "{:.1%}"),
     "within_40_mm": ("max <= 40 mm", "{:.1%}"),
     "out_of_limits": ("out of limits", "{:.1%}"),
+    "fit_error_mm": ("fit: all joints mm", "{:.2f}"),
+    "fit_error_14_mm": ("14 joints mm", "{:.2f}"),
+    "fit_within_20_mm": ("max <= 20 mm", "{:.1%}"),
+    "fit_within_40_mm": ("max <= 40 mm", "{:.1%}"),
 }
 
 
@@ -50,6 +59,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
     parser.add_argument("--model", metavar="NET", default=str(ROOT / "prototxt" / "nyu_train_test.prototxt"),
                         help="the net's prototxt (default: nyu_train_test.prototxt)")  # fmt: skip
+    parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
+    parser.add_argument("--deploy", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
+                        help="with --fit: the same net with an input (default: nyu_deploy.prototxt)")  # fmt: skip
     parser.add_argument("--picture", metavar="FILE", help=f"draw {DRAWN} frames with the hands of the last snapshot")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -71,6 +83,12 @@ def run(args: argparse.Namespace) -> int:
         with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
             predictions = predict_all(net, progress=progress.reach)
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})
+        if args.fit:
+            deploy = Net(args.deploy, snapshot, netlib.TEST, engine=args.engine)
+            with ProgressBar(data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}") as progress:
+                joints = fit_all(net, deploy, snapshot, args.fit, progress.reach)
+            predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)
+            rows[-1] |= {f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()}
     if args.picture:
         _draw(Path(args.picture), net, predictions)
     if args.json:

@@ -8,17 +8,20 @@ docs/data.md lists all that such a file holds. Whoever computes with labels, and
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.facts.cameras import CAMERAS, Camera
 from handpose.facts.nyu import CUBE_MM
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.hdf5 import File
+
+ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
 
 
 @dataclass(frozen=True)
@@ -77,3 +80,35 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
         raise DataError(f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
                         "such frames), expected mm, more than 0")  # fmt: skip
     return half_cube
+
+
+def read_centers(files: Sequence[File]) -> tuple[Array, Camera]:
+    """Crop centres (n, 3) of all frames, px, px, mm, and the camera that saw them. Raises DataError.
+
+    Files have each centre in pixels and in mm, so the camera follows: u = u0 + fx x / z, v = v0 - fy y / z. It has the
+    size of the camera in ``CAMERAS`` that it is, else its middle is taken for the image's.
+    """
+    found = []
+    for file in files:
+        for name in ("center_uvd", "center"):
+            if name not in file.names:
+                raise DataError(f"{file.path}: no data set {name!r}; expected where the crops were cut")
+        stored = File(file.path, ("center_uvd", "center")).arrays
+        if any(array.shape != (file.rows, 3) for array in stored):
+            raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
+        found.append(np.stack([np.asarray(array, dtype=np.float64) for array in stored]))
+    uvd, xyz = np.concatenate(found, axis=1)
+    if not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > 0).all()):
+        raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
+    numbers = []
+    for pixel, slope in ((uvd[:, 0], xyz[:, 0] / xyz[:, 2]), (uvd[:, 1], -xyz[:, 1] / xyz[:, 2])):
+        A = np.stack([np.ones(len(slope)), slope], axis=1)
+        (middle, focal), *_ = np.linalg.lstsq(A, pixel, rcond=None)
+        if np.abs(A @ (middle, focal) - pixel).max() > ONE_CAMERA_PX:
+            raise DataError(f"{files[0].path}: crop centres of several cameras; expected frames of one")
+        numbers += [float(focal), float(middle)]
+    fx, u0, fy, v0 = numbers
+    for camera in CAMERAS.values():
+        if np.allclose((fx, fy, u0, v0), (camera.fx, camera.fy, camera.u0, camera.v0), atol=0.5):
+            return uvd, camera
+    return uvd, Camera("own", fx, fy, u0, v0, round(2 * u0), round(2 * v0))

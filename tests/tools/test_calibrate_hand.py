@@ -1,14 +1,20 @@
 """tools/calibrate_hand.py: a skeleton file from annotated frames, which nets and fits can use."""
 
+import dataclasses
+import re
+
+import cv2
 import h5py
 import numpy as np
 import pytest
 
+from handpose.facts.cameras import KINECT2
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.levenberg_marquardt import fit_joints
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tools import calibrate_hand
 
 HAND = skeletons.load()
@@ -151,3 +157,46 @@ def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
     write("fourteen.h5", frames[:, EVALUATION_JOINTS])
     assert calibrate_hand.main(["fourteen.h5", "--out", "me.prototxt"]) == 0
     assert "14 of 31 joints" in (work / "me.prototxt").read_text().replace("\n# ", " ")
+
+
+# ------------------------------------------------------------------------------------------- from depth alone
+
+
+def test_size_from_depth(tmp_path, monkeypatch, capsys):
+    """Eight whole frames of a hand 0.9 times as large: its size to 3%, in a file that reads back."""
+    monkeypatch.chdir(tmp_path)
+    sampler, rng = HandSampler(PosePrior(scale_std=0, bone_std=0)), np.random.default_rng(2)
+    hands = sampler.hands(rng, 8)
+    bones = 0.9 * hands.bones
+    smaller = hands._replace(bones=bones, scale=0.9 * hands.scale)
+    capsules = capsules_of(sampler, rng, smaller, (20, -10, 650), dataclasses.replace(ARM_BEHIND, thickness_std=0))
+    for n, depth in enumerate(render_image(capsules, KINECT2)):
+        cv2.imwrite(f"{n}.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))
+    images = [f"{n}.png" for n in range(8)]
+    options = ["--from-depth", "--camera", "kinect2", "--out", "me.prototxt"]
+    assert calibrate_hand.main([*images, *options]) == 0
+    out = capsys.readouterr().out
+    assert re.match(r"A right hand of 0\.\d+ \+- 0\.\d+ times the size of nyu, its flesh \d\.\d+ times as thick", out)
+    me = skeletons.load("me.prototxt")
+    assert np.median(me.bones[me.bones != 0] / HAND.bones[HAND.bones != 0]) == pytest.approx(0.9, abs=0.03)
+    assert "from the depth of 8 frames" in (tmp_path / "me.prototxt").read_text()
+    assert calibrate_hand.main([*images[:3], *options, "--force"]) == 1
+    assert "3 frames to tell a hand's size from, expected 5 or more" in capsys.readouterr().err
+    cv2.imwrite("empty.png", np.zeros((424, 512), np.uint16))
+    assert calibrate_hand.main(["empty.png", *options, "--force"]) == 1
+    assert "empty.png: no depth anywhere in the image" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a.png", "--from-depth", "--out", "x"], "--from-depth and --camera belong together"),
+        (["a.h5", "--camera", "nyu", "--out", "x"], "--from-depth and --camera belong together"),
+        (["a.h5", "b.h5", "--out", "x"], "2 ANNOTATIONS; expected one file, or a list of files"),
+    ],
+)
+def test_usage_with_depth(capsys, arguments, message):
+    """Status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        calibrate_hand.main(arguments)
+    assert stopped.value.code == 2 and message in capsys.readouterr().err

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose.predicting.packaged import SYNTHETIC_HAND, read_card
 from netlib import engine
+from tests.tools.conftest import ROOT
 from tools import test, train
 
 
@@ -76,3 +78,38 @@ def test_mistakes(work, snapshot, capsys):
     (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')
     assert test.main(["--model", "deploy.prototxt", snapshot]) == 1
     assert "no HDF5Data layer in phase TEST" in capsys.readouterr().err
+
+
+def test_fit(work, small_data, capsys):
+    """--fit adds what is left after the fit to the depth; the picture then shows the fitted hands."""
+    model = (ROOT / "prototxt" / "synthetic_train_test.prototxt").read_text().replace("data/nyu", str(small_data))
+    (work / "own.prototxt").write_text(model.replace("batch_size: 250", "batch_size: 10"))
+    weights = str(read_card(SYNTHETIC_HAND).weights)
+    arguments = ["--model", "own.prototxt", weights, "--fit", "fast"]
+    assert test.main([*arguments, "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["snapshots"]
+    assert row["fit_error_14_mm"] < 0.7 * row["error_14_mm"] and row["fit_within_40_mm"] >= row["within_40_mm"]
+    assert "fit_out_of_limits" not in row
+    assert test.main([*arguments, "--picture", "x.png"]) == 0
+    assert "fit: all joints mm" in capsys.readouterr().out and cv2.imread("x.png") is not None
+
+
+def test_frames_that_cannot_be_fitted(work, small_data, snapshot, capsys):
+    """Without the places where their crops were cut, or of several cameras."""
+    (work / "data").mkdir()
+    with h5py.File(small_data / "test_000.h5") as file:
+        arrays = {name: file[name][...] for name in ("depth", "joint", "half_cube", "center", "center_uvd")}
+    net = (work / "net.prototxt").read_text().replace(str(small_data), "data")
+    (work / "own.prototxt").write_text(net)
+    (work / "data" / "test.txt").write_text(str(work / "data" / "test.h5"))
+    for missing, change, message in (
+        ("center", {}, "no data set 'center'; expected where the crops were cut"),
+        ("", {"center_uvd": arrays["center_uvd"] + np.arange(24)[:, None]}, "crop centres of several cameras"),
+        ("", {"center_uvd": arrays["center_uvd"][:, :2]}, "centres of shape"),
+    ):
+        with h5py.File(work / "data" / "test.h5", "w") as file:
+            for name, values in (arrays | change).items():
+                if name != missing:
+                    file[name] = values
+        assert test.main(["--model", "own.prototxt", snapshot, "--fit", "fast"]) == 1
+        assert message in capsys.readouterr().err

@@ -68,7 +68,9 @@ class DepthFitter:
     def fit(
         self, seen: Observation, predictions: Sequence[Array], plan: str, *, size: float | None = None, seed: int = 0
     ) -> DepthFit:
-        """The best fit of every frame; the same whatever frames are fitted with it. Raises DataError.
+        """The best fit of every frame. Raises DataError.
+
+        The same frames give the same fits, bit for bit; other frames beside them change no more than rounding does.
 
         predictions  inputs (N, D), from each crop turned counter-clockwise by the quarters of the plan
         size         the body's, if it is known

@@ -48,7 +48,7 @@ def point_of(model: FleshModel, posed: Posed, capsule: NDArray[np.int_], place: 
 
 def joined(first: Residuals, second: Residuals) -> Residuals:
     """All of both."""
-    return Residuals(*(np.concatenate([a, b], axis=1) for a, b in zip(first, second)))  # type: ignore[list-item]
+    return Residuals(*(np.concatenate([a, b], axis=1) for a, b in zip(first, second)))
 
 
 def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Floats, Floats]:

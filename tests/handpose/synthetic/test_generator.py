@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
 from handpose.flesh.render import Capsules, normalise_depth, render_crop
 from handpose.predicting.finding import palm_frame
-from handpose.synthetic.generator import BLOCK, Generator, Recipe, View
+from handpose.synthetic.generator import BLOCK, RECIPES, Generator, Recipe, View
 from handpose.synthetic.pose_prior import PosePrior
 from netlib.errors import DataError
 
@@ -84,6 +85,26 @@ def test_nothing_is_seen_outside_the_image() -> None:
     touching = outside & np.pad(frames.depth[:, 0] < 1, ((0, 0), (0, 1), (0, 0)))[:, 1:]
     assert touching.any()  # the hand is cut by the border
     assert (frames.depth[:, 0][outside] == 1).all()
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_recipes(name: str) -> None:
+    """Each draws frames, the same again; its text says all of it, and no two recipes are the same."""
+    scene = Generator(3, "test", RECIPES[name]).scene(1)
+    np.testing.assert_array_equal(scene.depth, Generator(3, "test", RECIPES[name]).scene(1).depth)
+    assert np.isfinite(scene.depth).all() and (scene.depth < 1).any(axis=(1, 2)).all()
+    texts = {json.dumps(Generator(3, "test", recipe).made_from()) for recipe in RECIPES.values()}
+    assert len(texts) == len(RECIPES)
+
+
+def test_every_roll_and_every_camera() -> None:
+    """The recipe for cameras: all views come, hands point everywhere, near and far."""
+    scenes = [Generator(3, "train", RECIPES["cameras"]).scene(number) for number in range(12)]
+    assert len({scene.camera.name for scene in scenes}) == 4
+    depth = np.concatenate([scene.center_uvd[:, 2] for scene in scenes])
+    assert depth.min() < 300 and depth.max() > 1100
+    roll = np.concatenate([scene.hands.inputs[:, 5] for scene in scenes])
+    assert (np.histogram(roll, 4, (-np.pi, np.pi))[0] / len(roll) > 0.12).all()
 
 
 # ---------------------------------------------------------------------------------------- against reality

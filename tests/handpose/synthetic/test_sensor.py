@@ -80,3 +80,24 @@ def test_holes() -> None:
     assert (read[1][around[1]] == 1200).all()
     few = sense(np.random.default_rng(0), slope(), FAR, replace(PERFECT, holes=(0.01, 0.01)), NYU)
     assert 0 < (few != whole).sum() <= 9 * 0.03 * edges(whole).sum()
+
+
+def test_time_of_flight() -> None:
+    """Noise that grows with the squared depth, rounded to mm; nothing else if there are no other faults."""
+    perfect = replace(PERFECT, baseline=0.0, depth_noise=(4.0, 4.0))
+    near, far = (np.full((1, 64, 64), mm, np.float32) for mm in (500, 1000))
+    for plate, deviation in ((near, 1.0), (far, 4.0)):
+        read = sense(np.random.default_rng(0), plate, np.array([1100.0]), perfect, NYU)
+        assert (read - plate).std() == pytest.approx(deviation, rel=0.1)
+        assert (read == np.rint(read)).all()
+
+
+def test_flying_pixels() -> None:
+    """Some pixels at an edge between two surfaces read what lies between; beside the background there is none."""
+    depth = np.full((1, 64, 64), 950, np.float32)
+    depth[:, 10:50, 10:30], depth[:, 10:50, 30:50] = 600, 700
+    flying = replace(PERFECT, baseline=0.0, flying=(1.0, 1.0))
+    read = sense(np.random.default_rng(0), depth, np.array([950.0]), flying, NYU)
+    between = (read > 605) & (read < 695)
+    assert 5 < between.sum() < 70 and set(np.nonzero(between)[2].tolist()) <= {29, 30}
+    assert (read[depth == 950] == 950).all()

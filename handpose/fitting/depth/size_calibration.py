@@ -1,0 +1,94 @@
+"""The size and the girth of one person's hand, from depth frames alone.
+
+In one frame a larger hand farther away looks nearly the same, and a bent finger is a short one. All frames of a person
+have the same size, so that it is tried: with every size of a grid all frames are fitted once more from where they were,
+and the size that leaves the least misfit of all frames together is the hand's (a parabola through the three lowest). A
+frame counts robustly, for some are fitted wrongly whatever the size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handpose.fitting.depth.body import GIRTH, SIZE
+from handpose.fitting.depth.descent import Stage, descend
+from handpose.fitting.depth.fit import STARTS_TOGETHER, DepthFitter
+from handpose.fitting.depth.objective import Objective
+from handpose.fitting.depth.observation import Observation
+from handpose.fitting.depth.search import misfit
+from handpose.fitting.parallel import blocks
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+
+GRID = np.exp(np.linspace(-0.24, 0.24, 17))  # sizes that are tried
+FEWEST = 5  # frames of which a size can be said
+STAGES = (Stage(15, 4), Stage(10, 3))
+
+
+@dataclass(frozen=True)
+class HandSize:
+    """Of one hand.
+
+    size       relative to the skeleton
+    girth      radii relative to those of a skeleton of this size
+    deviation  of the size: from halves of the frames
+    sizes, misfits  the grid, and the mean misfit of a frame with each
+    """
+
+    size: float
+    girth: float
+    deviation: float
+    sizes: Array
+    misfits: Array
+
+
+def calibrate_size(
+    fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None
+) -> HandSize:
+    """The size of the hand that all frames show, fitted as x (N, V). Raises DataError for too few frames.
+
+    progress  is told how many more frames were fitted, ``len(GRID)`` times each
+    """
+    if len(x) < FEWEST:
+        raise DataError(f"{len(x)} frames to tell a hand's size from, expected {FEWEST} or more")
+    # The poses are free here: a prior about poses that were found with another size would keep the size.
+    weights = replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
+    objective = Objective(fitter.model, weights)
+    left, girths = np.zeros((2, len(GRID), len(x)))
+    for i, size in enumerate(GRID):
+        for rows in blocks(len(x), STARTS_TOGETHER):
+            start = x[rows].copy()
+            start[:, SIZE] = np.log(size)
+            prior = objective.prior_of(start, fitter.precision)
+            found, cost = descend(objective, start, seen.take(rows), prior, STAGES)
+            left[i, rows], girths[i, rows] = misfit(cost.parts), found[:, GIRTH]
+            progress(rows.stop - rows.start)
+    bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # a frame that no size explains says nothing
+    whole = _lowest(bounded.mean(axis=1))
+    order = np.random.default_rng(0).permutation(len(x))
+    halves = [_lowest(bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
+    girth = float(np.exp(np.median(girths[np.abs(np.log(GRID / whole)).argmin()])))
+    return HandSize(whole, girth, abs(halves[0] - halves[1]) / 2, GRID, bounded.mean(axis=1))
+
+
+def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
+    """The skeleton of this size, with flesh of this girth."""
+    larger = skeleton.scaled(found.size).param
+    flesh = larger.flesh
+    assert flesh is not None  # a fit has been made with it
+    thicker = tuple(replace(c, radius=tuple(r * found.girth for r in c.radius)) for c in flesh.capsule)
+    return Skeleton(replace(larger, flesh=replace(flesh, capsule=thicker)))
+
+
+def _lowest(values: Array) -> float:
+    """Where a parabola through the lowest value and its neighbours, over the logarithm of the size, is lowest."""
+    i = int(np.clip(values.argmin(), 1, len(GRID) - 2))
+    before, here, after = values[i - 1 : i + 2]
+    curve = before - 2 * here + after
+    shift = 0.5 * (before - after) / curve if curve > 0 else 0.0
+    step = np.log(GRID[1] / GRID[0])
+    return float(np.exp(np.log(GRID[i]) + np.clip(shift, -1, 1) * step))

@@ -1,0 +1,45 @@
+"""Fit the hands of a held-out set to their depth, and say how good they are then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from handpose.data import labels
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.fitting.depth.network_errors import read_errors
+from handpose.fitting.parallel import blocks
+from handpose.predicting.many import TOGETHER, fit_crops
+from handpose.predicting.nets import crops_of, data_layer, hand_layer
+from netlib.blob import Array
+from netlib.errors import NetlibError
+from netlib.net import Net
+
+
+def fit_all(
+    net: Net, deploy: Net, weights: str | Path, plan: str, progress: Callable[[int], None] = lambda done: None
+) -> Array:
+    """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from what ``deploy`` predicts.
+
+    weights  the file that both have theirs from; it may know the network's errors
+    """
+    data, hand = data_layer(net), hand_layer(deploy)
+    if hand is None:
+        raise NetlibError(f"{deploy.source}: no HandModel layer, so there is nothing to fit")
+    half = np.concatenate([labels.read_half_cubes(file) for file in data.files])
+    centers, camera = labels.read_centers(data.files)
+    joints = np.zeros((len(half), len(hand.skeleton.joint_names), 3))
+    done = 0
+    for unit in np.unique(half):
+        fitter = DepthFitter(hand.skeleton, float(unit))
+        fitter = DepthFitter(hand.skeleton, float(unit), read_errors(weights, fitter.model))
+        own = np.flatnonzero(half == unit)
+        for rows in blocks(len(own), TOGETHER):
+            crops = np.stack(crops_of(net, own[rows]))
+            found = fit_crops(deploy, fitter, crops, centers[own[rows]], camera, plan)
+            joints[own[rows]] = found.joints / unit
+            done += len(crops)
+            progress(done)
+    return joints

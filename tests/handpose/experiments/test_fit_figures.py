@@ -1,0 +1,54 @@
+"""handpose/experiments/fit_figures.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.experiments.fit_figures import auc, frames_of, joint_errors, measure, roll_of
+from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.predicting.packaged import load_predictor
+from handpose.synthetic.generator import RECIPES, Generator
+from layers.hand import skeleton
+
+
+def test_figures_of_the_packaged_network() -> None:
+    """Forty frames that nothing was chosen on: the fits beat the network, know when they fail, know their hand."""
+    predictor = load_predictor()
+    assert predictor.fitter is not None
+    done: list[int] = []
+    frames = frames_of(Generator(77, "test", RECIPES["nyu"]), 40)
+    found = measure(predictor.net, predictor.fitter, frames, ("fast", "accurate"), hands=True, progress=done.append)
+    assert done == [40] and len(found.network) == 40 and found.limbs.shape == (40, 20)
+    network, fast, accurate = (np.median(e) for e in (found.network, found.fits["fast"], found.fits["accurate"]))
+    assert accurate < fast < 0.6 * network and accurate < 6
+    assert found.right["accurate"].mean() > 0.97
+    expected = found.expected["accurate"]
+    assert expected.shape == (40,) and 2 < np.median(expected) < 12
+    assert ((found.confidence["fast"] >= 0) & (found.confidence["fast"] <= 1)).all()
+
+
+def test_frames_are_those_of_the_generator() -> None:
+    """As many as were asked for, in blocks of one camera."""
+    blocks = list(frames_of(Generator(1, "test", RECIPES["cameras"]), 70))
+    assert [len(block.crops) for block in blocks] == [64, 6]
+    assert {len(block.joints) for block in blocks} == {64, 6} and blocks[0].joints.shape[1:] == (31, 3)
+
+
+def test_auc() -> None:
+    """By hand: of 2 failed and 3 good frames, 5 of the 6 pairs are in order; none without both kinds."""
+    score = np.array([1.0, 2, 3, 4, 5])
+    failed = np.array([False, False, True, False, True])
+    assert auc(score, failed) == pytest.approx(5 / 6)
+    assert np.isnan(auc(score, np.zeros(5, bool)))
+
+
+def test_errors_and_roll() -> None:
+    """Over the 14 joints; degrees between -180 and 180."""
+    truth = np.zeros((1, 31, 3))
+    joints = truth.copy()
+    joints[0, EVALUATION_JOINTS[0]] = (0, 3, 4)
+    assert joint_errors(joints, truth) == pytest.approx([5 / 14])
+    inputs = np.zeros((3, 47))
+    inputs[:, 5] = (0.1, np.pi + 0.1, -7)
+    np.testing.assert_allclose(roll_of(skeleton.load(), inputs), np.rad2deg([0.1, 0.1 - np.pi, 2 * np.pi - 7]))

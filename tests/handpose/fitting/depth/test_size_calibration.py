@@ -1,0 +1,45 @@
+"""handpose/fitting/depth/size_calibration.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import NYU
+from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.fitting.depth.observation import observe
+from handpose.fitting.depth.size_calibration import GRID, HandSize, calibrate_size, sized
+from handpose.flesh.flesh import Flesh
+from handpose.flesh.render import normalise_depth, render_crop
+from netlib.errors import DataError
+from tests.handpose.fitting.depth.conftest import Scene
+
+
+def test_the_size_of_a_hand(model: FleshModel, scene: Scene) -> None:
+    """Twelve frames of a hand that is 0.92 times as large and 1.15 times as thick, fitted with some other size."""
+    truth = scene.truth.copy()
+    truth[:, SIZE], truth[:, GIRTH] = np.log(0.92), np.log(1.15)
+    capsules = model.capsules(truth, NYU.unproject(scene.center_uvd))
+    depth = render_crop(capsules, scene.center_uvd, 300.0)
+    seen = observe(normalise_depth(depth, scene.center_uvd[:, 2], 300.0), scene.center_uvd, NYU, 300.0, 200)
+    fitted = scene.truth + np.random.default_rng(0).normal(0, 0.03, scene.truth.shape)
+    done: list[int] = []
+    found = calibrate_size(DepthFitter(model.skeleton, 150.0), seen, fitted, done.append)
+    assert found.size == pytest.approx(0.92, abs=0.012) and found.girth == pytest.approx(1.15, abs=0.05)
+    assert found.deviation < 0.02 and sum(done) == 12 * len(GRID)
+    assert found.misfits.argmin() == np.abs(GRID - 0.92).argmin()
+
+
+def test_too_few_frames(model: FleshModel, scene: Scene) -> None:
+    """Say nothing."""
+    with pytest.raises(DataError, match="4 frames to tell a hand's size from, expected 5 or more"):
+        calibrate_size(DepthFitter(model.skeleton, 150.0), scene.seen.take(slice(0, 4)), scene.truth[:4])
+
+
+def test_a_skeleton_of_that_size(model: FleshModel) -> None:
+    """Bones by the size, radii by both."""
+    found = HandSize(1.1, 1.2, 0.0, GRID, GRID)
+    person = sized(model.skeleton, found)
+    np.testing.assert_allclose(person.bones, 1.1 * model.skeleton.bones)
+    np.testing.assert_allclose(Flesh(person).radii, 1.32 * model.flesh.radii)

@@ -1,0 +1,74 @@
+"""tools/package_model.py and tools/measure_fit.py: a small file of weights, and what it is worth."""
+
+import hashlib
+import json
+
+import pytest
+
+import netlib
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.network_errors import read_errors
+from handpose.predicting.packaged import SYNTHETIC_HAND, read_card
+from layers.hand import skeleton
+from tools import measure_fit, package_model
+
+DEPLOY = str(SYNTHETIC_HAND / "deploy.prototxt")
+
+
+def test_packaging(tmp_path, monkeypatch, capsys):
+    """A file that nets read, with tables of both plans, whose checksum is printed."""
+    monkeypatch.chdir(tmp_path)
+    netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save("big.caffemodel.h5")
+    arguments = ["big.caffemodel.h5", "--model", DEPLOY, "--out", "small.caffemodel.h5", "--bits", "6"]
+    assert package_model.main([*arguments, "--frames", "48"]) == 0
+    out = capsys.readouterr().out
+    assert "48 frames of the recipe cameras: network " in out and "with 6 bits " in out
+    small = (tmp_path / "small.caffemodel.h5").read_bytes()
+    assert hashlib.sha256(small).hexdigest() in out
+    assert len(small) < 0.5 * (tmp_path / "big.caffemodel.h5").stat().st_size
+    errors = read_errors("small.caffemodel.h5", FleshModel(skeleton.load(), 150.0))
+    assert set(errors.tables) == {"fast", "accurate"}
+    assert (
+        measure_fit.main(["--weights", "small.caffemodel.h5", "--model", DEPLOY, "--frames", "3", "--recipes", "nyu"])
+        == 0
+    )
+
+
+def test_figures_as_json(capsys):
+    """The network and each plan, in every range of the roll; the mirror image where it was asked for."""
+    arguments = ["--frames", "20", "--recipes", "any_roll", "--plans", "fast", "--hands", "--roll", "--json"]
+    assert measure_fit.main(arguments) == 0
+    report = json.loads(capsys.readouterr().out)
+    network, fast = report["rows"][:2]
+    assert (network["plan"], fast["plan"], fast["frames"]) == ("network", "fast", 20)
+    assert fast["median"] < network["median"] and 0 <= fast["right"] <= 1
+    assert sum(row["frames"] for row in report["rows"][2:] if row["plan"] == "fast") == 20
+
+
+def test_terms(capsys):
+    """A table with a line for each term that is left out."""
+    assert measure_fit.main(["--frames", "4", "--recipes", "nyu", "--plans", "fast", "--terms"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("4 frames of each recipe, seed 0")
+    assert [line for line in lines if " silhouette " in line] and [line for line in lines if " girth " in line]
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments", "message"),
+    [
+        (package_model, ["a", "--model", "b", "--out", "c", "--bits", "24"], "--bits must be at most 23, found 24"),
+        (measure_fit, ["--weights", "a"], "--weights and --model belong together"),
+    ],
+)
+def test_usage(capsys, tool, arguments, message):
+    """Status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        tool.main(arguments)
+    assert stopped.value.code == 2 and message in capsys.readouterr().err
+
+
+def test_no_folder(tmp_path, capsys):
+    """Is told before the work."""
+    out = tmp_path / "nowhere" / "x.h5"
+    assert package_model.main(["a.h5", "--model", DEPLOY, "--out", str(out)]) == 1
+    assert f"{out}: no folder {out.parent}" in capsys.readouterr().err

@@ -1,0 +1,159 @@
+#!/usr/bin/env python3
+"""What a network and the fit after it are worth on synthetic hands: errors, failures, confidence, left or right.
+
+    python tools/measure_fit.py                                   # the packaged network, on every recipe
+    python tools/measure_fit.py --weights snapshots/x.caffemodel.h5 --model prototxt/nyu_deploy.prototxt
+    python tools/measure_fit.py --recipes nyu other_flesh --frames 512 --terms    # what each term of the fit is worth
+
+Frames are drawn from the recipes (tools/make_synthetic.py says which there are), of the split and seed that nothing
+was chosen on. Errors are means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" is how
+well the misfit tells those that have; "expected" the mean error that the fit itself expects. "right" is the share of
+frames that are explained better than their mirror image (--hands). With --roll, errors by how the palm is turned in
+the picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import numpy as np
+
+from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
+from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.fitting.depth.network_errors import GOOD_MM, read_errors
+from handpose.fitting.depth.objective import Weights
+from handpose.fitting.depth.search import PLANS
+from handpose.predicting.nets import hand_layer
+from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from handpose.synthetic.generator import RECIPES, Generator
+from netlib.blob import Array
+from netlib.errors import NetlibError
+from netlib.net import Net
+from tools.arguments import add_engine, natural, parser_of, positive
+from tools.console import DONE, aligned, guarded
+from tools.progress import ProgressBar
+
+TERMS = {  # what is left out -> the weights without it
+    "nothing": Weights(),
+    "silhouette": replace(Weights(), outline=0.0),
+    "free space": replace(Weights(), front=0.0),
+    "both": replace(Weights(), outline=0.0, front=0.0),
+    "limbs' prior": replace(Weights(), limbs=0.05),
+    "palm's prior": replace(Weights(), rigid=140.0),
+    "size": replace(Weights(), size=0.0),
+    "girth": replace(Weights(), girth=1e-3),
+}
+ROLLS = ((-180, -135), (-135, -45), (-45, 45), (45, 135), (135, 180))
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
+    parser.add_argument("--model", metavar="NET", help="the net that predicts with them")
+    parser.add_argument("--recipes", choices=RECIPES, nargs="+", default=list(RECIPES), metavar="NAME",
+                        help=f"some of {', '.join(RECIPES)} (default: all)")  # fmt: skip
+    parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
+                        help=f"some of {', '.join(PLANS)} (default: all)")  # fmt: skip
+    parser.add_argument("--frames", type=positive, default=2000, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the test frames (default: 0)")
+    parser.add_argument("--hands", action="store_true", help="fit the mirror images, too (twice the time)")
+    parser.add_argument("--roll", action="store_true", help="errors by the palm's turn in the picture")
+    parser.add_argument("--terms", action="store_true", help="errors without each term of the fit")
+    add_engine(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    args = parser.parse_args(argv)
+    if bool(args.weights) != bool(args.model):
+        parser.error("--weights and --model belong together")
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure as the parsed arguments say. Raises NetlibError."""
+    weights = Path(args.weights) if args.weights else checked_weights(read_card(SYNTHETIC_HAND))
+    net = Net(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, netlib.TEST, engine=args.engine)
+    layer = hand_layer(net)
+    if layer is None:
+        raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
+    fitter = DepthFitter(layer.skeleton, CUBE_MM / 2)
+    fitter = DepthFitter(layer.skeleton, CUBE_MM / 2, read_errors(weights, fitter.model))
+    terms = TERMS if args.terms else {"nothing": Weights()}
+    rows: list[dict[str, Any]] = []
+    begun = time.perf_counter()
+    with ProgressBar(args.frames * len(args.recipes) * len(terms)) as progress:
+        for recipe in args.recipes:
+            for without, own in terms.items():
+                generator = Generator(args.seed, "test", RECIPES[recipe])
+                found = measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2, fitter.errors, own),
+                                frames_of(generator, args.frames), tuple(args.plans), hands=args.hands,
+                                progress=progress)  # fmt: skip
+                rows += _rows(recipe, found, without if args.terms else "", args.roll)
+    if args.json:
+        print(json.dumps({"weights": str(weights), "frames": args.frames, "seed": args.seed, "rows": rows}, indent=2))
+    else:
+        print(
+            f"{args.frames} frames of each recipe, seed {args.seed}, {time.perf_counter() - begun:.0f} s; mm, 14 joints"
+        )
+        print(_table(rows))
+    return DONE
+
+
+def _rows(recipe: str, found: Figures, without: str, by_roll: bool) -> list[dict[str, Any]]:
+    """One row for the network and one for each plan; then the same for each range of the roll."""
+    every = np.ones(len(found.network), bool)
+    groups = [("", every)]
+    if by_roll:
+        groups += [(f"{low} to {high}", (found.roll >= low) & (found.roll < high)) for low, high in ROLLS]
+    rows = []
+    for roll, chosen in groups:
+        if not chosen.any():
+            continue
+        facts = {"recipe": recipe, **({"without": without} if without else {}), **({"roll": roll} if by_roll else {})}
+        rows.append({**facts, "plan": "network", **_errors(found.network[chosen])})
+        for plan, errors in found.fits.items():
+            row = {**facts, "plan": plan, **_errors(errors[chosen])}
+            row["auc"] = auc(found.misfit[plan][chosen], errors[chosen] > GOOD_MM)
+            row["expected"] = float(found.expected[plan][chosen].mean())
+            row["confidence"] = float(found.confidence[plan][chosen].mean())
+            if plan in found.right:
+                row["right"] = float(found.right[plan][chosen].mean())
+            rows.append({name: None if isinstance(v, float) and np.isnan(v) else v for name, v in row.items()})
+    return rows
+
+
+def _errors(errors: Array) -> dict[str, float]:
+    return {
+        "frames": len(errors),
+        "mean": float(errors.mean()),
+        "median": float(np.median(errors)),
+        "failed": float((errors > GOOD_MM).mean()),
+    }
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    formats = {"mean": "{:.2f}", "median": "{:.2f}", "failed": "{:.1%}", "auc": "{:.3f}", "expected": "{:.2f}",
+               "confidence": "{:.1%}", "right": "{:.1%}"}  # fmt: skip
+
+    def cell(row: dict[str, Any], name: str) -> str:
+        value = row.get(name)
+        return "" if value is None else formats.get(name, "{}").format(value)
+
+    return aligned([names, *([cell(row, name) for name in names] for row in rows)])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
