@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.drawing import hands
 from handpose.drawing.strokes import Colour, Image
 from handpose.facts.cameras import Camera
-from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from handpose.flesh.render import Capsules, in_front, normalise_depth, render_crop
 
 SKIN: Colour = (120, 165, 235)  # blue, green, red
 MISSING: Colour = (90, 60, 200)
@@ -27,7 +27,7 @@ def over_crop(
     uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
     center = camera.unproject(uvd)
     moved = Capsules(capsules.a + center[:, None], capsules.b + center[:, None], capsules.radius_a, capsules.radius_b)
-    drawn = normalise_depth(render_crop(moved, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
+    drawn = normalise_depth(render_crop(in_front(moved), uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     shown = large < 1

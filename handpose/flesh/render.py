@@ -29,6 +29,8 @@ from netlib.errors import DataError
 
 Floats = NDArray[np.float32]
 
+CLEAR_MM = 40.0  # before the camera's plane
+_FAR, _SPECK = 1e6, 1e-3  # mm: where nobody sees it, and so small
 _TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
 _OUTSIDE = 8.0  # slope of the rays of crop pixels that lie outside the image: no capsule is there
 
@@ -40,6 +42,20 @@ class Capsules(NamedTuple):
     b: NDArray[np.float64]  # (N, M, 3)
     radius_a: NDArray[np.float64]  # (N, M)
     radius_b: NDArray[np.float64]  # (N, M)
+
+
+def in_front(capsules: Capsules) -> Capsules:
+    """The parts of capsules that are CLEAR_MM or more before the camera's plane; what is not becomes a far speck."""
+    near = [(capsules.a[..., 2] - capsules.radius_a) - CLEAR_MM, (capsules.b[..., 2] - capsules.radius_b) - CLEAR_MM]
+    change = np.where(near[1] == near[0], 1.0, near[1] - near[0])
+    first = np.where(near[0] < 0, np.clip(-near[0] / change, 0, 1), 0.0)
+    last = np.where(near[1] < 0, np.clip(-near[0] / change, 0, 1), 1.0)
+    away = (near[0] < 0) & (near[1] < 0)
+    along, wider = capsules.b - capsules.a, capsules.radius_b - capsules.radius_a
+    ends = [capsules.a + part[..., None] * along for part in (first, last)]
+    radii = [np.where(away, _SPECK, capsules.radius_a + part * wider) for part in (first, last)]
+    ends = [np.where(away[..., None], (0.0, 0.0, _FAR), end) for end in ends]
+    return Capsules(ends[0], ends[1], radii[0], radii[1])
 
 
 def render_crop(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,12 @@ from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors
 from handpose.fitting.depth.observation import Observation, observe
 from handpose.fitting.depth.search import PLANS
+from handpose.fitting.depth.strangeness import strangeness
 from handpose.flesh.render import Capsules
 from handpose.predicting import finding
+from handpose.predicting.candidates import candidates
 from handpose.predicting.many import fit_crops
-from handpose.predicting.nets import hand_inputs, hand_layer
+from handpose.predicting.nets import hand_layer
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
@@ -48,6 +50,7 @@ class FittedHand:
     inputs      (D,) of the skeleton; of a left hand, those of its mirror image
     size        relative to the skeleton
     misfit      how badly the flesh explains the picture, in deviations squared
+    strangeness how little the place is a hand, in mm (``handpose.fitting.depth.strangeness``)
     error_mm    the error of the joints to be expected; NaN if nobody has measured it for these weights
     confidence  the chance that it is below 30 mm; NaN likewise
     capsules    the flesh, in mm from the crop's centre
@@ -56,6 +59,7 @@ class FittedHand:
     inputs: Array
     size: float
     misfit: float
+    strangeness: float
     error_mm: float
     confidence: float
     capsules: Capsules
@@ -108,6 +112,14 @@ class FramePrediction(Prediction):
         return np.asarray(self.center_mm + self.joints_mm)
 
 
+class Place(NamedTuple):
+    """A crop (128, 128) in [-1, 1], its centre (3,) in px, px, mm, and which hand it is to be seen as."""
+
+    crop: NDArray[np.float32]
+    center_uvd: Array
+    side: str
+
+
 class Predictor:
     """A net that sees the joints of a hand in a crop, and what it takes to use it on crops and on whole frames.
 
@@ -149,7 +161,9 @@ class Predictor:
         if depth.shape != (SIZE, SIZE):
             raise DataError(f"crop of shape {depth.shape}, expected ({SIZE}, {SIZE})")
         camera, middle = self.alone()
-        return min((self._in(depth.astype(np.float32), camera, middle, side) for side in self.sides), key=_misfit)
+        seen = depth.astype(np.float32)
+        found = min(self._hands([Place(seen, middle, side) for side in self.sides], camera, self.fit), key=_misfit)
+        return Prediction(**{field.name: getattr(found, field.name) for field in dataclasses.fields(Prediction)})
 
     def alone(self) -> tuple[Camera, Array]:
         """Camera and centre (3,) that a crop without its frame is taken to have."""
@@ -161,21 +175,22 @@ class Predictor:
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> FramePrediction:
         """The hand in a depth frame (height, width) in mm, 0 where nothing was read. Raises DataError, NetlibError.
 
-        center  where to look first, as for ``start``
+        center  where to look first, as for ``start``. Without it, and with a fit, every place where a hand may be is
+                predicted and fitted fast, and the one that looks most like a hand by the plan
         """
-        camera, start = self._camera_of(depth), self.start(depth, center)
-
-        def found(side: str) -> FramePrediction:
-            seen, uvd = self._centred(depth, camera, start, side)
-            return FramePrediction(**vars(self._in(seen, camera, uvd, side)), camera=camera, center_uvd=uvd)
-
-        return min((found(side) for side in self.sides), key=_misfit)
+        camera = self._camera_of(depth)
+        if center is None and self.fit != "no":
+            places = self._places(depth, camera, list(candidates(depth, camera)))
+            start = min(self._hands(places, camera, "fast"), key=_strangeness).center_uvd
+        else:
+            start = self.start(depth, center)
+        return min(self._hands(self._places(depth, camera, [start]), camera, self.fit), key=_misfit)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.
 
         center  (u, v, d) is taken as it is; (u, v) gets the depth that is seen there; without it the nearest thing is
-                taken for the hand
+                taken for the hand (with a fit, ``in_frame`` looks at more)
         """
         if center is None:
             return finding.find_hand(depth, self._camera_of(depth))
@@ -191,10 +206,23 @@ class Predictor:
         seen = observe(crops, uvd, found[0].camera, self.cube_mm, PLANS["fast"].points)
         return (seen.mirrored() if left else seen), fit.x
 
-    def _centred(
-        self, depth: NDArray[np.generic], camera: Camera, start: Array, side: str
-    ) -> tuple[NDArray[np.float32], Array]:
-        """The crop about the palm that is predicted, and its centre. Raises DataError if the start is out of sight."""
+    def _places(self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array]) -> list[Place]:
+        """The crops about the palms that are predicted from these starts, as hands of each side.
+
+        Raises DataError if all starts are out of sight.
+        """
+        places, last = [], None
+        for start in starts:
+            try:
+                places += [self._centred(depth, camera, start, side) for side in self.sides]
+            except DataError as error:
+                last = error
+        if last is not None and not places:
+            raise last
+        return places
+
+    def _centred(self, depth: NDArray[np.generic], camera: Camera, start: Array, side: str) -> Place:
+        """The crop about the palm that is predicted. Raises DataError if the start is out of sight."""
         uvd, seen = start, crop(depth, start, self.cube_mm, camera)
         for _ in range(self.refine):
             joints = self._network(seen, side)
@@ -206,7 +234,7 @@ class Predictor:
                 seen, uvd = crop(depth, there, self.cube_mm, camera), there
             except DataError:  # out of sight
                 break
-        return seen, uvd
+        return Place(seen, uvd, side)
 
     def _network(self, seen: NDArray[np.float32], side: str) -> Array:
         """The joints (K, 3) in half-cubes that the net alone predicts in a crop."""
@@ -216,29 +244,47 @@ class Predictor:
             raise NetlibError(f"{self.net.source}: predicts joints that are not finite; check its weights")
         return np.asarray(joints * _MIRROR if side == "left" else joints)
 
-    def _in(self, seen: NDArray[np.float32], camera: Camera, center_uvd: Array, side: str) -> Prediction:
-        """The hand of one side in a crop."""
-        network = self._network(seen, side)
-        if self.fitter is None:
-            return Prediction(network, network, seen, self.cube_mm, side, None)
-        plan, left = PLANS[self.fit], side == "left"
-        shown = seen[:, ::-1] if left else seen
-        observed = observe(seen[None], center_uvd, camera, self.cube_mm, plan.points)
-        turned = np.stack([np.rot90(shown, quarter) for quarter in plan.quarters])
-        predictions = list(hand_inputs(self.net, turned)[:, None])
-        found = self.fitter.fit(observed.mirrored() if left else observed, predictions, self.fit)
-        flip = _MIRROR if left else (1, 1, 1)
-        flesh = self.fitter.model.capsules(found.x, np.zeros((1, 3)))
-        hand = FittedHand(
-            inputs=found.inputs[0],
-            size=float(found.size[0]),
-            misfit=float(found.misfit[0]),
-            error_mm=float(found.error_mm[0]),
-            confidence=float(found.confidence[0]),
-            capsules=Capsules(flesh.a * flip, flesh.b * flip, flesh.radius_a, flesh.radius_b),
-        )
-        joints = found.joints[0] * flip / (self.cube_mm / 2)
-        return Prediction(joints, network, seen, self.cube_mm, side, hand)
+    def _hands(self, places: Sequence[Place], camera: Camera, plan: Fit) -> list[FramePrediction]:
+        """The hands at some places, fitted by the plan."""
+        found: dict[int, FramePrediction] = {}
+        for side in self.sides:
+            own = [i for i, place in enumerate(places) if place.side == side]
+            if own:
+                found |= dict(zip(own, self._hands_of(side, [places[i] for i in own], camera, plan)))
+        return [found[i] for i in range(len(places))]
+
+    def _hands_of(self, side: str, places: Sequence[Place], camera: Camera, plan: Fit) -> list[FramePrediction]:
+        """The same, all of one side."""
+        flip, half = np.array(_MIRROR if side == "left" else (1, 1, 1)), self.cube_mm / 2
+        network = [self._network(place.crop, side) for place in places]
+        if self.fitter is None or plan == "no":
+            return [
+                FramePrediction(joints, joints, place.crop, self.cube_mm, side, None, camera, place.center_uvd)
+                for joints, place in zip(network, places)
+            ]
+        model, left = self.fitter.model, side == "left"
+        crops, uvd = np.stack([place.crop for place in places]), np.stack([place.center_uvd for place in places])
+        fit = fit_crops(self.net, self.fitter, crops, uvd, camera, plan, left=left)
+        flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
+        if left:  # as the mirror shows it
+            crops, uvd = crops[:, :, ::-1], camera.project(camera.unproject(uvd) * flip)
+        strange = strangeness(model, fit.x, np.stack(network) * flip * half, crops, uvd, camera)
+        hands = []
+        for n, place in enumerate(places):
+            capsules = Capsules(flesh.a[[n]] * flip, flesh.b[[n]] * flip, flesh.radius_a[[n]], flesh.radius_b[[n]])
+            hand = FittedHand(
+                inputs=fit.inputs[n],
+                size=float(fit.size[n]),
+                misfit=float(fit.misfit[n]),
+                strangeness=float(strange[n]),
+                error_mm=float(fit.error_mm[n]),
+                confidence=float(fit.confidence[n]),
+                capsules=capsules,
+            )
+            joints = fit.joints[n] * flip / half
+            hands.append(FramePrediction(joints, network[n], place.crop, self.cube_mm, side, hand, camera,
+                                         place.center_uvd))  # fmt: skip
+        return hands
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
         """The camera, with the frame's size if it has none."""
@@ -250,5 +296,10 @@ class Predictor:
 
 
 def _misfit(found: Prediction) -> float:
-    """What chooses between a right and a left hand."""
+    """What chooses between a right and a left hand in one place."""
     return found.fit.misfit if found.fit else 0.0
+
+
+def _strangeness(found: Prediction) -> float:
+    """What chooses between places."""
+    return found.fit.strangeness if found.fit else 0.0

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from handpose.flesh.flesh import Flesh
-from handpose.flesh.render import Capsules
+from handpose.flesh.render import Capsules, in_front
 from handpose.synthetic.pose_prior import cut_normal
 from netlib.blob import Array
-
-CLEAR_MM = 40.0  # a forearm that comes so near to the camera's plane ends there
 
 
 @dataclass(frozen=True)
@@ -69,13 +67,12 @@ def draw_capsules(
     sleeves = []
     for m in np.flatnonzero(flesh.limbs):
         a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
-        b[:, m], radii[:, m] = _before_the_camera(a[:, m], b[:, m], radii[:, m])
         if prior.sleeve:
             sleeves.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
     for start, end, r in sleeves:  # who wears none has a second arm in the same place
         a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
-    return Capsules(a, b, radii[:, :, 0], radii[:, :, 1])
+    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1]))
 
 
 def _least_towards_camera(
@@ -112,12 +109,3 @@ def _piece(a: Array, b: Array, radii: Array, first: Array, last: Array) -> tuple
         a + last[:, None] * along,
         np.stack([radii[:, 0] + first * wider, radii[:, 0] + last * wider], axis=1),
     )
-
-
-def _before_the_camera(a: Array, b: Array, radii: Array) -> tuple[Array, Array]:
-    """End and radii of a capsule that ends where its surface comes within CLEAR_MM of the camera's plane."""
-    near_a, near_b = a[:, 2] - radii[:, 0], b[:, 2] - radii[:, 1]
-    part = np.clip((near_a - CLEAR_MM) / np.maximum(near_a - near_b, 1e-9), 0, 1)
-    part = np.where(near_b < CLEAR_MM, part, 1.0)
-    _, end, cut = _piece(a, b, radii, np.zeros(len(a)), part)
-    return end, cut

@@ -28,10 +28,8 @@ def test_packaging(tmp_path, monkeypatch, capsys):
     assert len(small) < 0.5 * (tmp_path / "big.caffemodel.h5").stat().st_size
     errors = read_errors("small.caffemodel.h5", FleshModel(skeleton.load(), 150.0))
     assert set(errors.tables) == {"fast", "accurate"}
-    assert (
-        measure_fit.main(["--weights", "small.caffemodel.h5", "--model", DEPLOY, "--frames", "3", "--recipes", "nyu"])
-        == 0
-    )
+    own = ["--weights", "small.caffemodel.h5", "--model", DEPLOY]
+    assert measure_fit.main([*own, "--frames", "3", "--recipes", "nyu"]) == 0
 
 
 def test_figures_as_json(capsys):

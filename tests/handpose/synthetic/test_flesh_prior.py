@@ -9,8 +9,8 @@ import pytest
 
 from handpose.data.crops import crop
 from handpose.facts.cameras import NYU
-from handpose.flesh.render import Capsules, normalise_depth, render_crop
-from handpose.synthetic.flesh_prior import CLEAR_MM, DEFAULT_FLESH, FleshPrior
+from handpose.flesh.render import CLEAR_MM, Capsules, normalise_depth, render_crop
+from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior
 from handpose.synthetic.pose_prior import HandSampler
 from tests.handpose.whole_images import capsules_of, render_image
 
