@@ -1,4 +1,5 @@
 # make         say what there is to make
+# make demo    set up, find and fit hands in rendered depth frames with the packaged weights (seconds)
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
 # make test    set up and run the tests
 # make table1  the paper's Table 1: trains five networks (hours; ITERATIONS=1000 for a look), writes docs/results
@@ -12,10 +13,13 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help train test lint table1 bench twins clean
+.PHONY: help demo train test lint table1 bench twins clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
+
+demo: .venv/tools
+	$(RUN) tools/demo.py --out demo
 
 train: .venv/tools
 	$(RUN) tools/make_synthetic.py

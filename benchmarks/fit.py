@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+"""How long the fit to the depth takes on one core: a single frame, and frames in batches; network and crop included.
+
+    python benchmarks/fit.py
+
+Medians over frames of the recipe nyu, with the packaged weights, on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import numpy as np
+
+from handpose.facts.cameras import NYU
+from handpose.fitting.depth.observation import observe
+from handpose.fitting.depth.search import PLANS
+from handpose.predicting.many import TOGETHER, fit_crops
+from handpose.predicting.nets import hand_inputs
+from handpose.predicting.packaged import load_predictor
+from handpose.synthetic.generator import Generator
+from netlib import engine
+from tools.arguments import parser_of, positive
+from tools.console import DONE, aligned, guarded
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the benchmark; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--repeats", type=positive, default=40, metavar="N", help="default: %(default)s")
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Time everything."""
+    engine.get().set_threads(1)
+    generator = Generator(3, "test")
+    scenes = [generator.scene(number) for number in range(2)]
+    crops = np.concatenate([scene.depth for scene in scenes])[:TOGETHER]
+    uvd = np.concatenate([scene.center_uvd for scene in scenes])[:TOGETHER]
+    rows = [["ms a frame", "network", "observation", "all, single", f"all, {len(crops)} together"]]
+    for plan, how in PLANS.items():
+        predictor = load_predictor(fit=plan, hand="right")
+        net, fitter = predictor.net, predictor.fitter
+        assert fitter is not None
+        one = iter(np.tile(np.arange(len(crops)), args.repeats))
+
+        def single(work: Callable[[slice], object], one=one) -> float:  # type: ignore[no-untyped-def]
+            return _median(lambda: work(slice(n := int(next(one)), n + 1)), args.repeats)
+
+        turned = np.stack([np.rot90(crops[0], quarter) for quarter in how.quarters])
+        rows.append([
+            plan,
+            f"{_median(lambda turned=turned, net=net: hand_inputs(net, turned), args.repeats):.1f}",  # type: ignore[misc]
+            f"{single(lambda r, how=how: observe(crops[r], uvd[r], NYU, 300.0, how.points)):.1f}",  # type: ignore[misc]
+            f"{single(lambda r, net=net, f=fitter, p=plan: fit_crops(net, f, crops[r], uvd[r], NYU, p)):.1f}",  # type: ignore[misc]
+            f"{_median(lambda net=net, f=fitter, p=plan: fit_crops(net, f, crops, uvd, NYU, p), 3) / len(crops):.1f}",  # type: ignore[misc]
+        ])  # fmt: skip
+    print(aligned(rows))
+    return DONE
+
+
+def _median(work: Callable[[], object], repeats: int) -> float:
+    """Milliseconds, after one run that is not counted."""
+    work()
+    times = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return float(np.median(times)) * 1000
+
+
+if __name__ == "__main__":
+    sys.exit(main())

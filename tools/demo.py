@@ -1,0 +1,83 @@
+#!/usr/bin/env python3
+"""Show what comes out: hands before a rendered camera, found, predicted and fitted with the packaged weights.
+
+    python tools/demo.py --out demo
+
+writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), runs what tools/predict.py runs on
+them, and draws demo/hands.png: each frame's crop with the skeleton, the flesh that explains it, and the hand in space;
+above them how sure the fit is, and how far it really is from the true joints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import cv2
+import numpy as np
+
+from handpose.drawing import flesh, hands, sheets
+from handpose.facts.cameras import NYU
+from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.predicting.packaged import load_predictor
+from handpose.synthetic.scenes import draw_scenes
+from netlib.errors import NetlibError, reason_of
+from tools import pictures
+from tools.arguments import natural, parser_of, positive
+from tools.console import DONE, guarded
+from tools.progress import ProgressBar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
+    parser.add_argument("--frames", type=positive, default=6, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the frames (default: %(default)s)")
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw, predict and show as the parsed arguments say. Raises NetlibError."""
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NetlibError(f"{args.out}: cannot write pictures there: {reason_of(error)}") from error
+    predictor = load_predictor(NYU)
+    scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
+    images, titles = [], []
+    begun = time.perf_counter()
+    with ProgressBar(args.frames) as progress:
+        for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
+            frame = np.rint(depth).astype(np.uint16)
+            cv2.imwrite(str(args.out / f"frame_{n}.png"), frame)
+            found = predictor.in_frame(frame)
+            assert found.fit is not None  # load_predictor fits
+            place = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
+            images += [
+                hands.overlay(found.crop, found.joints, predictor.skeleton, zoom=2, **place),
+                flesh.over_crop(found.crop, found.fit.capsules, **place, zoom=2),
+                hands.view_3d(found.joints, predictor.skeleton, size=256),
+            ]
+            error = np.linalg.norm((found.xyz - truth)[list(EVALUATION_JOINTS)], axis=1).mean()
+            titles += [f"{found.hand}, {found.fit.confidence:.0%} sure", f"expected {found.fit.error_mm:.0f} mm",
+                       f"true error {error:.0f} mm"]  # fmt: skip
+            progress(1)
+    seconds = time.perf_counter() - begun
+    pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
+    print(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
+    print(f"For your own camera: python tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
