@@ -26,6 +26,10 @@ from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel, Posed
 
 Floats = NDArray[np.float32]
 
+_UPPER = np.triu_indices(8)  # an 8 x 8 matrix that is symmetric has 36 numbers ...
+_FULL = np.zeros((8, 8), int)  # ... and each of its 64 is one of them
+_FULL[_UPPER] = _FULL.T[_UPPER] = np.arange(36)
+
 
 class Residuals(NamedTuple):
     """Two residuals of each of R points, in N frames, in mm."""
@@ -55,17 +59,19 @@ def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floa
     """A (N, V, V) and b (N, V) of the squares weighted by (N, R, 2): half their gradient is b."""
     N, R, _ = r.value.shape
     M, V = len(model.start), model.variables
-    root = np.sqrt(weight)
-    z = np.empty((N, R, 2, 8), np.float32)
-    weighted = r.direction * root[..., None]
-    np.multiply(weighted, r.place[..., None, None], out=z[..., 3:6])
-    np.subtract(weighted, z[..., 3:6], out=z[..., :3])
-    np.multiply(r.swell, root, out=z[..., 6])
-    np.multiply(r.value, root, out=z[..., 7])
-    products = z[:, :, 0, :, None] * z[:, :, 0, None, :]
-    products += z[:, :, 1, :, None] * z[:, :, 1, None, :]
+    # The points last: the innermost loops of all that follows are then long.
+    root = np.sqrt(weight).transpose(0, 2, 1)
+    z = np.empty((N, 8, 2, R), np.float32)
+    np.multiply(r.direction.transpose(0, 3, 2, 1), root[:, None], out=z[:, :3])
+    np.multiply(z[:, :3], r.place[:, None, None], out=z[:, 3:6])
+    z[:, :3] -= z[:, 3:6]
+    np.multiply(r.swell.transpose(0, 2, 1), root, out=z[:, 6])
+    np.multiply(r.value.transpose(0, 2, 1), root, out=z[:, 7])
+    products = z[:, _UPPER[0]]
+    products *= z[:, _UPPER[1]]
+    products = products[:, :, 0] + products[:, :, 1]  # (N, 36, R)
     belongs = (r.capsule[:, None] == np.arange(M)[:, None]).astype(np.float32)
-    G = (belongs @ products.reshape(N, R, 64)).reshape(N, M, 8, 8)
+    G = (belongs @ products.swapaxes(1, 2))[:, :, _FULL]  # (N, M, 8, 8)
     B = np.zeros((N, M, 7, V), np.float32)
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
     B[:, :, 6, [SIZE, GIRTH]] = 1
