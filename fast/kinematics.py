@@ -155,6 +155,12 @@ class FastKinematics(Kinematics):
         X += local
         return pose
 
+    def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
+        """Of a few poses, with few calls."""
+        if len(inputs) > FEW:
+            return self.forward(inputs, bones)
+        return self._few.pose(self.skeleton.theta(inputs)[:, self.dof_of], self.free, bones, self.dtype)
+
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Force and torque of all motions in two products."""
         assert isinstance(pose, FastPose)
@@ -202,13 +208,15 @@ class FastKinematics(Kinematics):
 
     def axes(self, pose: Pose) -> tuple[Array, Array]:
         """Pivots are moved to where the roots are."""
-        assert isinstance(pose, FastPose)
+        if not isinstance(pose, FastPose):
+            return super().axes(pose)
         start = (pose.X - pose.local)[self._joint_of[self.free]]
         return pose.axis[self.free].transpose(2, 0, 1), (pose.pivot[self.free] + start).transpose(2, 0, 1)
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """From the frame of its group."""
-        assert isinstance(pose, FastPose)
+        if not isinstance(pose, FastPose):
+            return super().rotation_of(pose, joint)
         group, slot = self._places[joint]
         columns = [np.broadcast_to(c[slot], pose.X.shape[1:]) for c in pose.columns[group]]
         return np.stack(columns, axis=1).transpose(2, 0, 1)
@@ -244,6 +252,11 @@ class FewPoses:
         ]
         ends = np.cumsum(np.bincount(skeleton.carries.sum(axis=0))[1:])  # of each depth
         self.roots = int(ends[0])
+        # What a pose with axes needs beside: in order of depth, and per motion its joint, slot, axis and sign.
+        self.order, self.parents = order, np.where(skeleton.parents[order] < 0, -1, self.place[skeleton.parents[order]])
+        self.bone_axes = np.zeros((len(order), 3, 1))
+        self.bone_axes[has_bone, skeleton.bone_axes[order][has_bone], 0] = 1
+        self.motions = _places_of(steps, self.place)
         self.depths = [
             (slice(first, last), self.place[skeleton.parents[order[first:last]]])
             for first, last in itertools.pairwise(ends)
@@ -251,23 +264,53 @@ class FewPoses:
 
     def joints(self, value: Array) -> Array:
         """Positions (N, K, 3) for the values (N, M) of the motions."""
+        return self._world(value, self.offsets)[0][..., :3, 3][:, self.place]
+
+    def pose(self, value: Array, free: Array, bones: Array | None, dtype: DTypeLike) -> Pose:
+        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are each pose's own lengths."""
+        offsets = self.offsets
+        if bones is not None:
+            offsets = self.bone_axes * bones[:, self.order, None, None]
+        world, before, start = self._world(value, offsets)
+        pose = Pose(0, 0, 0)
+        pose.joints = world[..., :3, 3][:, self.place].astype(dtype)
+        pose.frames = world[..., :3, :3][:, self.place].astype(dtype)
+        joint, slot, axis, sign = (column[free] for column in self.motions)
+        around = np.concatenate([np.broadcast_to(np.eye(4), (len(value), 1, 4, 4)), world], axis=1)
+        parent = around[:, self.parents[joint] + 1]  # of a root: the world
+        own = before[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
+        pose.axis = (parent[..., :3, :3] @ own[..., None])[..., 0].astype(dtype)
+        at = parent[..., :3, 3] + (parent[..., :3, :3] @ start[:, joint, :, None])[..., 0]
+        pose.pivot = at.astype(dtype)
+        return pose
+
+    def _world(self, value: Array, offsets: Array) -> tuple[Array, Array, Array]:
+        """World transforms (N, K, 4, 4) in order of depth; each joint's turns so far before every one of its factors,
+
+        (factors, N, K, 3, 3), and how far it has slid before it turns, (N, K, 3), both in its parent's frame.
+        """
         N, K = len(value), len(self.place)
         R = self.P + np.cos(value)[..., None, None] * self.C + np.sin(value)[..., None, None] * self.S
         R = np.concatenate([R, np.broadcast_to(self.constants, (N, *self.constants.shape))], axis=1)
+        before = np.empty((len(self.factors), N, K, 3, 3))
+        before[0] = np.eye(3)
         turn = R[:, self.factors[0]]
-        for factor in self.factors[1:]:
+        for i, factor in enumerate(self.factors[1:], 1):
+            before[i] = turn
             turn = turn @ R[:, factor]
+        start = np.zeros((N, K, 3))
+        for i, axis, sign, row in self.slides:
+            start[:, i, axis] += sign * value[:, row]
         local = np.zeros((N, K, 4, 4))
         local[..., :3, :3] = turn
-        np.matmul(turn, self.offsets, out=local[..., :3, 3:])
+        np.matmul(turn, offsets, out=local[..., :3, 3:])
+        local[..., :3, 3] += start
         local[..., 3, 3] = 1
-        for i, axis, sign, row in self.slides:
-            local[:, i, axis, 3] += sign * value[:, row]
         world = np.empty((N, K, 4, 4))
         world[:, : self.roots] = local[:, : self.roots]
         for rows, parents in self.depths:
             np.matmul(world[:, parents], local[:, rows], out=world[:, rows])
-        return world[..., :3, 3][:, self.place]
+        return world, before, start
 
 
 def _steps(skeleton: Skeleton) -> list[list[Part]]:
@@ -322,6 +365,19 @@ def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
         sign=np.array([step.sign for step in steps], dtype)[:, None, None],
         matrices=np.array(matrices, dtype).reshape(-1, 3, 3),
     )
+
+
+def _places_of(steps: Sequence[Sequence[Part]], place: Array) -> tuple[Array, Array, Array, Array]:
+    """Of every motion, (M,) each: its joint in order of depth, how many factors turn before it, its axis and sign."""
+    found = []
+    for joint, own in enumerate(steps):
+        turned = 0
+        for step in own:
+            if step.kind != "constant":
+                found.append((place[joint], 0 if step.kind == "translate" else turned, step.axis, step.sign))
+            turned += step.kind != "translate"
+    joints, slots, axes, signs = zip(*found) if found else ((), (), (), ())
+    return np.array(joints, int), np.array(slots, int), np.array(axes, int), np.array(signs, float)
 
 
 def _rodrigues(motions: Sequence[Part]) -> tuple[Array, Array, Array]:

@@ -15,7 +15,7 @@ from handpose.fitting.parallel import blocks
 from handpose.predicting.nets import hand_inputs
 from netlib.net import Net
 
-TOGETHER = 128  # crops in one pass of the net
+TOGETHER = 128  # crops that are worked on together
 
 
 def fit_crops(
@@ -41,7 +41,8 @@ def fit_crops(
     found = []
     for rows in blocks(len(crops), TOGETHER):
         some = crops[rows, :, ::-1] if left else crops[rows]
-        predictions = [hand_inputs(net, np.rot90(some, quarter, (1, 2))) for quarter in how.quarters]
+        turned = np.concatenate([np.rot90(some, quarter, (1, 2)) for quarter in how.quarters])
+        predictions = np.split(hand_inputs(net, turned), len(how.quarters))
         seen = observe(crops[rows], uvd[rows], camera, 2 * fitter.model.unit_mm, how.points)
         found.append(fitter.fit(seen.mirrored() if left else seen, predictions, plan, size=size))
         progress(len(some))

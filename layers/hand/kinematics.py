@@ -72,6 +72,10 @@ class Kinematics:
             pose.joints[:, j], pose.frames[:, j] = p + along_bone * lengths[:, j, None], F
         return pose
 
+    def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
+        """``forward`` for who looks at joints, axes and rotations only: not for ``backward``."""
+        return self.forward(inputs, bones)
+
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, D) at the inputs, given the gradient ``dX`` (N, K, 3) at the joints. Fixed DoFs: 0."""
         sk, X = self.skeleton, pose.joints

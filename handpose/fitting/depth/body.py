@@ -84,6 +84,7 @@ class FleshModel:
         for f, (own_joints, _) in flesh.offsets.items():
             turned[np.isin(used, own_joints)] = whole.moves[:, f] & whole.turns
         self._with_axes = np.repeat(turned, 3, axis=0).astype(np.float32)
+        self._kinematics = kinematics_of(whole, np.float32)
         self._turns = whole.turns[:, None].astype(np.float32)
         alone = ~np.isin(whole.driven, self.free[self.root])
         self.rigid = np.flatnonzero(~(self._with_joint + self._with_axes)[::3][:, alone].any(axis=1))
@@ -114,10 +115,10 @@ class FleshModel:
     def posed(self, x: Array) -> Posed:
         """The body at x (N, V)."""
         flesh, unit = self.flesh, np.float32(self.unit_mm)
-        kinematics = kinematics_of(self.whole, np.float32)
+        kinematics = self._kinematics
         N, Q = len(x), len(self.whole.driven)
         inputs, size = self._whole_inputs(x), np.exp(x[:, SIZE])
-        pose = kinematics.forward(inputs, self.whole.bones * size[:, None])
+        pose = kinematics.glance(inputs, self.whole.bones * size[:, None])
         joints = np.asarray(pose.joints, np.float32) * unit
         all_ends = flesh.ends_at(
             joints, {f: kinematics.rotation_of(pose, f) for f in flesh.offsets}, size * self.unit_mm

@@ -45,7 +45,7 @@ class Prior(NamedTuple):
 
     x: Array  # (N, V); what only the flesh has, and the size, where they are on the mean
     rigid: Floats  # (N, n, 3) mm, its ends that move with the root
-    precision: Array  # (L, L) of the limbs' variables
+    curvature: Array  # (V, V) of what depends on the variables themselves: limbs, the flesh's own, size and girth
 
 
 class Measured(NamedTuple):
@@ -82,8 +82,11 @@ class Objective:
         return Objective(self.model, replace(self.weights, size=0.0))
 
     def prior_of(self, x: Array, precision: Array) -> Prior:
-        """The prior of fits that start at x (N, V)."""
-        return Prior(x, self.model.posed(x).ends[:, self.model.rigid], precision)
+        """The prior of fits that start at x (N, V), with the precision (L, L) of the limbs' variables."""
+        A = np.zeros((self.model.variables,) * 2)
+        A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
+        A[self.plain, self.plain] = self.plain_precision
+        return Prior(x, self.model.posed(x).ends[:, self.model.rigid], A)
 
     def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
         """All that does not depend on the robust distance, at x (N, V)."""
@@ -114,19 +117,11 @@ class Objective:
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
         """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""
         model, w = self.model, self.weights
-        A = np.tile(self._constant(prior.precision), (len(x), 1, 1))
         d = x - prior.x
-        b = (A @ d[..., None])[..., 0]
+        b = d @ prior.curvature
         cost = (b * d).sum(axis=1)
         d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / np.float32(w.rigid)
         J = posed.motion[:, model.rigid].reshape(*d.shape, -1) / np.float32(w.rigid)
-        A += J.swapaxes(1, 2) @ J
+        A = J.swapaxes(1, 2) @ J + prior.curvature
         b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
         return cost + (d * d).sum(axis=1), A, b
-
-    def _constant(self, precision: Array) -> Array:
-        """The curvature (V, V) of the prior on the variables themselves: limbs, the flesh's own, the size."""
-        A = np.zeros((self.model.variables,) * 2)
-        A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
-        A[self.plain, self.plain] = self.plain_precision
-        return A

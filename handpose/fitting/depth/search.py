@@ -43,8 +43,8 @@ class Plan:
 
 
 PLANS = {
-    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(30, 5), Stage(15, 4))),
-    "accurate": Plan(400, (0, 1, 2, 3), 6, 3, (Stage(40, 4), Stage(20, 3)), 2, (Stage(20, 3), Stage(10, 5))),
+    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(20, 7),)),
+    "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(30, 3), Stage(15, 2)), 2, (Stage(15, 6),)),
 }
 
 
@@ -68,7 +68,7 @@ def search(
         x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
         order = misfit(cost.parts).reshape(K, N).argsort(axis=0)[: plan.keep]
         chosen = (order * N + np.arange(N)).reshape(-1)
-    own = Prior(own.x[chosen], own.rigid[chosen], precision)
+    own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
     best = misfit(cost.parts).reshape(-1, N).argmin(axis=0) * N + np.arange(N)
     return Found(x[best], cost.parts[best], chosen[best] // N)

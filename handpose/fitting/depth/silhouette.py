@@ -18,7 +18,7 @@ from handpose.fitting.depth.body import FleshModel, Posed
 from handpose.fitting.depth.observation import BACKGROUND, Floats, Observation
 from handpose.fitting.depth.residuals import Residuals, point_of
 
-PLACES = (0.5, 1.0)  # of the spheres on each capsule's axis
+PLACES = (1.0,)  # of the spheres on each capsule's axis: with one in the middle, too, nothing gets better
 
 
 def spheres_of(model: FleshModel) -> tuple[NDArray[np.int_], Floats]:

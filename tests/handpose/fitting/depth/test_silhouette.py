@@ -15,8 +15,8 @@ from tests.handpose.fitting.depth.conftest import Scene
 def test_spheres_are_on_the_skeletons_own_capsules(model: FleshModel) -> None:
     """Not on the forearm, whose end nobody knows."""
     capsule, place = spheres_of(model)
-    assert not model.flesh.limbs[capsule].any() and len(capsule) == 2 * (~model.flesh.limbs).sum()
-    assert set(place.tolist()) == {0.5, 1.0}
+    assert not model.flesh.limbs[capsule].any() and len(capsule) == (~model.flesh.limbs).sum()
+    assert (place == 1).all()
 
 
 def test_nothing_sticks_out_of_its_own_picture(model: FleshModel, scene: Scene) -> None:
@@ -53,7 +53,7 @@ def test_how_they_change(model: FleshModel, scene: Scene) -> None:
         ]
         active = (both[0][..., 0] > 0) & (both[1][..., 0] > 0) & (r.value[..., 0] > 0)
         off = np.abs((both[0] - both[1]) / 2e-3 - J[..., v])[..., 0][active]
-        assert active.sum() > 50 and np.percentile(off, 80) < 4  # mm per radian, where no pixel's border is crossed
+        assert active.sum() > 25 and np.percentile(off, 80) < 4  # mm per radian, where no pixel's border is crossed
 
 
 def test_a_sphere_before_a_plate() -> None:
