@@ -62,15 +62,15 @@ def run(args: argparse.Namespace) -> int:
             cv2.imwrite(str(args.out / f"frame_{n}.png"), frame)
             found = predictor.in_frame(frame)
             assert found.fit is not None  # load_predictor fits
-            place = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
+            uvd, cube = found.center_uvd, found.cube_mm
             images += [
-                hands.overlay(found.crop, found.joints, predictor.skeleton, zoom=2, **place),
-                flesh.over_crop(found.crop, found.fit.capsules, **place, zoom=2),
+                hands.overlay(found.crop, found.joints, predictor.skeleton, None, uvd, cube, NYU, zoom=2),
+                flesh.over_crop(found.crop, found.fit.capsules, uvd, cube, NYU, zoom=2),
                 hands.view_3d(found.joints, predictor.skeleton, size=256),
             ]
-            error = np.linalg.norm((found.xyz - truth)[list(EVALUATION_JOINTS)], axis=1).mean()
+            off = np.linalg.norm((found.xyz - truth)[list(EVALUATION_JOINTS)], axis=1).mean()
             titles += [f"{found.hand}, {found.fit.confidence:.0%} sure", f"expected {found.fit.error_mm:.0f} mm",
-                       f"true error {error:.0f} mm"]  # fmt: skip
+                       f"true error {off:.0f} mm"]  # fmt: skip
             progress(1)
     seconds = time.perf_counter() - begun
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))

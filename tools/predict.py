@@ -186,62 +186,6 @@ def _in_frame(
         raise DataError(f"{image}: {error}{advice}") from None
 
 
-def _predictor(args: argparse.Namespace) -> Predictor:
-    """The predictor that the arguments ask for."""
-    camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
-    if not args.weights:
-        fit: Fit = args.fit or "accurate"
-        return load_predictor(camera, fit=fit, hand=_hand(args.hand, fit), **options)
-    model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
-    fit = args.fit or ("accurate" if has_flesh(model) else "no")
-    return predictor_of(model, args.weights, camera, fit=fit, hand=_hand(args.hand, fit), **options)
-
-
-def _hand(asked: Hand | None, fit: Fit) -> Hand:
-    return asked or ("right" if fit == "no" else "either")
-
-
-def _facts(found: Prediction) -> dict[str, Any]:
-    """What JSON says beside the joints."""
-    facts: dict[str, Any] = {"hand": found.hand}
-    if isinstance(found, FramePrediction):
-        facts |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
-    if found.fit:
-        measured = not math.isnan(found.fit.error_mm)
-        facts |= {
-            "size": round(found.fit.size, 4),
-            "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
-            "confidence": round(found.fit.confidence, 3) if measured else None,
-            "misfit": round(found.fit.misfit, 2),
-        }
-    return facts
-
-
-def _in_words(found: Prediction) -> str:
-    """The first line of the table."""
-    words = f"{found.hand} hand"
-    if found.fit and not math.isnan(found.fit.error_mm):
-        words += f", {found.fit.confidence:.0%} sure, {found.fit.error_mm:.0f} mm of error expected"
-    words += "; joints in mm from the crop's centre"
-    if isinstance(found, FramePrediction):
-        words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
-    return words
-
-
-def _in_frame(
-    predictor: Predictor, depth: NDArray[np.float32], middle: tuple[float, ...] | None, image: str
-) -> FramePrediction:
-    """The hand in a frame; an error names the image, and says what to do."""
-    try:
-        start = predictor.start(depth, middle)
-    except DataError as error:
-        raise DataError(f"{image}: {error}; say with --center U,V,D where the hand is") from None
-    try:
-        return predictor.in_frame(depth, start)
-    except DataError as error:
-        raise DataError(f"{image}: {error}") from None
-
-
 def _draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
     """The skeleton on the crop and in space; between them the flesh, if there was a fit."""
     place: dict[str, Any] = {}

@@ -268,7 +268,7 @@ class Predictor:
         flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
         if left:  # as the mirror shows it
             crops, uvd = crops[:, :, ::-1], camera.project(camera.unproject(uvd) * flip)
-        strange = strangeness(model, fit.x, np.stack(network) * flip * half, crops, uvd, camera)
+        strange = strangeness(model, fit, np.stack(network) * flip * half, crops, uvd, camera)
         hands = []
         for n, place in enumerate(places):
             capsules = Capsules(flesh.a[[n]] * flip, flesh.b[[n]] * flip, flesh.radius_a[[n]], flesh.radius_b[[n]])
