@@ -27,7 +27,8 @@ def over_crop(
     uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
     center = camera.unproject(uvd)
     moved = Capsules(capsules.a + center[:, None], capsules.b + center[:, None], capsules.radius_a, capsules.radius_b)
-    drawn = normalise_depth(render_crop(in_front(moved), uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
+    near = in_front(moved, uvd[:, 2] - cube_mm / 2)  # what is nearer is not in the crop
+    drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     shown = large < 1

@@ -44,9 +44,10 @@ class Capsules(NamedTuple):
     radius_b: NDArray[np.float64]  # (N, M)
 
 
-def in_front(capsules: Capsules) -> Capsules:
-    """The parts of capsules that are CLEAR_MM or more before the camera's plane; what is not becomes a far speck."""
-    near = [(capsules.a[..., 2] - capsules.radius_a) - CLEAR_MM, (capsules.b[..., 2] - capsules.radius_b) - CLEAR_MM]
+def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
+    """The parts of capsules so many mm, one or (N,), before the camera's plane; the rest becomes a far speck."""
+    clear = np.maximum(np.asarray(clear_mm, dtype=np.float64).reshape(-1, 1), CLEAR_MM)
+    near = [(capsules.a[..., 2] - capsules.radius_a) - clear, (capsules.b[..., 2] - capsules.radius_b) - clear]
     change = np.where(near[1] == near[0], 1.0, near[1] - near[0])
     first = np.where(near[0] < 0, np.clip(-near[0] / change, 0, 1), 0.0)
     last = np.where(near[1] < 0, np.clip(-near[0] / change, 0, 1), 1.0)

@@ -39,6 +39,9 @@ Fit = Literal["no", "fast", "accurate"]
 # A crop is moved no farther than this from where it was first. Nine of ten hands are found within 55 mm of their centre
 # (finding.py), so a prediction that wants it farther away has gone astray.
 LARGEST_MOVE_MM = 60.0
+# A hand is held towards the camera: mm of strangeness for each mm that a place is farther away. From 0.02 to 0.08 as
+# many hands are found on 90 scenes (93%), without it 92%.
+FARTHER = 0.08
 ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away
 _MIRROR = (-1, 1, 1)
 
@@ -179,12 +182,15 @@ class Predictor:
                 predicted and fitted fast, and the one that looks most like a hand by the plan
         """
         camera = self._camera_of(depth)
+        starts = [self.start(depth, center)]
         if center is None and self.fit != "no":
-            places = self._places(depth, camera, list(candidates(depth, camera)))
-            start = min(self._hands(places, camera, "fast"), key=_strangeness).center_uvd
-        else:
-            start = self.start(depth, center)
-        return min(self._hands(self._places(depth, camera, [start]), camera, self.fit), key=_misfit)
+            starts = list(candidates(depth, camera))
+        places = self._places(depth, camera, starts)
+        if self.fit == "no":
+            return self._hands(places, camera, "no")[0]
+        first = min(zip(self._hands(places, camera, "fast"), places), key=lambda one: _unlikely(one[0]))[1]
+        same = [first._replace(side=side) for side in self.sides]  # misfits in one crop can be compared
+        return min(self._hands(same, camera, self.fit), key=_misfit)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.
@@ -300,6 +306,6 @@ def _misfit(found: Prediction) -> float:
     return found.fit.misfit if found.fit else 0.0
 
 
-def _strangeness(found: Prediction) -> float:
-    """What chooses between places."""
-    return found.fit.strangeness if found.fit else 0.0
+def _unlikely(found: FramePrediction) -> float:
+    """What chooses between places: how little they are a hand, and how far away they are."""
+    return (found.fit.strangeness if found.fit else 0.0) + FARTHER * float(found.center_uvd[2])

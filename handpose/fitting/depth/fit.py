@@ -17,7 +17,7 @@ from handpose.fitting.depth.body import SIZE, FleshModel
 from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
-from handpose.fitting.depth.search import PLANS, Found, drawn, misfit, search, turned_back
+from handpose.fitting.depth.search import PLANS, Found, drawn, search, turned_back
 from handpose.fitting.parallel import blocks, for_each
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -33,7 +33,7 @@ class DepthFit:
     inputs      (N, D) of the skeleton: radians and units of the bones
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
-    misfit      (N,) how badly the flesh explains the picture: what is left, in deviations squared
+    misfit      (N,) how badly the flesh explains the picture, from where it started: what is left of all terms
     error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
     confidence  (N,) chance that this error is below 30 mm; NaN likewise
     x           (N, V) all variables, for ``FleshModel``
@@ -70,7 +70,8 @@ class DepthFitter:
     ) -> DepthFit:
         """The best fit of every frame. Raises DataError.
 
-        The same frames give the same fits, bit for bit; other frames beside them change no more than rounding does.
+        The same frames give the same fits, bit for bit; other frames beside them change them as rounding does, which
+        now and then tips one into another valley.
 
         predictions  inputs (N, D), from each crop turned counter-clockwise by the quarters of the plan
         size         the body's, if it is known
@@ -100,7 +101,7 @@ class DepthFitter:
                 whole[rows] = values
 
         for_each(blocks(N, max(STARTS_TOGETHER // len(starts), 1)), job)
-        left = misfit(found.parts)
+        left = found.parts.sum(axis=1)
         error_mm, confidence = self.errors.expected(plan, left)
         return DepthFit(model.inputs_of(found.x), np.exp(found.x[:, SIZE]), model.joints(found.x), left, error_mm,
                         confidence, found.x, found.start)  # fmt: skip

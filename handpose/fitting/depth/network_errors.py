@@ -38,11 +38,18 @@ class NetworkErrors:
     tables: dict[str, Array]
 
     def expected(self, plan: str, misfit: Array) -> tuple[Array, Array]:
-        """The expected error in mm (N,), and the chance (N,) that it is below GOOD_MM; NaN where not measured."""
+        """The expected error in mm (N,), and the chance (N,) that it is below GOOD_MM; NaN where not measured.
+
+        With a misfit beyond all that were measured, the error grows in proportion, and the chance falls.
+        """
         table = self.tables.get(plan)
         if table is None:
             return np.full(len(misfit), np.nan), np.full(len(misfit), np.nan)
-        return np.interp(misfit, table[:, 0], table[:, 1]), np.interp(misfit, table[:, 0], table[:, 2])
+        beyond = np.maximum(misfit / table[-1, 0], 1)
+        return (
+            np.interp(misfit, table[:, 0], table[:, 1]) * beyond,
+            np.interp(misfit, table[:, 0], table[:, 2]) / beyond,
+        )
 
 
 def unknown_errors(model: FleshModel) -> NetworkErrors:

@@ -43,7 +43,7 @@ class Plan:
 
 
 PLANS = {
-    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(20, 7),)),
+    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(30, 4), Stage(12, 4))),
     "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(30, 3), Stage(15, 2)), 2, (Stage(15, 6),)),
 }
 

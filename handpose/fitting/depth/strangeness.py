@@ -6,7 +6,7 @@ is nowhere, and the end of a table on a palm that leaves the picture. So these a
     unexplained  mean difference of depth between picture and rendered body, over all pixels that show either
     alone        the same over the pixels that show the body without its limbs: is all of the hand there?
     moved        half the mean distance of the joints from where the network had them: it has seen hands, nothing else
-    outside      100 mm times the share of the joints that are outside the image
+    outside      100 mm times the share of the joints that are outside the image, and of what is too little to see
     misfit       7 mm times its logarithm
     size, girth  100 mm times the absolute logarithm of each: what is no hand becomes one only when it is stretched
 
@@ -28,6 +28,7 @@ from handpose.flesh.render import Capsules, in_front, normalise_depth, render_cr
 from netlib.blob import Array
 
 CAP_MM = 40.0
+FEWEST = 0.08  # part of a crop that a hand fills at least: 10% of them fill less than 0.1
 MOVED, OUTSIDE_MM, MISFIT_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
 
 
@@ -42,7 +43,7 @@ def strangeness(
     """
     uvd = np.asarray(center_uvd, dtype=np.float64)
     center = camera.unproject(uvd)
-    capsules = in_front(model.capsules(fit.x, center))
+    capsules = in_front(model.capsules(fit.x, center), uvd[:, 2] - model.unit_mm)  # nearer is not in the crop
     whole = _rendered(capsules, uvd, 2 * model.unit_mm, camera, crops.shape[1])
     own = ~model.flesh.limbs
     hand = _rendered(Capsules(*(a[:, own] for a in capsules)), uvd, 2 * model.unit_mm, camera, crops.shape[1])
@@ -51,13 +52,16 @@ def strangeness(
     moved = np.linalg.norm(fit.joints - network, axis=2).mean(axis=1)
     u, v, _ = np.moveaxis(camera.project(fit.joints + center[:, None]), -1, 0)
     outside = ((u < 0) | (u >= camera.width) | (v < 0) | (v >= camera.height)).mean(axis=1)
-    unexplained = _mean(apart, (crops < BACKGROUND) | (whole < BACKGROUND))
+    told = crops > -BACKGROUND  # at the near face anything may be
+    unexplained = _mean(apart, told & ((crops < BACKGROUND) | (whole < BACKGROUND)))
+    shown &= told
+    few = 1 - np.minimum(shown.sum(axis=(1, 2)) / (FEWEST * crops[0].size), 1)
     stretched = np.abs(fit.x[:, [SIZE, GIRTH]]).sum(axis=1)
     return np.asarray(
         unexplained
         + _mean(apart, shown)
         + MOVED * moved
-        + OUTSIDE_MM * outside
+        + OUTSIDE_MM * (outside + few)
         + MISFIT_MM * np.log(np.maximum(fit.misfit, 1.0))
         + STRETCHED_MM * stretched
     )

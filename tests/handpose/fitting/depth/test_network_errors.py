@@ -33,13 +33,13 @@ def write(path: Path, **arrays: object) -> Path:
 
 
 def test_read(model: FleshModel, tmp_path: Path) -> None:
-    """Covariance and tables, interpolated between the rows and constant beyond them."""
+    """Covariance and tables, interpolated between the rows; beyond the last one it gets worse in proportion."""
     own = np.eye(20) * 0.04
     found = read_errors(write(tmp_path / "w.h5", limbs=own, fast=TABLE), model)
     np.testing.assert_array_equal(found.limbs, own)
-    expected, chance = found.expected("fast", np.array([0.0, 30, 125, 900]))
-    np.testing.assert_allclose(expected, [4, 6, 24, 40])
-    np.testing.assert_allclose(chance, [1, 0.95, 0.55, 0.2])
+    expected, chance = found.expected("fast", np.array([0.0, 30, 125, 400]))
+    np.testing.assert_allclose(expected, [4, 6, 24, 80])
+    np.testing.assert_allclose(chance, [1, 0.95, 0.55, 0.1])
     assert np.isnan(found.expected("accurate", np.zeros(2))).all()
 
 
