@@ -13,6 +13,7 @@ from handpose.flesh.render import Capsules, in_front, normalise_depth, render_cr
 
 SKIN: Colour = (120, 165, 235)  # blue, green, red
 MISSING: Colour = (90, 60, 200)
+BACKGROUND = 0.999  # depths from it on are the far face: what is left of it by rounding, too
 _LIGHT = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
 _STEP = 0.08  # half-cubes: a larger step of depth from pixel to pixel is an edge, and has no slope
 
@@ -31,9 +32,9 @@ def over_crop(
     drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
-    shown = large < 1
+    shown = large < BACKGROUND
     light = cv2.resize(_shade(drawn), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
-    behind = cv2.resize((crop < 1).astype(np.uint8), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
+    behind = cv2.resize((crop < BACKGROUND).astype(np.uint8), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
     colour = np.where(behind[..., None], np.array(SKIN), np.array(MISSING)) * light[..., None]
     mixed = np.where(shown[..., None], 0.75 * colour + 0.25 * canvas, canvas)
     return np.asarray(np.clip(np.rint(mixed), 0, 255), np.uint8)
