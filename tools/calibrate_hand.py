@@ -38,15 +38,15 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.fitting import calibration_report
 from handpose.fitting.calibration import calibrate
 from handpose.fitting.calibration_problem import FEWEST_FRAMES
-from handpose.fitting.depth.size_calibration import GRID, calibrate_size, sized
+from handpose.fitting.depth.size_calibration import GRID, sized
 from handpose.fitting.observations import read_observations
 from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import FramePrediction
+from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
 from netlib.atomic import replace_text
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import NetlibError, reason_of
 from tools.arguments import camera, natural, parser_of, positive
 from tools.console import DONE, duration, guarded
 from tools.progress import ProgressBar
@@ -124,25 +124,14 @@ def run_on_depth(args: argparse.Namespace) -> int:
     _check_out(args.out, args.force)
     begun = time.perf_counter()
     predictor = load_predictor(args.camera, hand=args.hand)
-    assert predictor.fitter is not None  # load_predictor fits unless told otherwise
-    found: list[FramePrediction] = []
-    with ProgressBar((1 + len(GRID)) * len(args.annotations)) as progress:
-        for image in args.annotations:
-            try:
-                found.append(predictor.in_frame(read_frame(image, args.camera, args.unit)))
-            except DataError as error:
-                raise DataError(f"{image}: {error}" if image not in str(error) else str(error)) from None
-            progress(1)
-        left = sum(frame.hand == "left" for frame in found) * 2 > len(found)
-        fit = predictor.fit_again(found, left)
-        size = calibrate_size(predictor.fitter, *fit, progress)
-    person = sized(predictor.skeleton, size)
-    hand = "left" if left else "right"
+    frames = [(image, read_frame(image, args.camera, args.unit)) for image in args.annotations]
+    with ProgressBar((1 + len(GRID)) * len(frames)) as progress:
+        hand, size = hand_of(predictor, frames, progress)
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
-             f"its flesh {size.girth:.2f} times as thick, from the depth of {len(found)} frames.")  # fmt: skip
-    _write(args.out, person, words if not left else f"{words} The file is its mirror image, a right hand.")
-    print(words)
-    print(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
+             f"its flesh {size.girth:.2f} times as thick, from the depth of {len(frames)} frames.")  # fmt: skip
+    mirrored = " The file is its mirror image, a right hand." if hand == "left" else ""
+    _write(args.out, sized(predictor.skeleton, size), words + mirrored)
+    print(f"{words}\nwrote {args.out} in {duration(time.perf_counter() - begun)}")
     if size.deviation > UNSURE:
         print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
               "each? (tools/predict.py draws it)", file=sys.stderr)  # fmt: skip

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """What a network and the fit after it are worth on synthetic hands: errors, failures, confidence, left or right.
 
-    python tools/measure_fit.py                                   # the packaged network, on every recipe
+    python tools/measure_fit.py
     python tools/measure_fit.py --weights snapshots/x.caffemodel.h5 --model prototxt/nyu_deploy.prototxt
-    python tools/measure_fit.py --recipes nyu other_flesh --frames 512 --terms    # what each term of the fit is worth
+    python tools/measure_fit.py --recipes nyu other_flesh --frames 512 --terms
+
+The packaged network by default, on every recipe; --terms leaves each term of the fit out in turn.
 
 Frames are drawn from the recipes (tools/make_synthetic.py says which there are), of the split and seed that nothing
 was chosen on. Errors are means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" is how
 well the misfit tells those that have; "expected" the mean error that the fit itself expects. "right" is the share of
-frames that are explained better than their mirror image (--hands). With --roll, errors by how the palm is turned in
-the picture.
+frames explained better than their mirror image (--hands). --roll: errors by how the palm is turned in the picture.
 """
 
 from __future__ import annotations

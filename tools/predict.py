@@ -25,10 +25,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -40,15 +38,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.images import read_crop, read_frame
-from handpose.drawing import flesh, hands, sheets
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import has_flesh
 from handpose.predicting.packaged import load_predictor, predictor_of
-from handpose.predicting.predictor import Fit, FramePrediction, Hand, Prediction, Predictor
+from handpose.predicting.predictor import Fit, FramePrediction, Hand, Predictor
 from netlib.errors import DataError, NetlibError, reason_of
-from tools import pictures
+from tools import findings, pictures
 from tools.arguments import add_engine, camera, center, natural, parser_of
 from tools.console import DONE, guarded
 
@@ -117,15 +114,15 @@ def run(args: argparse.Namespace) -> int:
     results = []
     for image, depth, middle in zip(args.images, depths, centers):
         found = predictor.in_crop(depth) if args.camera is None else _in_frame(predictor, depth, middle, image)
-        _draw(places[image], found, predictor)
-        facts = _facts(found)
+        findings.draw(places[image], found, predictor)
+        facts = findings.facts(found)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
             results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube, **facts,
                             "joints_mm": rounded})  # fmt: skip
         else:
-            print(f"{image}: {_in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
+            print(f"{image}: {findings.in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
             for name, (x, y, z) in joints.items():
                 print(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
     if args.json:
@@ -148,33 +145,6 @@ def _hand(asked: Hand | None, fit: Fit) -> Hand:
     return asked or ("right" if fit == "no" else "either")
 
 
-def _facts(found: Prediction) -> dict[str, Any]:
-    """What JSON says beside the joints."""
-    facts: dict[str, Any] = {"hand": found.hand}
-    if isinstance(found, FramePrediction):
-        facts |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
-    if found.fit:
-        measured = not math.isnan(found.fit.error_mm)
-        facts |= {
-            "size": round(found.fit.size, 4),
-            "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
-            "confidence": round(found.fit.confidence, 3) if measured else None,
-            "misfit": round(found.fit.misfit, 2),
-        }
-    return facts
-
-
-def _in_words(found: Prediction) -> str:
-    """The first line of the table."""
-    words = f"{found.hand} hand"
-    if found.fit and not math.isnan(found.fit.error_mm):
-        words += f", {found.fit.confidence:.0%} sure, {found.fit.error_mm:.0f} mm of error expected"
-    words += "; joints in mm from the crop's centre"
-    if isinstance(found, FramePrediction):
-        words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
-    return words
-
-
 def _in_frame(
     predictor: Predictor, depth: NDArray[np.float32], middle: tuple[float, ...] | None, image: str
 ) -> FramePrediction:
@@ -184,20 +154,6 @@ def _in_frame(
     except DataError as error:
         advice = "" if middle and len(middle) == 3 else "; say with --center U,V,D where the hand is"
         raise DataError(f"{image}: {error}{advice}") from None
-
-
-def _draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
-    """The skeleton on the crop and in space; between them the flesh, if there was a fit."""
-    place: dict[str, Any] = {}
-    if isinstance(found, FramePrediction):
-        place = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
-    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **place)]
-    if found.fit:
-        camera, middle = predictor.alone()
-        place = place or {"center_uvd": middle, "cube_mm": found.cube_mm, "camera": camera}
-        drawn.append(flesh.over_crop(found.crop, found.fit.capsules, **place))
-    drawn.append(hands.view_3d(found.joints, predictor.skeleton))
-    pictures.write_image(picture, sheets.sheet(drawn, len(drawn)))
 
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ def over_crop(
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     shown = large < BACKGROUND
     light = cv2.resize(_shade(drawn), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
-    behind = cv2.resize((crop < BACKGROUND).astype(np.uint8), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
+    seen = (crop < BACKGROUND).astype(np.uint8)
+    behind = cv2.resize(seen, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
     colour = np.where(behind[..., None], np.array(SKIN), np.array(MISSING)) * light[..., None]
     mixed = np.where(shown[..., None], 0.75 * colour + 0.25 * canvas, canvas)
     return np.asarray(np.clip(np.rint(mixed), 0, 255), np.uint8)

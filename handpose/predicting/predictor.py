@@ -21,8 +21,6 @@ from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors
-from handpose.fitting.depth.observation import Observation, observe
-from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.strangeness import strangeness
 from handpose.flesh.render import Capsules
 from handpose.predicting import finding
@@ -203,14 +201,6 @@ class Predictor:
         if len(center) == 3:
             return np.array(center, dtype=np.float64)
         return finding.depth_around(depth, center[0], center[1])
-
-    def fit_again(self, found: Sequence[FramePrediction], left: bool) -> tuple[Observation, Array]:
-        """What frames of one hand show, and all variables (N, V) of its fit in each. Raises NetlibError."""
-        assert self.fitter is not None and self.fit != "no"
-        crops, uvd = np.stack([frame.crop for frame in found]), np.stack([frame.center_uvd for frame in found])
-        fit = fit_crops(self.net, self.fitter, crops, uvd, found[0].camera, self.fit, left=left)
-        seen = observe(crops, uvd, found[0].camera, self.cube_mm, PLANS["fast"].points)
-        return (seen.mirrored() if left else seen), fit.x
 
     def _places(self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array]) -> list[Place]:
         """The crops about the palms that are predicted from these starts, as hands of each side.
