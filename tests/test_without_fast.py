@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "*.egg-info", "models")
+LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "*.egg-info")
 
 # An installed copy of this project must not lend its own fast/ to the copy without it.
 NO_OTHER_COPY = f"""
