@@ -82,7 +82,7 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
     return half_cube
 
 
-def read_centers(files: Sequence[File]) -> tuple[Array, Camera]:
+def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """Crop centres (n, 3) of all frames, px, px, mm, and the camera that saw them. Raises DataError.
 
     Files have each centre in pixels and in mm, so the camera follows: u = u0 + fx x / z, v = v0 - fy y / z. It has the

@@ -29,7 +29,7 @@ def fit_all(
     if hand is None:
         raise NetlibError(f"{deploy.source}: no HandModel layer, so there is nothing to fit")
     half = np.concatenate([labels.read_half_cubes(file) for file in data.files])
-    centers, camera = labels.read_centers(data.files)
+    centers, camera = labels.read_crop_centers(data.files)
     joints = np.zeros((len(half), len(hand.skeleton.joint_names), 3))
     done = 0
     for unit in np.unique(half):

@@ -36,7 +36,6 @@ SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton
 class Posed(NamedTuple):
     """The capsules of N bodies, in mm, and how they move. E of the joints are ends of capsules."""
 
-    joints: Floats  # (N, K, 3)
     ends: Floats  # (N, E, 3)
     motion: Floats  # (N, E, 3, V): of the ends
     girth: Floats  # (N,) the factor of all radii
@@ -142,7 +141,7 @@ class FleshModel:
         motion[:, :, Q] = (ends - root).reshape(N, -1)
         if not self._one_each:
             motion = np.concatenate([motion[:, :, :Q] @ self._sums, motion[:, :, Q:]], axis=2)
-        return Posed(joints, ends, motion.reshape(N, len(self._used), 3, -1), self._girth(x).astype(np.float32))
+        return Posed(ends, motion.reshape(N, len(self._used), 3, -1), self._girth(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
         """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is where the origin is."""

@@ -31,7 +31,6 @@ class Observation:
     known    (N, P) 1, or 0 where there are fewer
     outside  (N, S, S) how far a pixel is outside the silhouette, negative inside
     nearest  (N, S, S) nearest depth in the 3 x 3 pixels about each
-    visible  (N,) does the frame show anything?
     center   (N, 3) the crop's centre in camera axes
     half     (N,) of the cube's edge
     offset, factor  (N, 2) column and row of the crop: offset + factor * x / z, offset - factor * y / z
@@ -42,7 +41,6 @@ class Observation:
     known: Floats
     outside: Floats
     nearest: Floats
-    visible: NDArray[np.bool_]
     center: Floats
     half: Floats
     offset: Floats
@@ -116,7 +114,6 @@ def observe(
         known,
         outside,
         nearest,
-        np.asarray(inside.any(axis=(1, 2))),
         center.astype(np.float32),
         half.astype(np.float32),
         (first + scale * middle).astype(np.float32),

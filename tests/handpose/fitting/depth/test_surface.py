@@ -29,7 +29,7 @@ def looking(points: np.ndarray) -> Observation:
     rays = np.tile(np.array([0, 0, 1], np.float32), (1, P, 1))
     zero = np.zeros((1, 128, 128), np.float32)
     one = np.ones(1, np.float32)
-    return Observation(points[None].astype(np.float32), rays, np.ones((1, P), np.float32), zero, zero, one > 0,
+    return Observation(points[None].astype(np.float32), rays, np.ones((1, P), np.float32), zero, zero,
                        np.zeros((1, 3), np.float32), one, one[:, None], one[:, None])  # fmt: skip
 
 
