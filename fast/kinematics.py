@@ -271,33 +271,33 @@ class FewPoses:
         offsets = self.offsets
         if bones is not None:
             offsets = self.bone_axes * bones[:, self.order, None, None]
-        world, before, start = self._world(value, offsets)
+        world, turns, start = self._world(value, offsets)
         pose = Pose(0, 0, 0)
         pose.joints = world[..., :3, 3][:, self.place].astype(dtype)
         pose.frames = world[..., :3, :3][:, self.place].astype(dtype)
         joint, slot, axis, sign = (column[free] for column in self.motions)
         around = np.concatenate([np.broadcast_to(np.eye(4), (len(value), 1, 4, 4)), world], axis=1)
         parent = around[:, self.parents[joint] + 1]  # of a root: the world
-        own = before[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
+        turned = np.stack([np.broadcast_to(np.eye(3), turns[-1].shape), *turns])
+        own = turned[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
         pose.axis = (parent[..., :3, :3] @ own[..., None])[..., 0].astype(dtype)
         at = parent[..., :3, 3] + (parent[..., :3, :3] @ start[:, joint, :, None])[..., 0]
         pose.pivot = at.astype(dtype)
         return pose
 
-    def _world(self, value: Array, offsets: Array) -> tuple[Array, Array, Array]:
-        """World transforms (N, K, 4, 4) in order of depth; each joint's turns so far before every one of its factors,
+    def _world(self, value: Array, offsets: Array) -> tuple[Array, list[Array], Array]:
+        """World transforms (N, K, 4, 4) in order of depth; each joint's turns after every one of its factors,
 
-        (factors, N, K, 3, 3), and how far it has slid before it turns, (N, K, 3), both in its parent's frame.
+        (N, K, 3, 3) each, and how far it has slid before it turns, (N, K, 3), both in its parent's frame.
         """
         N, K = len(value), len(self.place)
         R = self.P + np.cos(value)[..., None, None] * self.C + np.sin(value)[..., None, None] * self.S
         R = np.concatenate([R, np.broadcast_to(self.constants, (N, *self.constants.shape))], axis=1)
-        before = np.empty((len(self.factors), N, K, 3, 3))
-        before[0] = np.eye(3)
         turn = R[:, self.factors[0]]
-        for i, factor in enumerate(self.factors[1:], 1):
-            before[i] = turn
+        turns = [turn]
+        for factor in self.factors[1:]:
             turn = turn @ R[:, factor]
+            turns.append(turn)
         start = np.zeros((N, K, 3))
         for i, axis, sign, row in self.slides:
             start[:, i, axis] += sign * value[:, row]
@@ -310,7 +310,7 @@ class FewPoses:
         world[:, : self.roots] = local[:, : self.roots]
         for rows, parents in self.depths:
             np.matmul(world[:, parents], local[:, rows], out=world[:, rows])
-        return world, before, start
+        return world, turns, start
 
 
 def _steps(skeleton: Skeleton) -> list[list[Part]]:

@@ -33,15 +33,15 @@ import numpy as np
 
 from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
 from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import GOOD_MM, read_errors
 from handpose.fitting.depth.objective import Weights
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import hand_layer
+from handpose.predicting.nets import skeleton_to_fit
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic.generator import RECIPES, Generator
 from netlib.blob import Array
-from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.arguments import add_engine, natural, parser_of, positive
 from tools.console import DONE, aligned, guarded
@@ -86,11 +86,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure as the parsed arguments say. Raises NetlibError."""
     weights = Path(args.weights) if args.weights else checked_weights(read_card(SYNTHETIC_HAND))
     net = Net(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, netlib.TEST, engine=args.engine)
-    layer = hand_layer(net)
-    if layer is None:
-        raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
-    fitter = DepthFitter(layer.skeleton, CUBE_MM / 2)
-    fitter = DepthFitter(layer.skeleton, CUBE_MM / 2, read_errors(weights, fitter.model))
+    model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
+    errors = read_errors(weights, model)
     terms = TERMS if args.terms else {"nothing": Weights()}
     rows: list[dict[str, Any]] = []
     begun = time.perf_counter()
@@ -98,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         for recipe in args.recipes:
             for without, own in terms.items():
                 generator = Generator(args.seed, "test", RECIPES[recipe])
-                found = measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2, fitter.errors, own),
+                found = measure(net, DepthFitter(model, errors, own),
                                 frames_of(generator, args.frames), tuple(args.plans), hands=args.hands,
                                 progress=progress)  # fmt: skip
                 rows += _rows(recipe, found, without if args.terms else "", args.roll)

@@ -26,10 +26,11 @@ from handpose.experiments import fit_figures
 from handpose.experiments.fit_figures import frames_of
 from handpose.experiments.model_file import rounded, write_model
 from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors, covariance, table_of
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import hand_layer
+from handpose.predicting.nets import skeleton_to_fit
 from handpose.synthetic.generator import RECIPES, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
@@ -61,20 +62,18 @@ def run(args: argparse.Namespace) -> int:
     if not args.out.parent.is_dir():
         raise NetlibError(f"{args.out}: no folder {args.out.parent}")
     net = Net(args.model, args.snapshot, netlib.TEST)
-    layer = hand_layer(net)
-    if layer is None:
-        raise NetlibError(f"{args.model}: no HandModel layer, so there is nothing to fit")
+    model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
     generator = Generator(args.seed, "train", RECIPES[args.recipe])
     with ProgressBar(3 * args.frames) as progress:
-        exact = fit_figures.measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2), frames_of(generator, args.frames),
+        exact = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip
         for blobs in net.params.values():
             for blob in blobs:
                 blob.data[...] = rounded(blob.data, args.bits)
-        first = fit_figures.measure(net, DepthFitter(layer.skeleton, CUBE_MM / 2), frames_of(generator, args.frames),
+        first = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip
         errors = NetworkErrors(covariance(first.limbs), {})
-        fitter = DepthFitter(layer.skeleton, CUBE_MM / 2, errors)
+        fitter = DepthFitter(model, errors)
         found = fit_figures.measure(net, fitter, frames_of(generator, args.frames), tuple(PLANS), progress=progress)
     tables = {plan: table_of(found.misfit[plan], found.fits[plan]) for plan in PLANS}
     write_model(net, NetworkErrors(errors.limbs, tables), args.out)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.layer import TEST
@@ -33,6 +34,14 @@ def has_flesh(model: str | Path) -> bool:
     """Does the skeleton of a net file have flesh, so that it can be fitted to depth? Raises NetlibError."""
     hand = hand_layer(Net(model, TEST))
     return hand is not None and hand.skeleton.param.flesh is not None
+
+
+def skeleton_to_fit(net: Net) -> Skeleton:
+    """The skeleton of the net's hand model. Raises NetlibError for a net without one."""
+    hand = hand_layer(net)
+    if hand is None:
+        raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
+    return hand.skeleton
 
 
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from handpose.data.crops import SIZE, crop
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors
 from handpose.fitting.depth.strangeness import strangeness
@@ -155,7 +156,7 @@ class Predictor:
         self.net, self.skeleton, self.camera = net, layer.skeleton, camera
         self.cube_mm, self.refine, self.fit = cube_mm, refine, fit
         self.sides = ("right", "left") if hand == "either" else (hand,)
-        self.fitter = None if fit == "no" else DepthFitter(self.skeleton, cube_mm / 2, errors)
+        self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, cube_mm / 2), errors)
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
         """The hand in a crop (128, 128) in [-1, 1]. Raises DataError for another shape, NetlibError."""
@@ -180,9 +181,8 @@ class Predictor:
                 predicted and fitted fast, and the one that looks most like a hand by the plan
         """
         camera = self._camera_of(depth)
-        starts = [self.start(depth, center)]
-        if center is None and self.fit != "no":
-            starts = list(candidates(depth, camera))
+        look_around = center is None and self.fit != "no"
+        starts = list(candidates(depth, camera)) if look_around else [self.start(depth, center)]
         places = self._places(depth, camera, starts)
         if self.fit == "no":
             return self._hands(places, camera, "no")[0]

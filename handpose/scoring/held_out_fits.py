@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from handpose.data import labels
+from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.fitting.parallel import blocks
 from handpose.predicting.many import TOGETHER, fit_crops
-from handpose.predicting.nets import crops_of, data_layer, hand_layer
+from handpose.predicting.nets import crops_of, data_layer, skeleton_to_fit
 from netlib.blob import Array
-from netlib.errors import NetlibError
 from netlib.net import Net
 
 
@@ -25,16 +25,14 @@ def fit_all(
 
     weights  the file that both have theirs from; it may know the network's errors
     """
-    data, hand = data_layer(net), hand_layer(deploy)
-    if hand is None:
-        raise NetlibError(f"{deploy.source}: no HandModel layer, so there is nothing to fit")
+    data, skeleton = data_layer(net), skeleton_to_fit(deploy)
     half = np.concatenate([labels.read_half_cubes(file) for file in data.files])
     centers, camera = labels.read_crop_centers(data.files)
-    joints = np.zeros((len(half), len(hand.skeleton.joint_names), 3))
+    joints = np.zeros((len(half), len(skeleton.joint_names), 3))
     done = 0
     for unit in np.unique(half):
-        fitter = DepthFitter(hand.skeleton, float(unit))
-        fitter = DepthFitter(hand.skeleton, float(unit), read_errors(weights, fitter.model))
+        model = FleshModel(skeleton, float(unit))
+        fitter = DepthFitter(model, read_errors(weights, model))
         own = np.flatnonzero(half == unit)
         for rows in blocks(len(own), TOGETHER):
             crops = np.stack(crops_of(net, own[rows]))

@@ -1,6 +1,6 @@
 """Fit the flesh of a body to depth crops, from where a network put it: half the error, and how sure one may be.
 
-fitter = DepthFitter(skeleton, CUBE_MM / 2, errors)
+fitter = DepthFitter(FleshModel(skeleton, CUBE_MM / 2), errors)
 seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
 found = fitter.fit(seen, predictions, "accurate")   # predictions: the network's inputs, per quarter turn of the plan
 found.joints                                        # (N, K, 3) mm from the crops' centres
@@ -19,7 +19,6 @@ from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.search import PLANS, Found, drawn, search, turned_back
 from handpose.fitting.parallel import blocks, for_each
-from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -51,16 +50,14 @@ class DepthFit:
 
 
 class DepthFitter:
-    """Fits of one body, whose unit of length is so many mm.
+    """Fits of one body.
 
     errors   of the network that fits start from; by default an unknown one's
     weights  of the terms
     """
 
-    def __init__(
-        self, skeleton: Skeleton, unit_mm: float, errors: NetworkErrors | None = None, weights: Weights | None = None
-    ) -> None:
-        self.model = FleshModel(skeleton, unit_mm)
+    def __init__(self, model: FleshModel, errors: NetworkErrors | None = None, weights: Weights | None = None) -> None:
+        self.model = model
         self.errors = errors or unknown_errors(self.model)
         self.objective = Objective(self.model, weights or Weights())
         self.precision = np.linalg.inv(self.errors.limbs)

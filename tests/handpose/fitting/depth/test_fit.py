@@ -42,7 +42,7 @@ flesh {
 def fitter(model: FleshModel) -> DepthFitter:
     """Of a network whose limbs are off by 0.15 radians."""
     table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
-    return DepthFitter(model.skeleton, 150.0, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}))
+    return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}))
 
 
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
@@ -112,7 +112,7 @@ def test_any_body_with_flesh() -> None:
     radii = np.tile(flesh.radii * 150, (8, 1, 1))
     capsules = Capsules(ends[:, flesh.start], ends[:, flesh.end], radii[..., 0], radii[..., 1])
     crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
-    fitter = DepthFitter(skeleton, 150.0)
+    fitter = DepthFitter(FleshModel(skeleton, 150.0))
     start = inputs + rng.normal(0, 0.15, inputs.shape)
     found = fitter.fit(observe(crops, uvd, NYU, 300.0), [start], "fast")
     truth = flesh.kinematics.joints(inputs) * 150

@@ -25,7 +25,7 @@ def test_the_size_of_a_hand(model: FleshModel, scene: Scene) -> None:
     seen = observe(normalise_depth(depth, scene.center_uvd[:, 2], 300.0), scene.center_uvd, NYU, 300.0, 200)
     fitted = scene.truth + np.random.default_rng(0).normal(0, 0.03, scene.truth.shape)
     done: list[int] = []
-    found = calibrate_size(DepthFitter(model.skeleton, 150.0), seen, fitted, done.append)
+    found = calibrate_size(DepthFitter(model), seen, fitted, done.append)
     assert found.size == pytest.approx(0.92, abs=0.012) and found.girth == pytest.approx(1.15, abs=0.05)
     assert found.deviation < 0.02 and sum(done) == 12 * len(GRID)
     assert found.misfits.argmin() == np.abs(GRID - 0.92).argmin()
@@ -34,7 +34,7 @@ def test_the_size_of_a_hand(model: FleshModel, scene: Scene) -> None:
 def test_too_few_frames(model: FleshModel, scene: Scene) -> None:
     """Say nothing."""
     with pytest.raises(DataError, match="4 frames to tell a hand's size from, expected 5 or more"):
-        calibrate_size(DepthFitter(model.skeleton, 150.0), scene.seen.take(slice(0, 4)), scene.truth[:4])
+        calibrate_size(DepthFitter(model), scene.seen.take(slice(0, 4)), scene.truth[:4])
 
 
 def test_a_skeleton_of_that_size(model: FleshModel) -> None:
