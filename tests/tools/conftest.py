@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from netlib import engine
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,3 +36,15 @@ def work(tmp_path, monkeypatch, small_data):
     (tmp_path / "solver.prototxt").write_text(SOLVER)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def other_engine(monkeypatch):
+    """The fast engine, while the process is told to use the plain one; its threads are as before afterwards."""
+    if not engine.has_fast():
+        pytest.skip("the plain engine has one thread")
+    fast = engine.get("fast")
+    before = fast.threads()
+    monkeypatch.setenv("NETLIB_ENGINE", "plain")
+    yield fast
+    fast.set_threads(before)
