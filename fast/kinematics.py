@@ -15,7 +15,6 @@ A few poses. There the number of NumPy calls counts and not the arithmetic (``Fe
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -109,8 +108,8 @@ class FastKinematics(Kinematics):
 
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3)."""
-        if bones is None and len(inputs) <= FEW:
-            return self._few.joints(self.skeleton.theta(inputs)[:, self.dof_of]).astype(self.dtype)
+        if len(inputs) <= FEW:
+            return self._few.joints(self.skeleton.theta(inputs)[:, self.dof_of], bones).astype(self.dtype)
         return self.forward(inputs, bones).joints
 
     def forward(self, inputs: Array, bones: Array | None = None) -> FastPose:
@@ -226,90 +225,90 @@ class FewPoses:
     """Forward kinematics for a few poses, where the number of NumPy calls counts and not the arithmetic.
 
     A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of a pose
-    come from three operations. All joints multiply their own turns and their bone to a 4 x 4 transform at once; then
-    one product per depth attaches the joints of that depth to their parents. Joints are in order of depth in here.
+    come from three operations. All joints multiply their own turns and their bone to a 4 x 4 transform at once. Then
+    everyone multiplies the transform of its parent from the left, next that of its grandparent, then of the fourth
+    before it: as often as the depth has bits.
     """
 
     def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
-        order = np.array(skeleton.order)
-        self.place = np.argsort(order)  # of each joint
-        motions = [step for own in steps for step in own if step.kind != "constant"]
-        self.P, self.C, self.S = _rodrigues(motions)
-        self.constants = np.array(
-            [*(step.matrix for own in steps for step in own if step.matrix is not None), np.eye(3)]
-        )
-        numbers = itertools.count(len(motions))  # constants follow the motions, the identity comes last
-        turns = [
-            [s.number if s.matrix is None else next(numbers) for s in own if s.kind != "translate"] for own in steps
-        ]
-        identity, most = next(numbers), max(1, *(len(own) for own in turns))
-        self.factors = np.array([turns[j] + [identity] * (most - len(turns[j])) for j in order]).T
-        self.offsets = np.zeros((len(order), 3, 1))
-        has_bone = np.flatnonzero(skeleton.bone_axes[order] >= 0)
-        self.offsets[has_bone, skeleton.bone_axes[order][has_bone], 0] = skeleton.bones[order][has_bone]
-        self.slides = [
-            (i, s.axis, s.sign, s.number) for i, j in enumerate(order) for s in steps[j] if s.kind == "translate"
-        ]
-        ends = np.cumsum(np.bincount(skeleton.carries.sum(axis=0))[1:])  # of each depth
-        self.roots = int(ends[0])
-        # What a pose with axes needs beside: in order of depth, and per motion its joint, slot, axis and sign.
-        self.order, self.parents = order, np.where(skeleton.parents[order] < 0, -1, self.place[skeleton.parents[order]])
-        self.bone_axes = np.zeros((len(order), 3, 1))
-        self.bone_axes[has_bone, skeleton.bone_axes[order][has_bone], 0] = 1
-        self.motions = _places_of(steps, self.place)
-        self.depths = [
-            (slice(first, last), self.place[skeleton.parents[order[first:last]]])
-            for first, last in itertools.pairwise(ends)
-        ]
+        K, M = len(steps), sum(step.kind != "constant" for own in steps for step in own)
+        most = max(1, *(sum(step.kind != "translate" for step in own) for own in steps))
+        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))  # of every joint's turns, padded with the identity
+        self.P[:] = np.eye(3)
+        self.angle = np.full((most, K), M)  # which motion's; M: none
+        self.slides: list[tuple[int, int, float, int]] = []  # joint, axis, sign, motion
+        motions = []  # per motion its joint, how many of the joint's turns come before it, axis and sign
+        for j, own in enumerate(steps):
+            turned = 0
+            for step in own:
+                if step.kind == "translate":
+                    self.slides.append((j, step.axis, step.sign, step.number))
+                elif step.matrix is not None:
+                    self.P[turned, j] = step.matrix
+                else:
+                    self.P[turned, j], self.C[turned, j], self.S[turned, j] = _rodrigues(step)
+                    self.angle[turned, j] = step.number
+                if step.matrix is None:
+                    motions.append((j, 0 if step.kind == "translate" else turned, step.axis, step.sign))
+                turned += step.kind != "translate"
+        self.motions = np.array(motions, dtype=int).reshape(-1, 4).T
+        self.bone_axes = np.zeros((K, 3, 1))
+        has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
+        self.bone_axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
+        self.bones = self.bone_axes * skeleton.bones[:, None, None]
+        before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K: the world
+        self.parents, self.before = before, []
+        while (before < K).any():
+            self.before.append(before)
+            before = before[before]
 
-    def joints(self, value: Array) -> Array:
-        """Positions (N, K, 3) for the values (N, M) of the motions."""
-        return self._world(value, self.offsets)[0][..., :3, 3][:, self.place]
+    def joints(self, value: Array, bones: Array | None) -> Array:
+        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are each pose's own lengths."""
+        return self._world(value, bones)[0][:, :-1, :3, 3]
 
     def pose(self, value: Array, free: Array, bones: Array | None, dtype: DTypeLike) -> Pose:
         """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are each pose's own lengths."""
-        offsets = self.offsets
-        if bones is not None:
-            offsets = self.bone_axes * bones[:, self.order, None, None]
-        world, turns, start = self._world(value, offsets)
+        world, turns, start = self._world(value, bones)
+        joint, slot, axis, sign = self.motions[:, free]
+        parent = world[:, self.parents[joint]]
+        own = turns[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
         pose = Pose(0, 0, 0)
-        pose.joints = world[..., :3, 3][:, self.place].astype(dtype)
-        pose.frames = world[..., :3, :3][:, self.place].astype(dtype)
-        joint, slot, axis, sign = (column[free] for column in self.motions)
-        around = np.concatenate([np.broadcast_to(np.eye(4), (len(value), 1, 4, 4)), world], axis=1)
-        parent = around[:, self.parents[joint] + 1]  # of a root: the world
-        turned = np.stack([np.broadcast_to(np.eye(3), turns[-1].shape), *turns])
-        own = turned[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
-        pose.axis = (parent[..., :3, :3] @ own[..., None])[..., 0].astype(dtype)
-        at = parent[..., :3, 3] + (parent[..., :3, :3] @ start[:, joint, :, None])[..., 0]
-        pose.pivot = at.astype(dtype)
+        pose.joints = world[:, :-1, :3, 3].astype(dtype)
+        pose.frames = world[:, :-1, :3, :3].astype(dtype)
+        both = parent[..., :3, :3] @ np.stack([own, start[:, joint]], axis=-1)
+        pose.axis = both[..., 0].astype(dtype)
+        pose.pivot = (parent[..., :3, 3] + both[..., 1]).astype(dtype)
         return pose
 
-    def _world(self, value: Array, offsets: Array) -> tuple[Array, list[Array], Array]:
-        """World transforms (N, K, 4, 4) in order of depth; each joint's turns after every one of its factors,
+    def _world(self, value: Array, bones: Array | None) -> tuple[Array, Array, Array]:
+        """World transforms (N, K + 1, 4, 4), the last one the world's own; each joint's turns before every one of its
 
-        (N, K, 3, 3) each, and how far it has slid before it turns, (N, K, 3), both in its parent's frame.
+        factors and after all, (F + 1, N, K, 3, 3), and how far it has slid before it turns, (N, K, 3), both in its
+        parent's frame.
         """
-        N, K = len(value), len(self.place)
-        R = self.P + np.cos(value)[..., None, None] * self.C + np.sin(value)[..., None, None] * self.S
-        R = np.concatenate([R, np.broadcast_to(self.constants, (N, *self.constants.shape))], axis=1)
-        turn = R[:, self.factors[0]]
-        turns = [turn]
-        for factor in self.factors[1:]:
-            turn = turn @ R[:, factor]
-            turns.append(turn)
+        N, K = len(value), len(self.bone_axes)
+        angle = np.zeros((N, value.shape[1] + 1))
+        angle[:, :-1] = value
+        cos, sin = (f(angle)[:, self.angle][..., None, None] for f in (np.cos, np.sin))
+        R = cos * self.C
+        R += sin * self.S
+        R += self.P
+        turns = np.empty((len(self.angle) + 1, N, K, 3, 3))
+        turns[0] = np.eye(3)
+        turns[1] = R[:, 0]
+        for f in range(1, len(self.angle)):
+            np.matmul(turns[f], R[:, f], out=turns[f + 1])
         start = np.zeros((N, K, 3))
-        for i, axis, sign, row in self.slides:
-            start[:, i, axis] += sign * value[:, row]
-        local = np.zeros((N, K, 4, 4))
-        local[..., :3, :3] = turn
-        np.matmul(turn, offsets, out=local[..., :3, 3:])
-        local[..., :3, 3] += start
-        local[..., 3, 3] = 1
-        world = np.empty((N, K, 4, 4))
-        world[:, : self.roots] = local[:, : self.roots]
-        for rows, parents in self.depths:
-            np.matmul(world[:, parents], local[:, rows], out=world[:, rows])
+        for j, axis, sign, row in self.slides:
+            start[:, j, axis] += sign * value[:, row]
+        world = np.zeros((N, K + 1, 4, 4))
+        world[:, :-1, :3, :3] = turns[-1]
+        offsets = self.bones if bones is None else self.bone_axes * bones[..., None, None]
+        world[:, :-1, :3, 3] = (turns[-1] @ offsets)[..., 0] + start
+        world[:, -1, [0, 1, 2], [0, 1, 2]] = 1
+        world[..., 3, 3] = 1
+        for before in self.before:
+            world = world[:, before] @ world
         return world, turns, start
 
 
@@ -367,27 +366,11 @@ def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
     )
 
 
-def _places_of(steps: Sequence[Sequence[Part]], place: Array) -> tuple[Array, Array, Array, Array]:
-    """Of every motion, (M,) each: its joint in order of depth, how many factors turn before it, its axis and sign."""
-    found = []
-    for joint, own in enumerate(steps):
-        turned = 0
-        for step in own:
-            if step.kind != "constant":
-                found.append((place[joint], 0 if step.kind == "translate" else turned, step.axis, step.sign))
-            turned += step.kind != "translate"
-    joints, slots, axes, signs = zip(*found) if found else ((), (), (), ())
-    return np.array(joints, int), np.array(slots, int), np.array(axes, int), np.array(signs, float)
-
-
-def _rodrigues(motions: Sequence[Part]) -> tuple[Array, Array, Array]:
-    """P, C, S (M, 3, 3) with R(t) = P + cos t C + sin t S; the identity for a translation."""
-    P, C, S = np.zeros((3, len(motions), 3, 3))
-    for q, step in enumerate(motions):
-        start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))
-        P[q] = (start + half) / 2
-        C[q], S[q] = start - P[q], quarter - P[q]
-    return P, C, S
+def _rodrigues(step: Part) -> tuple[Array, Array, Array]:
+    """P, C, S (3, 3) of a turn: R(t) = P + cos t C + sin t S."""
+    start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))
+    P = (start + half) / 2
+    return P, start - P, quarter - P
 
 
 def _as_slice(indices: list[int]) -> slice | list[int]:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import Capsules
 from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Pose
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import NetlibError
@@ -31,6 +32,11 @@ Floats = NDArray[np.float32]
 
 SIZE, GIRTH = -2, -1  # places in x
 SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton's size
+
+# X (3,) times it are the rows of a matrix (3, 3) whose product with a is a x X, with the component i a_j X_k - a_k X_j.
+_CROSSING = np.zeros((3, 9), np.float32)
+_CROSSING[[2, 0, 1], [1, 5, 6]] = 1
+_CROSSING[[1, 2, 0], [2, 3, 7]] = -1
 
 
 class Posed(NamedTuple):
@@ -69,7 +75,7 @@ class FleshModel:
         slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]
         if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
             raise NetlibError(f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates")
-        self._slides = [m for _, m in slides]
+        self._root_joint = int(roots[0])
         everything = self._sums.T @ whole.moves > 0  # (V - 2, K)
         self.root = np.flatnonzero(everything[:, roots[0]])
         self.own = np.flatnonzero(self.free >= len(skeleton.initial))
@@ -78,15 +84,19 @@ class FleshModel:
         self._used = used
         self.start, self.end = np.searchsorted(used, flesh.start), np.searchsorted(used, flesh.end)
         self.radii = (flesh.radii * unit_mm).astype(np.float32)
-        self._with_joint = np.repeat(whole.moves[:, used].T, 3, axis=0).astype(np.float32)  # (3 E, Q)
-        turned = np.zeros((len(used), len(whole.driven)))
+        with_joint = whole.moves[:, used].T  # (E, Q): what moves E_j as it moves X_j ...
+        with_axes = with_joint.copy()
         for f, (own_joints, _) in flesh.offsets.items():
-            turned[np.isin(used, own_joints)] = whole.moves[:, f] & whole.turns
-        self._with_axes = np.repeat(turned, 3, axis=0).astype(np.float32)
+            own = np.isin(used, own_joints)
+            with_axes[own] = whole.moves[:, f]
+        unlike = (with_joint != with_axes) & whole.turns
+        self._with_joint = with_joint.astype(np.float32)
+        self._apart = np.flatnonzero(unlike.any(axis=1))  # ... and what turns o_j beside, or moves X_j alone
+        self._only_axes = (unlike * np.where(with_axes, 1, -1)).astype(np.float32)[self._apart]
         self._kinematics = kinematics_of(whole, np.float32)
         self._turns = whole.turns[:, None].astype(np.float32)
         alone = ~np.isin(whole.driven, self.free[self.root])
-        self.rigid = np.flatnonzero(~(self._with_joint + self._with_axes)[::3][:, alone].any(axis=1))
+        self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
 
     @property
     def variables(self) -> int:
@@ -111,37 +121,30 @@ class FleshModel:
         bones = self.skeleton.bones * np.exp(x[:, [SIZE]])
         return kinematics_of(self.skeleton).joints(self.inputs_of(x), bones) * self.unit_mm
 
+    def ends(self, x: Array) -> Floats:
+        """The ends of the capsules (N, E, 3) at x (N, V)."""
+        return self._ends(x)[1]
+
     def posed(self, x: Array) -> Posed:
         """The body at x (N, V)."""
-        flesh, unit = self.flesh, np.float32(self.unit_mm)
-        kinematics = self._kinematics
-        N, Q = len(x), len(self.whole.driven)
-        inputs, size = self._whole_inputs(x), np.exp(x[:, SIZE])
-        pose = kinematics.glance(inputs, self.whole.bones * size[:, None])
-        joints = np.asarray(pose.joints, np.float32) * unit
-        all_ends = flesh.ends_at(
-            joints, {f: kinematics.rotation_of(pose, f) for f in flesh.offsets}, size * self.unit_mm
-        )
-        at, ends = joints[:, self._used], np.asarray(all_ends[:, self._used], np.float32)
-        axis, pivot = (np.asarray(v, np.float32) for v in kinematics.axes(pose))
-        turn, P = (v.swapaxes(1, 2) for v in (axis * self._turns, pivot * unit))
-        screws = np.empty((N, 6, Q), np.float32)  # a and m: the velocity of E is a x E + m
-        screws[:, :3] = turn
-        slide = (axis * (unit * (1 - self._turns))).swapaxes(1, 2)
-        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-            screws[:, 3 + i] = slide[:, i] + P[:, j] * turn[:, k] - P[:, k] * turn[:, j]
-        motion = np.zeros((N, 3 * len(self._used), Q + 2), np.float32)
-        np.multiply(_levers(at) @ screws, self._with_joint, out=motion[:, :, :Q])
-        if flesh.offsets:
-            motion[:, :, :Q] += (_levers(ends - at)[:, :, :3] @ screws[:, :3]) * self._with_axes
-        root = np.zeros((N, 1, 3), np.float32)
-        theta = self.whole.theta(inputs)
-        for m in self._slides:
-            root[:, 0, m.axis] += m.sign * theta[:, m.dof] * unit
-        motion[:, :, Q] = (ends - root).reshape(N, -1)
+        N, Q, E, unit = len(x), len(self.whole.driven), len(self._used), np.float32(self.unit_mm)
+        joints, ends, pose = self._ends(x)
+        axis, pivot = (np.asarray(v, np.float32) for v in self._kinematics.axes(pose))
+        turn = axis * self._turns
+        crossed = _crossing(pivot).reshape(N, Q, 3, 3) @ turn[..., None]
+        turn, shift = turn.swapaxes(1, 2), ((axis - turn - crossed[..., 0]) * unit).swapaxes(1, 2)
+        motion = np.empty((N, E, 3, Q + 2), np.float32)
+        moved = (_crossing(ends) @ turn).reshape(N, E, 3, Q)  # a turn moves E by a x E - a x P
+        moved += shift[:, None]
+        np.multiply(moved, self._with_joint[:, None], out=motion[..., :Q])
+        if len(self._apart):
+            beside = ends[:, self._apart] - joints[:, self._used[self._apart]]
+            motion[:, self._apart, :, :Q] += (_crossing(beside) @ turn).reshape(N, -1, 3, Q) * self._only_axes[:, None]
+        motion[..., Q] = ends - joints[:, [self._root_joint]]
+        motion[..., Q + 1] = 0
         if not self._one_each:
-            motion = np.concatenate([motion[:, :, :Q] @ self._sums, motion[:, :, Q:]], axis=2)
-        return Posed(ends, motion.reshape(N, len(self._used), 3, -1), self._girth(x).astype(np.float32))
+            motion = np.concatenate([motion[..., :Q] @ self._sums, motion[..., Q:]], axis=-1)
+        return Posed(ends, motion, self._girth(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
         """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is where the origin is."""
@@ -149,6 +152,14 @@ class FleshModel:
         ends = p.ends.astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._girth(x)[:, None, None]
         return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1])
+
+    def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
+        """All joints (N, K, 3), the capsules' ends (N, E, 3), and the pose that they are of."""
+        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
+        pose = self._kinematics.glance(self._whole_inputs(x), self.whole.bones * size[:, None])
+        joints = np.asarray(pose.joints, np.float32) * unit
+        rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.flesh.offsets}
+        return joints, self.flesh.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
 
     def _girth(self, x: Array) -> Array:
         """The factor of all radii (N,)."""
@@ -160,11 +171,6 @@ class FleshModel:
         return inputs
 
 
-def _levers(X: Floats) -> Floats:
-    """(N, 3 E, 6) of points (N, E, 3): its product with (a, m) is a x X + m."""
-    N, E, _ = X.shape
-    L = np.zeros((N, E, 3, 6), np.float32)
-    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # component i of a x X = a_j X_k - a_k X_j
-        L[:, :, i, j], L[:, :, i, k] = X[:, :, k], -X[:, :, j]
-        L[:, :, i, 3 + i] = 1
-    return L.reshape(N, 3 * E, 6)
+def _crossing(X: Floats) -> Floats:
+    """(N, 3 E, 3) of points (N, E, 3): its product with a (3,) is a x X."""
+    return np.asarray((X @ _CROSSING).reshape(len(X), -1, 3))

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt on the objective, for many fits at once, with limits.
 
-A step solves (A + mu diag A) step = -b; it is taken if it lowers the cost, and then mu falls, else it grows. A variable
-at a limit that wants beyond it is held. The robust distance shrinks from stage to stage: first far points pull, too,
-at the end only what the model explains.
+A step solves (A + mu diag A) step = -b; it is made longer, and part of the step before is added; it is taken if it
+lowers the cost, and then mu falls, else it grows. A variable at a limit that wants beyond it is held. The robust
+distance may shrink from stage to stage: first far points pull, too, at the end only what the model explains.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from netlib.blob import Array
 FIRST_MU, TRUST, DOUBT, SMALLEST_MU, LARGEST_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
 
 
-# The nearest places slide along the flesh as it moves, so that a step falls short of where it aims.
-FURTHER = 1.4
+# The nearest places slide along the flesh as it moves, so that a step falls short of where it aims, and the next one
+# aims the same way.
+FURTHER, MOMENTUM = 1.5, 0.2
 
 T = TypeVar("T", bound=Any)
 
@@ -39,7 +40,7 @@ def descend(
     """x (N, V) after all stages, and its cost."""
     lower, upper = objective.model.lower, objective.model.upper
     x, mu, diagonal = np.clip(x, lower, upper), np.full(len(x), FIRST_MU), np.arange(x.shape[1])
-    measured = objective.measure(x, seen, prior)
+    measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
     for stage in stages:
         now = objective.weigh(measured, seen, stage.robust)
         for _ in range(stage.iterations):
@@ -50,10 +51,11 @@ def descend(
             M[held[:, :, None] | held[:, None, :]] = 0
             M[:, diagonal, diagonal] += held
             step = np.linalg.solve(M, np.where(held, 0, -now.b)[..., None])[..., 0]
-            trial = np.clip(x + FURTHER * step, lower, upper)
+            trial = np.clip(x + FURTHER * step + MOMENTUM * moved, lower, upper)
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)
             better = found.total < now.total
+            moved = np.where(better[:, None], trial - x, 0)
             x = _chosen(better, trial, x)
             measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)
             mu = np.clip(mu * np.where(better, TRUST, DOUBT), SMALLEST_MU, LARGEST_MU)

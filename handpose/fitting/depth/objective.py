@@ -17,7 +17,7 @@ import numpy as np
 
 from handpose.fitting.depth.body import FleshModel, Posed
 from handpose.fitting.depth.observation import Floats, Observation
-from handpose.fitting.depth.residuals import Residuals, joined, normal_equations
+from handpose.fitting.depth.residuals import Residuals, cones_of, joined, normal_equations
 from handpose.fitting.depth.silhouette import sphere_residuals, spheres_of
 from handpose.fitting.depth.surface import nearest_capsules, point_residuals
 from netlib.blob import Array
@@ -86,32 +86,33 @@ class Objective:
         A = np.zeros((self.model.variables,) * 2)
         A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
         A[self.plain, self.plain] = self.plain_precision
-        return Prior(x, self.model.posed(x).ends[:, self.model.rigid], A)
+        return Prior(x, self.model.ends(x)[:, self.model.rigid], A)
 
     def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
         """All that does not depend on the robust distance, at x (N, V)."""
         model = self.model
         posed = model.posed(x)
-        points = point_residuals(model, posed, seen, nearest_capsules(model, posed, seen))
-        spheres = sphere_residuals(model, posed, seen, self.spheres, self.weights.slack)
+        cones = cones_of(model, posed)
+        points = point_residuals(cones, seen, nearest_capsules(cones, seen))
+        spheres = sphere_residuals(cones, seen, self.spheres, self.weights.slack)
         return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
         """Cost, and half its gradient and its curvature (Gauss-Newton)."""
-        w, P = self.weights, seen.points.shape[1]
+        w, P = self.weights, seen.points.shape[2]
         k = np.float32(robust * robust)
         q = m.residuals.value * m.residuals.value
-        surface = q[:, :P].sum(axis=2, keepdims=True)  # a point's two residuals are robust together
-        q[:, :P] = surface
+        q[:, :, :P] = q[:, :1, :P] + q[:, 1:, :P]  # a point's two residuals are robust together
         weight = np.empty_like(q)
         unit = w.independent / w.sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
-        weight[:, :P] = (seen.known * unit.astype(np.float32))[..., None]
-        weight[:, P:] = np.array([w.outline, w.front], np.float32) / np.float32(w.sigma**2)
+        weight[:, :, :P] = (seen.known * unit.astype(np.float32))[:, None]
+        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(w.sigma**2)
         robustly = k / (k + q)
-        each = weight * robustly * q
-        A, b = normal_equations(self.model, m.posed, m.residuals, weight * robustly * robustly)
-        outline, front = each[:, P:, 0].sum(axis=1), each[:, P:, 1].sum(axis=1)
-        parts = np.stack([each[:, :P, 0].sum(axis=1), outline, front, m.prior], axis=1).astype(np.float64)
+        weight *= robustly
+        q *= weight
+        A, b = normal_equations(self.model, m.posed, m.residuals, weight * robustly)
+        spheres = q[:, :, P:].sum(axis=2)
+        parts = np.stack([q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1).astype(np.float64)
         return Cost(parts.sum(axis=1), A + m.prior_curvature, b + m.prior_gradient, parts)
 
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:

@@ -26,19 +26,21 @@ _CROSS = np.ones((3, 3), np.uint8)
 class Observation:
     """N frames.
 
-    points   (N, P, 3) on the surface, from the rows of the crop; 0 where there are fewer
-    rays     (N, P, 3) unit vectors from the camera through them
+    points   (N, 3, P) on the surface, from the rows of the crop; 0 where there are fewer
+    rays     (N, 3, P) unit vectors from the camera through them
     known    (N, P) 1, or 0 where there are fewer
-    outside  (N, S, S) how far a pixel is outside the silhouette, negative inside
-    nearest  (N, S, S) nearest depth in the 3 x 3 pixels about each
+    frame    (N,) which of the F crops it is of
+    outside  (F, S, S) how far a pixel is outside the silhouette, negative inside
+    nearest  (F, S, S) nearest depth in the 3 x 3 pixels about each
     center   (N, 3) the crop's centre in camera axes
     half     (N,) of the cube's edge
-    offset, factor  (N, 2) column and row of the crop: offset + factor * x / z, offset - factor * y / z
+    offset, factor  (N, 2) column and row of the crop: offset + factor * (x, y) / z
     """
 
     points: Floats
     rays: Floats
     known: Floats
+    frame: NDArray[np.int_]
     outside: Floats
     nearest: Floats
     center: Floats
@@ -50,21 +52,24 @@ class Observation:
         return len(self.center)
 
     def take(self, rows: slice | NDArray[np.int_]) -> Observation:
-        """Some of the frames, or some several times."""
-        return Observation(**{name: values[rows] for name, values in vars(self).items()})
+        """Some of the frames, or some several times. The crops themselves are not copied."""
+        return Observation(**{
+            name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
+        })  # fmt: skip
 
     def mirrored(self) -> Observation:
         """The frames as a mirror along x shows them, where a left hand is a right one."""
         flip = np.array([-1, 1, 1], np.float32)
         offset = self.offset.copy()
         offset[:, 0] = self.outside.shape[-1] - 1 - offset[:, 0]
-        changed = {name: getattr(self, name) * flip for name in ("points", "rays", "center")}
+        changed = {name: getattr(self, name) * flip[:, None] for name in ("points", "rays")}
+        changed["center"] = self.center * flip
         turned = {name: np.ascontiguousarray(getattr(self, name)[:, :, ::-1]) for name in ("outside", "nearest")}
         return Observation(**(vars(self) | changed | turned | {"offset": offset}))
 
     def thinned(self, every: int) -> Observation:
         """Every so manieth of the points."""
-        few = {name: getattr(self, name)[:, ::every] for name in ("points", "rays", "known")}
+        few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
         return Observation(**(vars(self) | few))
 
 
@@ -89,7 +94,7 @@ def observe(
     inside = (picked.columns >= 0)[:, None, :] & (picked.rows >= 0)[:, :, None]
     inside &= np.abs(crops) < BACKGROUND
 
-    surface, rays = np.zeros((2, N, points, 3), np.float32)
+    surface, rays = np.zeros((2, N, 3, points), np.float32)
     known = np.zeros((N, points), np.float32)
     outside, nearest = np.empty((2, N, S, S), np.float32)
     for n in range(N):
@@ -100,9 +105,9 @@ def observe(
             seen = seen[np.searchsorted(share, (np.arange(points) + 0.5) * (share[-1] / points))]
         row, column = np.divmod(seen, S)
         z = crops[n].reshape(-1)[seen] * half[n] + center[n, 2]
-        at = np.stack([x[n, column] * z, y[n, row] * z, z], axis=1)
-        surface[n, : len(seen)] = at - center[n]
-        rays[n, : len(seen)] = at / np.linalg.norm(at, axis=1, keepdims=True)
+        at = np.stack([x[n, column] * z, y[n, row] * z, z])
+        surface[n, :, : len(seen)] = at - center[n][:, None]
+        rays[n, :, : len(seen)] = at / np.linalg.norm(at, axis=0)
         known[n, : len(seen)] = 1
         outside[n] = outline * np.float32(2 * half[n] / S)
         nearest[n] = cv2.erode(crops[n].astype(np.float32), _CROSS) * np.float32(half[n])
@@ -112,12 +117,13 @@ def observe(
         surface,
         rays,
         known,
+        np.arange(N),
         outside,
         nearest,
         center.astype(np.float32),
         half.astype(np.float32),
         (first + scale * middle).astype(np.float32),
-        (scale * focal).astype(np.float32),
+        (scale * focal * (1, -1)).astype(np.float32),
     )
 
 

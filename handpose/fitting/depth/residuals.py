@@ -32,46 +32,66 @@ _FULL[_UPPER] = _FULL.T[_UPPER] = np.arange(36)
 
 
 class Residuals(NamedTuple):
-    """Two residuals of each of R points, in N frames, in mm."""
+    """Two residuals of each of R points, in N frames, in mm. Points come last: the innermost loops are then long."""
 
     capsule: NDArray[np.int_]  # (N, R)
     place: Floats  # (N, R) on its axis, 0 to 1
-    direction: Floats  # (N, R, 2, 3): a residual grows by this much as the point moves
-    swell: Floats  # (N, R, 2): ... and by this much as the logarithm of the radii grows
-    value: Floats  # (N, R, 2)
+    direction: Floats  # (N, 3, 2, R): a residual grows by this much as the point moves
+    swell: Floats  # (N, 2, R): ... and by this much as the logarithm of the radii grows
+    value: Floats  # (N, 2, R)
 
 
-def point_of(model: FleshModel, posed: Posed, capsule: NDArray[np.int_], place: Floats) -> tuple[Floats, Floats]:
-    """The points (N, R, 3) at places on capsules' axes, and the radii (N, R) there."""
-    n = np.arange(len(posed.ends))[:, None]
-    a, b = posed.ends[n, model.start[capsule]], posed.ends[n, model.end[capsule]]
-    ra, rb = model.radii[capsule, 0], model.radii[capsule, 1]
-    radius = (ra + place * (rb - ra)) * posed.girth[:, None]
-    return a + place[..., None] * (b - a), radius
+class Cones(NamedTuple):
+    """Capsules, or for each of R points its own."""
+
+    a: Floats  # (N, 3, R) where the axis starts
+    along: Floats  # (N, 3, R) from there to its end
+    radius: Floats  # (N, R) at its start
+    wider: Floats  # (N, R): at the end the radius is larger by this
+
+    def at(self, place: Floats) -> tuple[Floats, Floats]:
+        """The points (N, 3, R) at places (N, R) on the axes, and the radii (N, R) there."""
+        return self.a + place[:, None] * self.along, self.radius + place * self.wider
+
+    def of(self, belongs: Floats) -> Cones:
+        """Those of points, as ``belonging`` says: to pick by a product is faster than by indices."""
+        picked = np.concatenate([self.a, self.along, self.radius[:, None], self.wider[:, None]], axis=1) @ belongs
+        return Cones(picked[:, :3], picked[:, 3:6], picked[:, 6], picked[:, 7])
+
+
+def cones_of(model: FleshModel, posed: Posed) -> Cones:
+    """All M capsules."""
+    ends = posed.ends.swapaxes(1, 2)
+    a = ends[:, :, model.start]
+    radii = model.radii.T * posed.girth[:, None, None]
+    return Cones(a, ends[:, :, model.end] - a, radii[:, 0], radii[:, 1] - radii[:, 0])
+
+
+def belonging(capsule: NDArray[np.int_], capsules: int) -> Floats:
+    """(N, M, R): 1 where a point (N, R) is one of a capsule, else 0."""
+    return np.equal(capsule[:, None], np.arange(capsules)[:, None]).astype(np.float32)
 
 
 def joined(first: Residuals, second: Residuals) -> Residuals:
     """All of both."""
-    return Residuals(*(np.concatenate([a, b], axis=1) for a, b in zip(first, second)))
+    return Residuals(*(np.concatenate([a, b], axis=-1) for a, b in zip(first, second)))
 
 
 def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Floats, Floats]:
-    """A (N, V, V) and b (N, V) of the squares weighted by (N, R, 2): half their gradient is b."""
-    N, R, _ = r.value.shape
+    """A (N, V, V) and b (N, V) of the squares weighted by (N, 2, R): half their gradient is b."""
+    N, _, R = r.value.shape
     M, V = len(model.start), model.variables
-    # The points last: the innermost loops of all that follows are then long.
-    root = np.sqrt(weight).transpose(0, 2, 1)
+    root = np.sqrt(weight)
     z = np.empty((N, 8, 2, R), np.float32)
-    np.multiply(r.direction.transpose(0, 3, 2, 1), root[:, None], out=z[:, :3])
+    np.multiply(r.direction, root[:, None], out=z[:, :3])
     np.multiply(z[:, :3], r.place[:, None, None], out=z[:, 3:6])
     z[:, :3] -= z[:, 3:6]
-    np.multiply(r.swell.transpose(0, 2, 1), root, out=z[:, 6])
-    np.multiply(r.value.transpose(0, 2, 1), root, out=z[:, 7])
+    np.multiply(r.swell, root, out=z[:, 6])
+    np.multiply(r.value, root, out=z[:, 7])
     products = z[:, _UPPER[0]]
     products *= z[:, _UPPER[1]]
     products = products[:, :, 0] + products[:, :, 1]  # (N, 36, R)
-    belongs = (r.capsule[:, None] == np.arange(M)[:, None]).astype(np.float32)
-    G = (belongs @ products.swapaxes(1, 2))[:, :, _FULL]  # (N, M, 8, 8)
+    G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL]  # (N, M, 8, 8)
     B = np.zeros((N, M, 7, V), np.float32)
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
     B[:, :, 6, [SIZE, GIRTH]] = 1

@@ -43,8 +43,8 @@ class Plan:
 
 
 PLANS = {
-    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(30, 4), Stage(12, 4))),
-    "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(30, 3), Stage(15, 2)), 2, (Stage(15, 6),)),
+    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(13, 6),)),
+    "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),)),
 }
 
 

@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fitting.depth.body import FleshModel, Posed
+from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.observation import BACKGROUND, Floats, Observation
-from handpose.fitting.depth.residuals import Residuals, point_of
+from handpose.fitting.depth.residuals import Cones, Residuals
 
 PLACES = (1.0,)  # of the spheres on each capsule's axis: with one in the middle, too, nothing gets better
 
@@ -28,43 +28,43 @@ def spheres_of(model: FleshModel) -> tuple[NDArray[np.int_], Floats]:
 
 
 def sphere_residuals(
-    model: FleshModel, posed: Posed, seen: Observation, spheres: tuple[NDArray[np.int_], Floats], slack: float
+    cones: Cones, seen: Observation, spheres: tuple[NDArray[np.int_], Floats], slack: float
 ) -> Residuals:
     """How far in mm each sphere sticks out of the silhouette, and how far it stands before the surface."""
-    N, S = len(posed.ends), seen.outside.shape[-1]
-    capsule = np.broadcast_to(spheres[0], (N, len(spheres[0])))
-    place = np.broadcast_to(spheres[1], capsule.shape)
-    c, radius = point_of(model, posed, capsule, place)
-    x, y, z = np.moveaxis(c + seen.center[:, None], -1, 0)
-    column = seen.offset[:, :1] + seen.factor[:, :1] * x / z
-    row = seen.offset[:, 1:] - seen.factor[:, 1:] * y / z
-    shown = (column >= 0) & (column < S - 1) & (row >= 0) & (row < S - 1) & (z > 0)
-    column, row = np.where(shown, column, 0), np.where(shown, row, 0)
-    j, i = column.astype(np.int64), row.astype(np.int64)
-    fj, fi = column - j, row - i
-    first = (np.arange(N)[:, None] * S + i) * S + j
-    F = seen.outside.reshape(-1)
-    upper, lower = F[first], F[first + S]
-    across_upper, across_lower = F[first + 1] - upper, F[first + S + 1] - lower
-    upper, lower = upper + fj * across_upper, lower + fj * across_lower
-    outside, down = upper + fi * (lower - upper), lower - upper
-    across = across_upper + fi * (across_lower - across_upper)
+    N, S, R = len(cones.a), seen.outside.shape[-1], len(spheres[0])
+    capsule, place = np.broadcast_to(spheres[0], (N, R)), np.broadcast_to(spheres[1], (N, R))
+    c, radius = Cones(*(values[..., spheres[0]] for values in cones)).at(place)
+    at = c + seen.center[:, :, None]
+    z, far = at[:, 2], seen.center[:, 2:]
+    pixel = seen.factor[:, :, None] * at[:, :2] / z[:, None]  # per column and per row
+    pixel += seen.offset[:, :, None]
+    shown = ((pixel >= 0) & (pixel < S - 1)).all(axis=1) & (z > 0)
+    pixel = np.where(shown[:, None], pixel, 0)
+    corner = pixel.astype(np.int64)
+    right, down = (pixel - corner).swapaxes(0, 1)
+    crop = seen.frame[:, None] * (S * S)
+    first = corner[:, 1] * S + corner[:, 0] + crop
+    F = seen.outside.reshape(-1)[first + np.array([0, 1, S, S + 1])[:, None, None]]
+    across_upper, across_lower = F[1] - F[0], F[3] - F[2]
+    upper, lower = F[0] + right * across_upper, F[2] + right * across_lower
+    falls = lower - upper
+    outside = upper + down * falls
+    slopes = np.stack([across_upper + down * (across_lower - across_upper), falls], axis=1)
 
-    wider = z / seen.center[:, 2:]
-    out = outside * wider + radius - np.float32(slack)
-    kx, ky = seen.factor[:, :1] / seen.center[:, 2:], seen.factor[:, 1:] / seen.center[:, 2:]
-    towards = outside / seen.center[:, 2:] - (across * kx * x - down * ky * y) / z
-    direction = np.stack([across * kx, -down * ky, towards], axis=-1)
-    surface = seen.nearest.reshape(-1)[(np.arange(N)[:, None] * S + np.rint(row).astype(np.int64)) * S
-                                       + np.rint(column).astype(np.int64)]  # fmt: skip
-    before = surface - (c[..., 2] - radius) - np.float32(slack)
-    known = surface < BACKGROUND * seen.half[:, None]
-    active = np.stack([shown & (out > 0), shown & known & (before > 0)], axis=2).astype(np.float32)
-    ahead = np.broadcast_to(np.array([0, 0, -1], np.float32), c.shape)
-    return Residuals(  # 0, and moving with nothing, where they are not active
-        capsule,
-        place,
-        np.stack([direction, ahead], axis=2) * active[..., None],
-        radius[..., None] * active,
-        np.stack([out, before], axis=2) * active,
-    )
+    # As wide as at the centre's depth: F z / z_0, so that a pixel there is z / factor mm.
+    slopes *= seen.factor[:, :, None] / far[:, None]
+    direction = np.zeros((N, 3, 2, R), np.float32)
+    direction[:, :2, 0] = slopes
+    direction[:, 2, 0] = outside / far - (slopes * at[:, :2]).sum(axis=1) / z
+    direction[:, 2, 1] = -1
+    column, row = np.rint(pixel).astype(np.int64).swapaxes(0, 1)
+    surface = seen.nearest.reshape(-1)[row * S + column + crop]
+    value = np.stack([outside * z / far + radius, surface - c[:, 2] + radius], axis=1)
+    value -= np.float32(slack)
+    active = value > 0
+    active &= shown[:, None]
+    active[:, 1] &= surface < BACKGROUND * seen.half[:, None]
+    on = active.astype(np.float32)
+    value *= on  # 0, and moving with nothing, where they are not active
+    direction *= on[:, None]
+    return Residuals(capsule, place, direction, radius[:, None] * on, value)

@@ -16,74 +16,78 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fitting.depth.body import FleshModel, Posed
 from handpose.fitting.depth.observation import Observation
-from handpose.fitting.depth.residuals import Residuals, point_of
+from handpose.fitting.depth.residuals import Cones, Residuals, belonging
 
 _TINY = np.float32(1e-6)
 
 
-def nearest_capsules(model: FleshModel, posed: Posed, seen: Observation) -> NDArray[np.int_]:
+def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     """For every point the capsule (N, P) on whose facing side it nearly lies.
 
-    All capsules are tried for all points, so the axis' nearest place is taken as if both radii were the same.
+    All capsules are tried for all points, so the axis' nearest place is taken as if both radii were the same. What is
+    linear in the points comes from two products; with t the place on the axis in mm,
+
+        t = clip((p - a) . d)        |y|² = |p - a|² - t (2 (p - a) . d - t)        f = (p - a) . v - t d . v
     """
-    a, b = posed.ends[:, model.start], posed.ends[:, model.end]
-    ra, rb = (model.radii[:, k] * posed.girth[:, None] for k in (0, 1))
-    D = b - a
-    LL = np.maximum((D * D).sum(axis=-1), _TINY)[:, None]
-    aT, DT = a.swapaxes(1, 2), D.swapaxes(1, 2)
-    p, v = seen.points, seen.rays
-    s = p @ DT
-    s -= (a * D).sum(axis=-1)[:, None]
-    along = s.copy()
-    s /= LL
-    np.clip(s, 0, 1, out=s)
-    along *= 2
-    along -= s * LL
-    along *= s
-    beside = p @ (-2 * aT)  # |y|²
-    beside += (p * p).sum(axis=-1)[:, :, None]
-    beside += (a * a).sum(axis=-1)[:, None]
-    beside -= along
-    behind = v @ -aT  # f
-    behind += (p * v).sum(axis=-1)[:, :, None]
-    behind -= s * (v @ DT)
+    p, v, a = seen.points, seen.rays, cones.a
+    N, _, P = p.shape
+    M = a.shape[2]
+    length = np.sqrt((cones.along * cones.along).sum(axis=1)) + _TINY
+    d = cones.along / length[:, None]
+    ones = np.ones((N, 1, P), np.float32)
+    rows = np.empty((N, 2 * M, 5), np.float32)
+    rows[:, :M, :3], rows[:, :M, 3], rows[:, :M, 4] = d.swapaxes(1, 2), -(a * d).sum(axis=1), 0
+    rows[:, M:, :3], rows[:, M:, 3], rows[:, M:, 4] = -2 * a.swapaxes(1, 2), (a * a).sum(axis=1), 1
+    both = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
+    along, beside = both[:, :M], both[:, M:]
+    rows[:, :M, 3], rows[:, M:, :3], rows[:, M:, 3] = 0, -a.swapaxes(1, 2), 1
+    both = rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
+    away, behind = both[:, :M], both[:, M:]
+    t = np.maximum(along, 0)
+    np.minimum(t, length[..., None], out=t)
+    along += along
+    along -= t
+    along *= t
+    beside -= along  # |y|²
+    away *= t
+    behind -= away
     np.maximum(behind, 0, out=behind)
-    behind *= behind
+    behind *= behind  # f²
     beside -= behind
     np.maximum(beside, 0, out=beside)
     np.sqrt(beside, out=beside)  # rho
-    s *= (ra - rb)[:, None]
-    beside += s
-    beside -= ra[:, None]
+    t *= (cones.wider / length)[..., None]
+    beside -= t
+    beside -= cones.radius[..., None]
     beside *= beside
     beside += behind
-    return beside.argmin(axis=-1)
+    return beside.argmin(axis=1)
 
 
-def point_residuals(model: FleshModel, posed: Posed, seen: Observation, capsule: NDArray[np.int_]) -> Residuals:
+def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) -> Residuals:
     """rho - r and f of each point on its capsule (N, P).
 
     Where the radii differ, the nearest place of the axis is so far towards the thinner end that the surface's normal
     points from it to p.
     """
-    n = np.arange(len(capsule))[:, None]
-    a, b = posed.ends[n, model.start[capsule]], posed.ends[n, model.end[capsule]]
-    ra, rb = (model.radii[capsule, k] * posed.girth[:, None] for k in (0, 1))
-    D, q, w = b - a, seen.points - a, ra - rb
-    LL, t = np.maximum((D * D).sum(axis=-1), _TINY), (q * D).sum(axis=-1)
-    h = np.sqrt(np.maximum((q * q).sum(axis=-1) * LL - t * t, 0))
-    s = np.clip((t - h * w / np.sqrt(np.maximum(LL - w * w, 1e-3))) / LL, 0, 1)
-    c, radius = point_of(model, posed, capsule, s)
+    N, P = capsule.shape
+    own = cones.of(belonging(capsule, cones.a.shape[2]))
+    q, w = seen.points - own.a, own.wider
+    LL, t = np.maximum((own.along * own.along).sum(axis=1), _TINY), (q * own.along).sum(axis=1)
+    h = np.sqrt(np.maximum((q * q).sum(axis=1) * LL - t * t, 0))
+    s = (t + h * w / np.sqrt(np.maximum(LL - w * w, 1e-3))) / LL
+    np.maximum(s, 0, out=s)
+    np.minimum(s, 1, out=s)
+    c, radius = own.at(s)
     y = seen.points - c
-    f = np.maximum((y * seen.rays).sum(axis=-1), 0)
-    y -= f[..., None] * seen.rays
-    rho = np.sqrt((y * y).sum(axis=-1)) + _TINY
-    return Residuals(
-        capsule,
-        place=s,
-        direction=np.stack([y / -rho[..., None], (f > 0)[..., None] * -seen.rays], axis=2),
-        swell=np.stack([-radius, np.zeros_like(radius)], axis=2),
-        value=np.stack([rho - radius, f], axis=2),
-    )
+    f = np.maximum((y * seen.rays).sum(axis=1), 0)
+    y -= f[:, None] * seen.rays
+    rho = np.sqrt((y * y).sum(axis=1)) + _TINY
+    direction, swell, value = (np.zeros((N, *shape, P), np.float32) for shape in ((3, 2), (2,), (2,)))
+    np.divide(y, -rho[:, None], out=direction[:, :, 0])
+    np.multiply(seen.rays, -(f > 0).astype(np.float32)[:, None], out=direction[:, :, 1])
+    np.negative(radius, out=swell[:, 0])
+    np.subtract(rho, radius, out=value[:, 0])
+    value[:, 1] = f
+    return Residuals(capsule, s, direction, swell, value)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
-from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel, Posed
 from handpose.fitting.depth.observation import Observation, observe
+from handpose.fitting.depth.residuals import Residuals
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.pose_prior import PosePrior
 from layers.hand import skeleton
@@ -39,6 +40,15 @@ def scene(model: FleshModel) -> Scene:
     crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
     truth = model.variables_of(drawn.hands.inputs[:12])
     return Scene(crops, uvd, truth, drawn.hands.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
+
+
+def written_out(model: FleshModel, posed: Posed, r: Residuals) -> np.ndarray:
+    """The Jacobian (N, 2, R, V) of residuals, row by row from how the ends of their capsules move."""
+    n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
+    motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
+    J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)
+    J[..., [SIZE, GIRTH]] += r.swell[..., None]
+    return J
 
 
 def slopes(function, x: np.ndarray, step: float = 1e-3) -> np.ndarray:

@@ -114,7 +114,7 @@ def test_any_body_with_flesh() -> None:
     crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
     fitter = DepthFitter(FleshModel(skeleton, 150.0))
     start = inputs + rng.normal(0, 0.15, inputs.shape)
-    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [start], "fast")
+    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [start] * 4, "accurate")
     truth = flesh.kinematics.joints(inputs) * 150
     before = np.linalg.norm(flesh.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)

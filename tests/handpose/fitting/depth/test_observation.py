@@ -16,13 +16,14 @@ def test_points_lie_on_the_surface(scene: Scene) -> None:
     """Every point projects to a pixel of the crop that has its depth; the ray goes through it."""
     seen = scene.seen
     assert (seen.known == 1).all()
-    xyz = seen.points + seen.center[:, None]
+    points, rays = seen.points.swapaxes(1, 2), seen.rays.swapaxes(1, 2)
+    xyz = points + seen.center[:, None]
     at = np.rint(crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)).astype(int)
     n = np.arange(len(xyz))[:, None]
     found = scene.crops[n, at[..., 1], at[..., 0]] * 150
-    assert (np.abs(found - seen.points[..., 2]) < 1e-2).mean() > 0.98  # the crop's own rounding moves a few by a pixel
-    np.testing.assert_allclose(np.cross(xyz, seen.rays), 0, atol=1e-2)
-    np.testing.assert_allclose(np.linalg.norm(seen.rays, axis=2), 1, atol=1e-6)
+    assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98  # the crop's own rounding moves a few by a pixel
+    np.testing.assert_allclose(np.cross(xyz, rays), 0, atol=1e-2)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=2), 1, atol=1e-6)
 
 
 def test_columns_and_rows(scene: Scene) -> None:
@@ -32,7 +33,7 @@ def test_columns_and_rows(scene: Scene) -> None:
     x, y, z = np.moveaxis(xyz, -1, 0)
     expected = crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)
     column = seen.offset[:, :1] + seen.factor[:, :1] * x / z
-    row = seen.offset[:, 1:] - seen.factor[:, 1:] * y / z
+    row = seen.offset[:, 1:] + seen.factor[:, 1:] * y / z
     np.testing.assert_allclose(np.stack([column, row], axis=-1) + 0.5 - 0.5, expected - 0.5, atol=0.51)
 
 
@@ -57,14 +58,14 @@ def test_few_points_and_none() -> None:
     crop[0, 60:65, 60:70] = 0
     seen = observe(crop, [[320, 240, 700]] * 2, NYU, 300.0, 80)
     assert seen.known.sum(axis=1).tolist() == [50, 0]
-    assert len(np.unique(seen.points[0, :50], axis=0)) == 50 and (seen.points[1] == 0).all()
+    assert len(np.unique(seen.points[0, :, :50], axis=1).T) == 50 and (seen.points[1] == 0).all()
 
 
 def test_what_lies_outside_the_image_is_no_surface() -> None:
     """Crop pixels beyond the image's border have no ray."""
     crop = np.zeros((1, 128, 128), np.float32)
     seen = observe(crop, [[5, 240, 700]], NYU, 300.0)
-    u = NYU.project(seen.points[0] + seen.center[0])[:, 0]
+    u = NYU.project(seen.points[0].T + seen.center[0])[:, 0]
     assert u.min() > -0.6
 
 
@@ -74,14 +75,14 @@ def test_thin_parts_have_more_points() -> None:
     crop[0, 20:100, 20:26] = 0  # 80 x 6
     crop[0, 60:100, 50:100] = 0  # 40 x 50
     seen = observe(crop, [[320, 240, 700]], NYU, 300.0, 300)
-    thin = (seen.points[0, :, 0] < -60).mean()
+    thin = (seen.points[0, 0] < -60).mean()
     assert thin > 1.4 * 480 / 2480
 
 
 def test_the_mirror_image(scene: Scene) -> None:
     """Is the observation of the mirrored crop, to the pixel that the crop's rounding moves."""
     once = scene.seen.mirrored()
-    np.testing.assert_array_equal(once.points, scene.seen.points * (-1, 1, 1))
+    np.testing.assert_array_equal(once.points, scene.seen.points * np.array([[-1], [1], [1]]))
     uvd = scene.center_uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
     other = observe(scene.crops[:, :, ::-1], uvd, NYU, 300.0)
     np.testing.assert_allclose(once.outside, other.outside, atol=1e-4)
@@ -93,8 +94,9 @@ def test_the_mirror_image(scene: Scene) -> None:
 def test_some_frames_and_some_points(scene: Scene) -> None:
     """By rows, several times, and every third."""
     few = scene.seen.take(np.array([3, 3, 1])).thinned(3)
-    np.testing.assert_array_equal(few.points[1], scene.seen.points[3, ::3])
-    assert len(few) == 3 and few.outside.shape == (3, 128, 128) and few.known.shape == (3, 134)
+    np.testing.assert_array_equal(few.points[1], scene.seen.points[3, :, ::3])
+    assert len(few) == 3 and few.frame.tolist() == [3, 3, 1] and few.known.shape == (3, 134)
+    assert few.outside is scene.seen.outside  # nothing large is copied
 
 
 def test_mistakes() -> None:

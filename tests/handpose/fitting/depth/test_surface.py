@@ -7,8 +7,9 @@ import pytest
 
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.observation import Observation
+from handpose.fitting.depth.residuals import Cones, cones_of
 from handpose.fitting.depth.surface import nearest_capsules, point_residuals
-from tests.handpose.fitting.depth.conftest import Scene
+from tests.handpose.fitting.depth.conftest import Scene, written_out
 from tests.handpose.fitting.depth.test_body import body
 
 PIPE = """name: "pipe" dof { name: "x" } dof { name: "turn" }
@@ -23,14 +24,19 @@ def pipe(ra: float = 1, rb: float = 1) -> FleshModel:
     return body(PIPE % (ra, rb))
 
 
+def cones_at(model: FleshModel, x: np.ndarray) -> Cones:
+    """All capsules at x."""
+    return cones_of(model, model.posed(x))
+
+
 def looking(points: np.ndarray) -> Observation:
     """Points (P, 3) seen by a camera far away, along z."""
     P = len(points)
-    rays = np.tile(np.array([0, 0, 1], np.float32), (1, P, 1))
+    rays = np.tile(np.array([[0], [0], [1]], np.float32), (1, 1, P))
     zero = np.zeros((1, 128, 128), np.float32)
     one = np.ones(1, np.float32)
-    return Observation(points[None].astype(np.float32), rays, np.ones((1, P), np.float32), zero, zero,
-                       np.zeros((1, 3), np.float32), one, one[:, None], one[:, None])  # fmt: skip
+    return Observation(points.T[None].astype(np.float32), rays, np.ones((1, P), np.float32), np.zeros(1, int), zero,
+                       zero, np.zeros((1, 3), np.float32), one, one[:, None], one[:, None])  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -48,9 +54,9 @@ def looking(points: np.ndarray) -> Observation:
 def test_residuals_of_a_pipe(point: tuple[float, ...], place: float, values: tuple[float, ...]) -> None:
     """By hand."""
     model = pipe()
-    found = point_residuals(model, model.posed(np.zeros((1, 4))), looking(np.array([point])), np.zeros((1, 1), int))
+    found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(np.array([point])), np.zeros((1, 1), int))
     assert found.place[0, 0] == pytest.approx(place)
-    assert found.value[0, 0] == pytest.approx(values, abs=1e-3)
+    assert found.value[0, :, 0] == pytest.approx(values, abs=1e-3)
 
 
 def test_the_surface_of_a_cone() -> None:
@@ -60,7 +66,7 @@ def test_the_surface_of_a_cone() -> None:
     s = np.linspace(0.05, 0.9, 9)
     r = ra + s * (rb - ra)
     points = np.stack([s * b + r * np.sin(tilt), 0 * s, -r * np.cos(tilt)], axis=1)
-    found = point_residuals(model, model.posed(np.zeros((1, 4))), looking(points), np.zeros((1, 9), int))
+    found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(points), np.zeros((1, 9), int))
     np.testing.assert_allclose(found.value, 0, atol=1e-3)
     np.testing.assert_allclose(found.place[0], s, atol=1e-4)
 
@@ -72,42 +78,38 @@ def test_how_residuals_change(model: FleshModel, scene: Scene) -> None:
     """
     rng = np.random.default_rng(0)
     x = scene.truth + rng.normal(0, 0.03, scene.truth.shape)
-    capsule = nearest_capsules(model, model.posed(x), scene.seen)
+    capsule = nearest_capsules(cones_at(model, x), scene.seen)
 
     def values(x: np.ndarray) -> np.ndarray:
-        return point_residuals(model, model.posed(x), scene.seen, capsule).value.astype(float)
+        return point_residuals(cones_at(model, x), scene.seen, capsule).value.astype(float)
 
-    posed = model.posed(x)
-    r = point_residuals(model, posed, scene.seen, capsule)
-    n, s = np.arange(len(x))[:, None], r.place[..., None, None]
-    motion = posed.motion[n, model.start[capsule]] * (1 - s) + posed.motion[n, model.end[capsule]] * s
-    J = np.einsum("npti,npiv->nptv", r.direction, motion)
-    J[..., -2:] += r.swell[..., None]
+    r = point_residuals(cones_at(model, x), scene.seen, capsule)
+    J = written_out(model, model.posed(x), r)
     for v in range(model.variables):
         d = np.zeros(model.variables)
         d[v] = 2e-3
         slope = (values(x + d) - values(x - d)) / 4e-3
-        front = (r.value[..., 1] == 0) & (slope[..., 1] == 0)
-        off = np.abs(slope - J[..., v])[front]  # mm per radian
+        front = (r.value[:, 1] == 0) & (slope[:, 1] == 0)
+        off = np.abs(slope - J[..., v])[:, 0][front]  # mm per radian
         assert front.mean() > 0.7 and np.percentile(off, 95) < 2
 
 
 def test_points_find_their_capsules(model: FleshModel, scene: Scene) -> None:
     """At the true pose, what the camera saw lies on the capsules but for the forearm, whose angles are not known."""
-    posed = model.posed(scene.truth)
-    capsule = nearest_capsules(model, posed, scene.seen)
-    off = np.linalg.norm(point_residuals(model, posed, scene.seen, capsule).value, axis=2)
+    cones = cones_at(model, scene.truth)
+    capsule = nearest_capsules(cones, scene.seen)
+    off = np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
     hand = ~model.flesh.limbs[capsule]
     assert hand.mean() > 0.5 and np.median(off[hand]) < 1.5
 
 
 def test_the_nearest_of_all_capsules(model: FleshModel, scene: Scene) -> None:
     """No other capsule is nearer by more than what the difference of radii is worth."""
-    posed = model.posed(scene.truth)
-    chosen = nearest_capsules(model, posed, scene.seen)
+    cones = cones_at(model, scene.truth)
+    chosen = nearest_capsules(cones, scene.seen)
 
     def distance(capsule: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(point_residuals(model, posed, scene.seen, capsule).value, axis=2)
+        return np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
 
     every = np.stack([distance(np.full(chosen.shape, m)) for m in range(len(model.start))])
     assert (distance(chosen) - every.min(axis=0)).max() < 2
