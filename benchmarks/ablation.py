@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""What the recipe for synthetic hands owes to each of its parts: short trainings, each without one of them.
+"""What a recipe for synthetic hands owes to each of its parts: short trainings, each without one of them.
 
     python benchmarks/ablation.py --iterations 1500 --seeds 1 2
+    python benchmarks/ablation.py --recipe cameras              # sensors, sleeves, distances, turns
 
 Every training is that of prototxt/synthetic_solver.prototxt with one change; its rate rises in the first tenth of the
-iterations and falls to 0 at the last. All are scored on the same held-out frames of the default prior. Data and weights
-go to snapshots/ablation. A finished training is not repeated if its prototxt files are the same.
+iterations and falls to 0 at the last. All are scored on the same held-out frames of the recipe. Data and weights go to
+snapshots/ablation. A finished training is not repeated if its prototxt files are the same.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -96,7 +97,7 @@ class Study:
     rampup: float = 0.1  # part of the iterations
 
 
-STUDIES = (
+OF_NYU = (
     Study("recipe", "the recipe"),
     Study("few", "5,000 frames instead of 50,000", frames=5000),
     Study("few_plain", "5,000 frames, no augmentation", frames=5000, net=_without_augmentation),
@@ -117,6 +118,34 @@ STUDIES = (
     Study("at_once", "the full learning rate at once", rampup=0),
     Study("sgd", "EuclideanLoss and SGD 0.003, the paper's", net=_with_squares, solver=_with_sgd),
 )
+CAMERAS, NYU = RECIPES["cameras"], RECIPES["nyu"]
+
+
+def _before_cameras(name: str, title: str, **changed: object) -> Study:
+    return Study(name, title, recipe=replace(CAMERAS, **changed))  # type: ignore[arg-type]
+
+
+OF_CAMERAS = (
+    _before_cameras("recipe", "the recipe"),
+    Study("nyu", "the recipe `nyu` instead", recipe=NYU),
+    _before_cameras("no_sensor", "no sensor faults", views=tuple(View(v.camera, None) for v in CAMERAS.views)),
+    _before_cameras(
+        "one_sensor", "every camera with the faults of NYU's", views=tuple(View(v.camera) for v in CAMERAS.views)
+    ),
+    _before_cameras("one_camera", "NYU's camera alone", views=NYU.views),
+    _before_cameras("bare", "no sleeves", flesh=replace(CAMERAS.flesh, sleeve=0.0)),
+    _before_cameras("uncut", "no cut forearms", flesh=replace(CAMERAS.flesh, cut=0.0)),
+    _before_cameras("same_flesh", "the flesh of `nyu`: whole, bare, of one shape", flesh=NYU.flesh),
+    _before_cameras(
+        "nyu_depth", "550 to 1000 mm away instead of 250 to 1200", prior=replace(CAMERAS.prior, depth=NYU.prior.depth)
+    ),
+    _before_cameras(
+        "upright",
+        "the turns of `nyu`: few hands point down",
+        prior=replace(CAMERAS.prior, roll_uniform=NYU.prior.roll_uniform, pitch_std=NYU.prior.pitch_std),
+    ),
+)
+STUDIES = {"nyu": OF_NYU, "cameras": OF_CAMERAS}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -124,22 +153,30 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--iterations", type=positive, default=1500, metavar="N", help="default: %(default)s")
     parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
-    names = [study.name for study in STUDIES]
-    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME",
-                        help=f"some of {', '.join(names)} (default: all)")  # fmt: skip
+    parser.add_argument("--recipe", choices=STUDIES, default="nyu",
+                        help=f"of {' or '.join(STUDIES)} (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="some of the studies (default: all)")
     parser.add_argument("--work", type=Path, default=Path("snapshots/ablation"), metavar="FOLDER",
                         help="where data and weights go (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
+    names = [study.name for study in STUDIES[args.recipe]]
+    for name in args.only or []:
+        if name not in names:
+            parser.error(f"--only {name}: expected some of {', '.join(names)}")
     return guarded(lambda: run(args))
 
 
 def run(args: argparse.Namespace) -> int:
     """Train and score."""
+    if args.recipe != "nyu":
+        args.work = args.work / args.recipe
     args.work.mkdir(parents=True, exist_ok=True)
-    test = write_frames(args.work / "test", Generator(split="test"), 2000)
+    base = RECIPES[args.recipe]
+    test = write_frames(args.work / "test", Generator(split="test", recipe=base), 2000)
     rows = ["| | 14 joints, mm | by seed |", "|---|---|---|"]
-    for study in (s for s in STUDIES if s.name in args.only):
-        data = write_frames(args.work / f"data_{_data_name(study)}", Generator(recipe=study.recipe), study.frames)
+    for study in (s for s in STUDIES[args.recipe] if not args.only or s.name in args.only):
+        name = study.name if study.recipe != base else str(study.frames)
+        data = write_frames(args.work / f"data_{name}", Generator(recipe=study.recipe), study.frames)
         errors = []
         for seed in args.seeds:
             status, weights, net = trained(study, data, test, seed, args)
@@ -151,10 +188,6 @@ def run(args: argparse.Namespace) -> int:
         print(rows[-1], file=sys.stderr, flush=True)
     print("\n".join(rows))
     return DONE
-
-
-def _data_name(study: Study) -> str:
-    return str(study.frames) if study.recipe == RECIPES["nyu"] else study.name
 
 
 def write_frames(prefix: Path, generator: Generator, count: int) -> Path:

@@ -8,15 +8,19 @@ from pathlib import Path
 import pytest
 
 from benchmarks import ablation
+from handpose.synthetic.generator import RECIPES
 from netlib import prototxt, schema
 from netlib.net_parameter import load_parameter
 from netlib.schema import SolverParameter
 
 
-def test_every_study_is_a_net_and_a_solver() -> None:
-    """That can be read; all but the first differ from the recipe in data, net, solver or rampup."""
-    recipe = ablation.STUDIES[0]
-    for study in ablation.STUDIES:
+@pytest.mark.parametrize("name", ablation.STUDIES)
+def test_every_study_is_a_net_and_a_solver(name: str) -> None:
+    """That can be read; all but the first, which is the recipe, differ from it in data, net, solver or rampup."""
+    recipe = ablation.STUDIES[name][0]
+    assert recipe.recipe == RECIPES[name]
+    assert len({study.name for study in ablation.STUDIES[name]}) == len(ablation.STUDIES[name])
+    for study in ablation.STUDIES[name]:
         net, solver = study.net(ablation.NET), study.solver(ablation.SOLVER)
         layers = load_parameter(prototxt.parse(net, study.name)).layer
         assert [layer.name for layer in layers if layer.type == "HandModel"] == ["HandModel"]
@@ -42,11 +46,18 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
     args = argparse.Namespace(work=tmp_path, iterations=100)
     data = (tmp_path / "data.txt", tmp_path / "test.txt")
     for _ in range(2):
-        status, weights, net = ablation.trained(ablation.STUDIES[0], *data, 1, args)
+        status, weights, net = ablation.trained(ablation.OF_NYU[0], *data, 1, args)
         assert (status, weights.is_file(), net.is_file()) == (0, True, True)
     assert len(trained) == 1
     assert "rampup_interval: 10\n" in trained[0]
     monkeypatch.setattr(ablation, "SOLVER", ablation.SOLVER.replace("base_lr: 0.002", "base_lr: 0.1"))
-    ablation.trained(ablation.STUDIES[0], *data, 1, args)
+    ablation.trained(ablation.OF_NYU[0], *data, 1, args)
     assert len(trained) == 2
     assert "base_lr: 0.1\n" in trained[1]
+
+
+def test_a_study_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of this recipe: one line that says which there are."""
+    with pytest.raises(SystemExit, match="2"):
+        ablation.main(["--recipe", "cameras", "--only", "sgd"])
+    assert "--only sgd: expected some of recipe, nyu, no_sensor" in capsys.readouterr().err
