@@ -12,6 +12,10 @@ interrupted run goes on where it stopped. Data of another origin are replaced on
 writes the same frames in the format of the NYU data set, for tools/prepare_nyu.py: whole depth images in train/
 and test/, and joint_data.mat with the labels. Depth is in whole millimetres there.
 
+    python tools/make_synthetic.py --places --train 200000
+
+writes what the locator learns from (models/hand_locator): small crops of places in scenes, with a hand and without.
+
 --recipe nyu          NYU's camera, distances and poses: the default
          other_flesh  the same with other hands than the one that a fit believes in, and more noise: to test on
          any_roll     hands turned by any angle, 250 to 1200 mm away
@@ -30,8 +34,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import RECIPES, Split
+from handpose.synthetic.generator import RECIPES, Generator, Split
 from handpose.synthetic.nyu_format import RawDataSet
+from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, duration, guarded
@@ -42,8 +47,11 @@ from tools.stopper import fill_folder
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--raw", action="store_true", help="write images and labels in the format of the NYU data set")
-    parser.add_argument("--out", type=Path, help="folder to write to (default: data/nyu, with --raw data/nyu_raw)")
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--raw", action="store_true", help="write images and labels in the format of the NYU data set")
+    kind.add_argument("--places", action="store_true", help="write places of scenes, with a hand and without")
+    parser.add_argument("--out", type=Path,
+                        help="folder to write to (default: data/nyu; data/nyu_raw, data/places)")  # fmt: skip
     parser.add_argument("--train", type=positive, default=20000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--test", type=positive, default=2000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
@@ -58,13 +66,19 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Make what is missing of the data that the parsed arguments ask for."""
-    out: Path = args.out or Path("data/nyu_raw" if args.raw else "data/nyu")
+    out: Path = args.out or Path("data/places" if args.places else "data/nyu_raw" if args.raw else "data/nyu")
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
-    summary = f"{out}: {args.train} train and {args.test} test frames (synthetic, seed {args.seed})"
+    what = "places" if args.places else "frames"
+    summary = f"{out}: {args.train} train and {args.test} test {what} (synthetic, seed {args.seed})"
     where = " in NYU's format" if args.raw else ""
-    data: DataSet | RawDataSet = (RawDataSet if args.raw else DataSet)(
-        out, args.seed, counts, RECIPES[args.recipe], args.force
-    )
+    recipe = RECIPES[args.recipe]
+    data: DataSet | RawDataSet
+    if args.raw:
+        data = RawDataSet(out, args.seed, counts, recipe, args.force)
+    elif args.places:
+        data = DataSet(out, [(PlaceGenerator(args.seed, split), n) for split, n in counts.items()], args.force)
+    else:
+        data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
     if data.is_whole:
         print(f"{summary} are already there{where}, kept")
         return DONE

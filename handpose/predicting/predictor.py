@@ -252,8 +252,8 @@ class Predictor:
     def _hands_of(self, side: str, places: Sequence[Place], camera: Camera, plan: Fit) -> list[FramePrediction]:
         """The same, all of one side."""
         flip, half = np.array(_MIRROR if side == "left" else (1, 1, 1)), self.cube_mm / 2
-        network = [self._network(place.crop, side) for place in places]
         if self.fitter is None or plan == "no":
+            network = [self._network(place.crop, side) for place in places]
             return [
                 FramePrediction(joints, joints, place.crop, self.cube_mm, side, None, camera, place.center_uvd)
                 for joints, place in zip(network, places)
@@ -264,7 +264,7 @@ class Predictor:
         flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
         if left:  # as the mirror shows it
             crops, uvd = crops[:, :, ::-1], camera.project(camera.unproject(uvd) * flip)
-        strange = strangeness(model, fit, np.stack(network) * flip * half, crops, uvd, camera)
+        strange = strangeness(model, fit, crops, uvd, camera)
         hands = []
         for n, place in enumerate(places):
             capsules = Capsules(flesh.a[[n]] * flip, flesh.b[[n]] * flip, flesh.radius_a[[n]], flesh.radius_b[[n]])
@@ -277,8 +277,8 @@ class Predictor:
                 confidence=float(fit.confidence[n]),
                 capsules=capsules,
             )
-            joints = fit.joints[n] * flip / half
-            hands.append(FramePrediction(joints, network[n], place.crop, self.cube_mm, side, hand, camera,
+            joints, network_joints = fit.joints[n] * flip / half, fit.network[n] * flip / half
+            hands.append(FramePrediction(joints, network_joints, place.crop, self.cube_mm, side, hand, camera,
                                          place.center_uvd))  # fmt: skip
         return hands
 

@@ -1,4 +1,4 @@
-"""Synthetic frames as a data set on disk: parts of some thousand frames, and a list of them for each split.
+"""Synthetic rows as a data set on disk: parts of some thousand frames, and a list of them for each split.
 
 What is there and the same is kept, so an interrupted run goes on where it stopped, and a second one has nothing to do.
 """
@@ -7,33 +7,28 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from handpose.data import nyu_files, parts
 from handpose.data.parts import Columns, Part
-from handpose.synthetic.generator import RECIPES, Generator, Recipe, Split
-from handpose.synthetic.many import generate
+from handpose.synthetic.many import Source, generate
 from handpose.synthetic.workers import processes
 from netlib import atomic
 
 MADE_FROM = nyu_files.SYNTHETIC
-DESCRIPTION = (
-    "Rendered capsule hands with a depth camera's noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the "
-    "crop centre (camera axes, x right, y up, z away), dof: the hand model's inputs; lengths in mm."
-)
 
 
 class Piece(NamedTuple):
     """A part, and which frames it is made of: those of a generator from number ``start`` on."""
 
     part: Part
-    generator: Generator
+    generator: Source[Any]
     start: int
 
 
-def pieces_of(generator: Generator, count: int, out: Path) -> list[Piece]:
+def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
     """The files in the folder ``out`` that the first ``count`` frames of a generator become."""
     pieces = []
     for i, start in enumerate(range(0, count, parts.FRAMES_PER_FILE)):
@@ -44,20 +39,17 @@ def pieces_of(generator: Generator, count: int, out: Path) -> list[Piece]:
 
 
 class DataSet:
-    """Synthetic frames of some splits as files in a folder.
+    """Synthetic rows of some splits as files in a folder.
 
     out      the folder
-    counts   frames per split
-    recipe   what they are drawn by
+    sources  a generator for each split, and how many of its rows
     force    write everything anew, and replace data of another origin
 
     Raises DataError where data of another origin would be replaced.
     """
 
-    def __init__(
-        self, out: Path, seed: int, counts: Mapping[Split, int], recipe: Recipe = RECIPES["nyu"], force: bool = False
-    ) -> None:
-        pieces = {split: pieces_of(Generator(seed, split, recipe), count, out) for split, count in counts.items()}
+    def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
+        pieces = {generator.split: pieces_of(generator, count, out) for generator, count in sources}
         every = [piece for some in pieces.values() for piece in some]
         self.out = out
         self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
@@ -99,5 +91,9 @@ class DataSet:
                     advance(len(frames))
 
             for piece in self.missing:
-                facts = {"made_from": MADE_FROM, "seed": piece.generator.seed, "description": DESCRIPTION}
+                facts = {
+                    "made_from": MADE_FROM,
+                    "seed": piece.generator.seed,
+                    "description": piece.generator.description,
+                }
                 parts.write_part(piece.part, piece.generator.columns(), rows(piece), lambda facts=facts: facts)  # type: ignore[misc]

@@ -85,6 +85,11 @@ class Scene(NamedTuple):
 class Generator:
     """Draws frames. Build one for a seed and split, then ask for blocks of ``BLOCK`` frames by number."""
 
+    description = (
+        "Rendered capsule hands with a depth camera's noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the "
+        "crop centre (camera axes, x right, y up, z away), dof: the hand model's inputs; lengths in mm."
+    )
+
     def __init__(self, seed: int = 0, split: Split = "train", recipe: Recipe = RECIPES["nyu"]) -> None:
         if seed < 0:
             raise DataError(f"seed {seed}, expected 0 or more")

@@ -1,4 +1,4 @@
-"""Many synthetic frames: the blocks of a generator one after the other, drawn by worker processes."""
+"""Many synthetic frames, or places: the blocks of a generator one after the other, drawn by worker processes."""
 
 from __future__ import annotations
 
@@ -6,18 +6,57 @@ import collections
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from typing import Protocol, TypeVar
 
-from handpose.data.frames import Frames
-from handpose.synthetic.generator import BLOCK, Generator
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.synthetic.generator import BLOCK, Split
 from handpose.synthetic.workers import no_interrupt, processes
+from netlib.blob import Array
 from netlib.errors import DataError
 
 _AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
 
 
-def generate(
-    count: int, generator: Generator, workers: int | ProcessPoolExecutor = 1, start: int = 0
-) -> Iterator[Frames]:
+class Rows(Protocol):
+    """Rows of a data set, as arrays by name."""
+
+    @property
+    def index(self) -> NDArray[np.int64]:
+        """(n,) number of each row in its split."""
+
+    def __len__(self) -> int: ...
+
+    def arrays(self) -> dict[str, Array]:
+        """All arrays, in the order of the files."""
+
+    def rows(self: R, rows: slice) -> R:
+        """Some of the rows."""
+
+
+R = TypeVar("R", bound=Rows)
+R_co = TypeVar("R_co", bound=Rows, covariant=True)
+
+
+class Source(Protocol[R_co]):
+    """Draws rows, block by block: ``Generator`` hands, ``PlaceGenerator`` places."""
+
+    description: str
+    seed: int
+    split: Split
+
+    def block(self, number: int) -> R_co:
+        """Rows ``number * BLOCK`` and following, the same whenever they are asked for."""
+
+    def columns(self) -> dict[str, Array]:
+        """Arrays without rows, of the shapes and types of the rows'."""
+
+    def made_from(self) -> dict[str, object]:
+        """All that the rows depend on, in plain values that JSON can hold."""
+
+
+def generate(count: int, generator: Source[R], workers: int | ProcessPoolExecutor = 1, start: int = 0) -> Iterator[R]:
     """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``. Raises DataError.
 
     ``workers`` is a number of processes, or a pool made by ``workers.processes`` for several calls. The frames and
@@ -37,7 +76,7 @@ def generate(
             yield _part(frames, start, start + count)
 
 
-def _part(frames: Frames, start: int, stop: int) -> Frames:
+def _part(frames: R, start: int, stop: int) -> R:
     """Those of the frames whose number is from ``start`` to ``stop``."""
     first = int(frames.index[0])
     if start <= first and first + len(frames) <= stop:
@@ -45,9 +84,9 @@ def _part(frames: Frames, start: int, stop: int) -> Frames:
     return frames.rows(slice(max(start - first, 0), stop - first))
 
 
-def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecutor) -> Iterator[Frames]:
+def _in_processes(generator: Source[R], numbers: range, pool: ProcessPoolExecutor) -> Iterator[R]:
     """``generator.block`` of every number in order, drawn a few blocks ahead of the consumer."""
-    ahead: collections.deque[Future[Frames]] = collections.deque()
+    ahead: collections.deque[Future[R]] = collections.deque()
     try:
         for number in numbers:
             with no_interrupt():

@@ -38,16 +38,19 @@ class Scenes(NamedTuple):
     kind: list[str]
 
 
-def draw_scenes(rng: np.random.Generator, count: int, camera: Camera = NYU, sensor: Sensor | None = KINECT) -> Scenes:
-    """Images of the kinds of ``KINDS`` in turn, of right hands.
+def draw_scenes(
+    rng: np.random.Generator, count: int, camera: Camera = NYU, sensor: Sensor | None = KINECT,
+    prior: PosePrior = PRIOR, first: int = 0,
+) -> Scenes:  # fmt: skip
+    """Images of the kinds of ``KINDS`` in turn from number ``first`` on, of right hands held as ``prior`` says.
 
     forearm  comes from the camera's side: it is nearer than the hand
     body     its own behind it: upper arm, shoulders, trunk and head, before a wall
     clutter  a table below, bottles and balls beside it, some of them nearer than the hand
     """
-    sampler = HandSampler(PRIOR)
+    sampler = HandSampler(prior)
     images, centers, joints, kinds = [], [], [], []
-    for n in range(count):
+    for n in range(first, first + count):
         kind = KINDS[n % len(KINDS)]
         image, center, xyz, wall = _visible_scene(rng, sampler, camera, kind)
         if sensor is not None:

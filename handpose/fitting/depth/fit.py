@@ -19,6 +19,7 @@ from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.search import PLANS, Found, drawn, search, turned_back
 from handpose.fitting.parallel import blocks, for_each
+from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -32,6 +33,7 @@ class DepthFit:
     inputs      (N, D) of the skeleton: radians and units of the bones
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
+    network     (N, K, 3) the same as the first prediction has them
     misfit      (N,) how badly the flesh explains the picture, from where it started: what is left of all terms
     error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
     confidence  (N,) chance that this error is below 30 mm; NaN likewise
@@ -42,6 +44,7 @@ class DepthFit:
     inputs: Array
     size: Array
     joints: Array
+    network: Array
     misfit: Array
     error_mm: Array
     confidence: Array
@@ -100,5 +103,14 @@ class DepthFitter:
         for_each(blocks(N, max(STARTS_TOGETHER // len(starts), 1)), job)
         left = found.parts.sum(axis=1)
         error_mm, confidence = self.errors.expected(plan, left)
-        return DepthFit(model.inputs_of(found.x), np.exp(found.x[:, SIZE]), model.joints(found.x), left, error_mm,
-                        confidence, found.x, found.start)  # fmt: skip
+        return DepthFit(
+            inputs=model.inputs_of(found.x),
+            size=np.exp(found.x[:, SIZE]),
+            joints=model.joints(found.x),
+            network=kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm,
+            misfit=left,
+            error_mm=error_mm,
+            confidence=confidence,
+            x=found.x,
+            start=found.start,
+        )

@@ -33,13 +33,12 @@ MOVED, OUTSIDE_MM, MISFIT_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
 
 
 def strangeness(
-    model: FleshModel, fit: DepthFit, network: Array, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera
+    model: FleshModel, fit: DepthFit, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera
 ) -> Array:
     """Of N places, (N,) in mm.
 
-    fit      what was found there
-    network  (N, K, 3) the joints that they started from, in mm from the crops' centres
-    crops    (N, S, S) in [-1, 1], cut at ``center_uvd`` (N, 3)
+    fit    what was found there
+    crops  (N, S, S) in [-1, 1], cut at ``center_uvd`` (N, 3)
     """
     uvd = np.asarray(center_uvd, dtype=np.float64)
     center = camera.unproject(uvd)
@@ -49,7 +48,7 @@ def strangeness(
     hand = _rendered(Capsules(*(a[:, own] for a in capsules)), uvd, 2 * model.unit_mm, camera, crops.shape[1])
     apart = np.minimum(np.abs(whole - crops) * model.unit_mm, CAP_MM)
     shown = (hand < BACKGROUND) & (hand <= whole)
-    moved = np.linalg.norm(fit.joints - network, axis=2).mean(axis=1)
+    moved = np.linalg.norm(fit.joints - fit.network, axis=2).mean(axis=1)
     u, v, _ = np.moveaxis(camera.project(fit.joints + center[:, None]), -1, 0)
     outside = ((u < 0) | (u >= camera.width) | (v < 0) | (v >= camera.height)).mean(axis=1)
     told = crops > -BACKGROUND  # at the near face anything may be

@@ -9,9 +9,9 @@ import pytest
 
 from handpose.data import parts
 from handpose.synthetic.files import DataSet, pieces_of
-from handpose.synthetic.generator import Generator, Split
+from handpose.synthetic.generator import Generator
 
-COUNTS: dict[Split, int] = {"train": 5, "test": 2}
+SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
 
 
 @pytest.fixture(autouse=True)
@@ -41,12 +41,12 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        DataSet(tmp_path, 0, COUNTS).write(1, advance)
+        DataSet(tmp_path, SOURCES).write(1, advance)
     assert [path.name for path in tmp_path.iterdir()] == ["train_000.h5"]
-    data = DataSet(tmp_path, 0, COUNTS)
+    data = DataSet(tmp_path, SOURCES)
     assert (data.missing_frames, data.is_whole) == (5, False)
     data.write(1, lambda count: None)
-    assert DataSet(tmp_path, 0, COUNTS).is_whole
+    assert DataSet(tmp_path, SOURCES).is_whole
     assert (tmp_path / "test.txt").read_text() == f"{tmp_path}/test_000.h5\n"
     with h5py.File(tmp_path / "train_002.h5") as file:
         assert file["index"][...].tolist() == [4] and file.attrs["made_from"] == "synthetic"
@@ -54,9 +54,9 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
 
 def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
     """And no frame."""
-    DataSet(tmp_path, 0, COUNTS).write(1, lambda count: None)
+    DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     (tmp_path / "train.txt").unlink()
-    data = DataSet(tmp_path, 0, COUNTS)
+    data = DataSet(tmp_path, SOURCES)
     assert (data.missing_frames, data.is_whole) == (0, False)
     data.write(1, lambda count: pytest.fail("writes frames"))
     assert (tmp_path / "train.txt").exists()

@@ -20,7 +20,8 @@ UVD = np.array([[320.0, 240, 700]])
 def fit(model: FleshModel) -> DepthFit:
     """A hand at rest, perfectly fitted."""
     x, one = np.zeros((1, model.variables)), np.ones(1)
-    return DepthFit(model.inputs_of(x), one, model.joints(x), one, one, one, x, np.zeros(1, int))
+    joints = model.joints(x)
+    return DepthFit(model.inputs_of(x), one, joints, joints, one, one, one, x, np.zeros(1, int))
 
 
 @pytest.fixture
@@ -32,19 +33,17 @@ def crop(model: FleshModel, fit: DepthFit) -> np.ndarray:
 
 def test_a_hand_is_not_strange(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
     """Where it is, predicted where it is: nothing."""
-    assert strangeness(model, fit, fit.joints, crop, UVD, NYU)[0] < 0.1
+    assert strangeness(model, fit, crop, UVD, NYU)[0] < 0.1
 
 
 def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
     """An empty picture, a prediction 20 mm away, a hand beside the image, a misfit, a larger hand."""
 
-    def of(
-        fit: DepthFit = fit, network: np.ndarray = fit.joints, crop: np.ndarray = crop, uvd: np.ndarray = UVD
-    ) -> float:
-        return float(strangeness(model, fit, network, crop, uvd, NYU)[0])
+    def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
+        return float(strangeness(model, fit, crop, uvd, NYU)[0])
 
     assert of(crop=np.ones_like(crop)) == pytest.approx(2 * CAP_MM, abs=1)
-    assert of(network=fit.joints + (20, 0, 0)) == pytest.approx(MOVED * 20 + of())
+    assert of(replace(fit, network=fit.joints + (20, 0, 0))) == pytest.approx(MOVED * 20 + of())
     assert of(crop=np.ones_like(crop), uvd=np.array([[-300.0, 240, 700]])) >= OUTSIDE_MM
     assert of(replace(fit, misfit=np.array([np.e**3]))) == pytest.approx(3 * MISFIT_MM + of())
     for variable in (SIZE, GIRTH):
@@ -56,4 +55,4 @@ def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None
 def test_a_stick_on_one_finger_is_strange(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
     """Much of the hand is nowhere, however well the stick lies on the finger."""
     stick = np.where(np.arange(128) > 64, crop, 1.0).astype(np.float32)  # a part of the hand's own picture
-    assert strangeness(model, fit, fit.joints, stick, UVD, NYU)[0] > 15
+    assert strangeness(model, fit, stick, UVD, NYU)[0] > 15

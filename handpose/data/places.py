@@ -1,0 +1,53 @@
+"""Places of a depth image where a hand may be, and how a locator sees them: in cubes with room for an arm.
+
+A hand is on a surface that was seen. So the surface is cut into voxels, and the mean of what each holds is a place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.data.crops import crop
+from handpose.facts.cameras import Camera
+from netlib.blob import Array
+from netlib.errors import DataError
+
+CUBE_MM = 400.0  # of a place's crop: the hand, and where it is fastened
+SIZE = 64  # its pixels on a side
+VOXEL_MM = 80.0  # apart
+BEHIND_MM = 20.0  # a hand's middle lies so far behind what is seen of it
+FAR_MM = 1600.0  # where a hand has too few pixels to be read
+FEWEST_MM2 = 300.0  # of surface in a voxel: less is noise
+NODES_ACROSS = 160  # pixels looked at in a row
+
+
+def surface_places(depth: ArrayLike, camera: Camera) -> Array:
+    """Places (P, 3) in mm, camera axes, in a depth image (height, width) in mm; 0 was not read."""
+    image = np.asarray(depth, dtype=np.float64)
+    step = max(1, image.shape[1] // NODES_ACROSS)
+    rows, columns = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]
+    z = image[rows, columns]
+    seen = np.isfinite(z) & (z > 0) & (z < FAR_MM)
+    points = camera.unproject(np.stack([columns[seen], rows[seen], z[seen]], axis=1))
+    if not len(points):
+        return np.zeros((0, 3))
+    voxels, own = np.unique(np.floor(points / VOXEL_MM).astype(np.int64), axis=0, return_inverse=True)
+    own, count = own.reshape(-1), len(voxels)
+    area = np.bincount(own, (points[:, 2] * step) ** 2 / (camera.fx * camera.fy), count)
+    nodes = np.bincount(own, minlength=count)
+    means = np.stack([np.bincount(own, values, count) / nodes for values in points.T], axis=1)
+    return np.asarray(means[area > FEWEST_MM2] + (0, 0, BEHIND_MM))
+
+
+def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[NDArray[np.float32], Array]:
+    """The crops (n, SIZE, SIZE) in [-1, 1] of those places (P, 3) that are in sight, and these places (n, 3)."""
+    crops, kept = [], []
+    for place in places:
+        if place[2] > CUBE_MM / 4:
+            try:
+                crops.append(crop(depth, camera.project(place), CUBE_MM, camera, SIZE))
+                kept.append(place)
+            except DataError:  # out of sight
+                pass
+    return np.array(crops, np.float32).reshape(-1, SIZE, SIZE), np.array(kept).reshape(-1, 3)

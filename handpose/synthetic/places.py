@@ -1,0 +1,119 @@
+"""Crops of places in synthetic scenes: where there is a hand, and where there is something else.
+
+What a locator learns from (``handpose.predicting.locator``): is a hand near, and where is its middle?
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data.places import CUBE_MM, SIZE, place_crops, surface_places
+from handpose.facts.cameras import KINECT2, SR305
+from handpose.synthetic.generator import BLOCK, RECIPES, VERSION, Split, View
+from handpose.synthetic.scenes import PRIOR, draw_scenes
+from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
+from netlib.blob import Array
+from netlib.errors import DataError
+
+NEAR_MM, FAR_MM = 100.0, 130.0  # a hand is near; it is not; between them nobody is asked
+NOBODY = -1.0
+PER_SCENE = 16  # places
+REFINED, NEAR = 4, 4  # of these, so many from where a locator would have moved to, and so many others with a hand
+REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
+VIEWS = ((RECIPES["nyu"].views[0], (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
+         (View(SR305, CODED_LIGHT), (250.0, 900.0)))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PlaceRows:
+    """n places; the names are those of the data sets in the files.
+
+    depth   (n, 1, SIZE, SIZE) crops in [-1, 1]
+    hand    (n,) 1, 0, or NOBODY
+    offset  (n, 3) from the crop's centre to the hand's, in half-cubes; 0 where there is none
+    near    (n, 3) 1 where there is a hand, else 0
+    index   (n,) number of the place in its split
+    """
+
+    depth: NDArray[np.float32]
+    hand: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    near: NDArray[np.float32]
+    index: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def arrays(self) -> dict[str, Array]:
+        """All arrays by name, in the order of the files."""
+        return dict(vars(self))
+
+    def rows(self, rows: slice) -> PlaceRows:
+        """Some of the places."""
+        return PlaceRows(**{name: array[rows] for name, array in vars(self).items()})
+
+
+class PlaceGenerator:
+    """Draws places, block by block, as ``Generator`` draws hands."""
+
+    description = (
+        "Places of rendered scenes, with a hand (1), without (0), or neither (-1); crops 64 x 64 of 400 mm in [-1, 1], "
+        "the offset of the hand's middle in half-cubes from the crop's (camera axes, x right, y up, z away)."
+    )
+
+    def __init__(self, seed: int = 0, split: Split = "train") -> None:
+        if seed < 0:
+            raise DataError(f"seed {seed}, expected 0 or more")
+        self.seed, self.split = seed, split
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.seed, self.split)
+
+    def block(self, number: int) -> PlaceRows:
+        """Places ``number * BLOCK`` and following. The same numbers whenever and wherever they are asked for."""
+        source = np.random.SeedSequence([self.seed, get_args(Split).index(self.split), number, 1])
+        rng = np.random.Generator(np.random.SFC64(source))
+        scenes = BLOCK // PER_SCENE
+        parts = [self._of_a_scene(rng, kind) for kind in range(number * scenes, (number + 1) * scenes)]
+        depth, middle = (np.concatenate(arrays) for arrays in zip(*parts))
+        apart = np.linalg.norm(middle, axis=1)
+        mirrored = rng.random(len(depth)) < 0.5
+        depth[mirrored] = depth[mirrored][:, :, ::-1]
+        middle[mirrored, 0] *= -1
+        near = np.repeat((apart < NEAR_MM)[:, None], 3, axis=1)
+        return PlaceRows(
+            depth=depth[:, None],
+            hand=np.select([apart < NEAR_MM, apart > FAR_MM], [1.0, 0.0], NOBODY).astype(np.float32),
+            offset=np.where(near, middle / (CUBE_MM / 2), 0).astype(np.float32),
+            near=near.astype(np.float32),
+            index=np.arange(number * BLOCK, (number + 1) * BLOCK),
+        )
+
+    def columns(self) -> dict[str, Array]:
+        """Arrays without rows, of the shapes and types of the places'."""
+        none = np.zeros((0, 3), np.float32)
+        return PlaceRows(
+            np.zeros((0, 1, SIZE, SIZE), np.float32), none[:, 0], none, none, np.zeros(0, np.int64)
+        ).arrays()
+
+    def made_from(self) -> dict[str, object]:
+        """All that the places depend on, in plain values that JSON can hold."""
+        return {"version": VERSION, "places": 1, "seed": self.seed, "split": self.split}
+
+    def _of_a_scene(self, rng: np.random.Generator, kind: int) -> tuple[NDArray[np.float32], Array]:
+        """Crops (PER_SCENE, SIZE, SIZE), and where the hand's middle is (PER_SCENE, 3) in mm from theirs."""
+        view, depth = VIEWS[int(rng.integers(len(VIEWS)))]
+        scenes = draw_scenes(rng, 1, view.camera, view.sensor, replace(PRIOR, depth=depth), first=kind)
+        image, hand = scenes.depth[0], scenes.center[0]
+        places = surface_places(image, view.camera)
+        places = rng.permutation(places + rng.normal(0, JITTER_MM, places.shape))
+        apart = np.linalg.norm(places - hand, axis=1)
+        refined = hand + rng.normal(0, REFINED_MM, (REFINED, 3))
+        chosen = np.concatenate([refined, places[apart < NEAR_MM][:NEAR], places[apart >= NEAR_MM]])
+        crops, kept = place_crops(image, chosen, view.camera)
+        some = np.arange(PER_SCENE) % len(kept)  # where there are few places, some are there twice
+        return crops[some], (hand - kept)[some]
