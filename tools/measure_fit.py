@@ -9,7 +9,7 @@ The packaged network by default, on every recipe; --terms leaves each term of th
 
 Frames are drawn from the recipes (tools/make_synthetic.py says which there are), of the split and seed that nothing
 was chosen on. Errors are means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" is how
-well the misfit tells those that have; "expected" the mean error that the fit itself expects. "right" is the share of
+well the doubt tells those that have; "expected" the mean error that the fit itself expects. "right" is the share of
 frames explained better than their mirror image (--hands). --roll: errors by how the palm is turned in the picture.
 """
 
@@ -123,7 +123,7 @@ def _rows(recipe: str, found: Figures, without: str, by_roll: bool) -> list[dict
         rows.append({**facts, "plan": "network", **_errors(found.network[chosen])})
         for plan, errors in found.fits.items():
             row = {**facts, "plan": plan, **_errors(errors[chosen])}
-            row["auc"] = auc(found.misfit[plan][chosen], errors[chosen] > GOOD_MM)
+            row["auc"] = auc(found.doubt[plan][chosen], errors[chosen] > GOOD_MM)
             row["expected"] = float(found.expected[plan][chosen].mean())
             row["confidence"] = float(found.confidence[plan][chosen].mean())
             if plan in found.right:

@@ -6,7 +6,7 @@
 
 The errors are measured on training frames of a recipe (tools/make_synthetic.py says which there are) that the network
 was not trained on: how far its angles are off, which says where else a fit starts and how near it stays; and how the
-misfit of each plan goes with the error of the joints, which is the confidence. Caffe reads the file like any other.
+doubt of each plan goes with the error of the joints, which is the confidence. Caffe reads the file like any other.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from handpose.experiments.model_file import rounded, write_model
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.network_errors import NetworkErrors, covariance, table_of
+from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import skeleton_to_fit
 from handpose.synthetic.generator import RECIPES, Generator
@@ -48,7 +48,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--bits", type=natural, default=10, metavar="N",
                         help="of each mantissa, of 23 (default: %(default)s)")  # fmt: skip
     parser.add_argument("--recipe", choices=RECIPES, default="cameras", help="of the frames (default: %(default)s)")
-    parser.add_argument("--frames", type=positive, default=2048, metavar="N", help="default: %(default)s")
+    parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=natural, default=1000, metavar="N",
                         help="of the frames; not that of the training (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
@@ -72,11 +72,12 @@ def run(args: argparse.Namespace) -> int:
                 blob.data[...] = rounded(blob.data, args.bits)
         first = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip
-        errors = NetworkErrors(covariance(first.limbs), {})
+        errors = NetworkErrors(covariance(first.limbs), {}, {})
         fitter = DepthFitter(model, errors)
         found = fit_figures.measure(net, fitter, frames_of(generator, args.frames), tuple(PLANS), progress=progress)
-    tables = {plan: table_of(found.misfit[plan], found.fits[plan]) for plan in PLANS}
-    write_model(net, NetworkErrors(errors.limbs, tables), args.out)
+    weights = {plan: weights_of(found.signs[plan], found.fits[plan]) for plan in PLANS}
+    tables = {plan: table_of(doubt_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
+    write_model(net, NetworkErrors(errors.limbs, tables, weights), args.out)
     print(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
           f"{args.bits} bits {first.network.mean():.2f} mm, "
           + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip

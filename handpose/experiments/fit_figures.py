@@ -44,7 +44,8 @@ class Figures:
 
     network  (N,) mean error in mm over NYU's 14 joints of the network alone
     fits     per plan, (N,) that of the fit
-    misfit, expected, confidence  per plan, (N,) as the fit says
+    doubt, expected, confidence  per plan, (N,) as the fit says
+    signs    per plan, (N, 5): what the doubt is made of
     right    per plan, (N,) bool: the frame is explained better than its mirror image; where it was asked
     roll     (N,) degrees: how far the palm is turned in the picture from its mean pose, -180 to 180
     limbs    (N, L) errors of the limbs' inputs of the network
@@ -52,7 +53,8 @@ class Figures:
 
     network: Array
     fits: dict[str, Array]
-    misfit: dict[str, Array]
+    doubt: dict[str, Array]
+    signs: dict[str, Array]
     expected: dict[str, Array]
     confidence: dict[str, Array]
     right: dict[str, Array]
@@ -96,7 +98,8 @@ def measure(
     return Figures(
         network=whole["network"],
         fits=per_plan("fit"),
-        misfit=per_plan("misfit"),
+        doubt=per_plan("doubt"),
+        signs=per_plan("signs"),
         expected=per_plan("expected"),
         confidence=per_plan("confidence"),
         right=per_plan("right"),
@@ -131,7 +134,8 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
 def _of(fit: DepthFit, block: Block) -> dict[str, Array]:
     return {
         "fit": joint_errors(fit.joints, block.joints),
-        "misfit": fit.misfit,
+        "doubt": fit.doubt,
+        "signs": fit.signs,
         "expected": fit.error_mm,
         "confidence": fit.confidence,
     }

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fitting.depth.network_errors import GROUP, LIMBS, NetworkErrors
+from handpose.fitting.depth.network_errors import GROUP, NetworkErrors, arrays_of
 from netlib import atomic
 from netlib.net import Net
 
@@ -23,8 +23,8 @@ def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
     return np.asarray(kept.view(np.float32))
 
 
-def write_model(net: Net, errors: NetworkErrors, path: Path) -> None:
-    """The net's weights as Caffe reads them (HDF5, float32), shuffled and compressed, and the errors beside them."""
+def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
+    """The net's weights as Caffe reads them (HDF5, float32), shuffled and compressed, and its errors beside them."""
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
         for layer, blobs in net.params.items():
@@ -32,7 +32,6 @@ def write_model(net: Net, errors: NetworkErrors, path: Path) -> None:
                 values = np.asarray(blob.data, np.float32)
                 file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
                                     shuffle=True)  # fmt: skip
-        file.create_dataset(f"{GROUP}/{LIMBS}", data=errors.limbs)
-        for plan, table in errors.tables.items():
-            file.create_dataset(f"{GROUP}/{plan}", data=table)
+        for name, values in arrays_of(errors).items() if errors else ():
+            file.create_dataset(f"{GROUP}/{name}", data=values)
     atomic.replace(path, lambda temporary: temporary.write_bytes(image.getvalue()))

@@ -35,9 +35,11 @@ class DepthFit:
     joints      (N, K, 3) mm from the crops' centres
     network     (N, K, 3) the same as the first prediction has them
     misfit      (N,) how badly the flesh explains the picture, from where it started: what is left of all terms
+    doubt       (N,) how much speaks against the fit (``network_errors``)
     error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
     confidence  (N,) chance that this error is below 30 mm; NaN likewise
     x           (N, V) all variables, for ``FleshModel``
+    signs       (N, 5) what the doubt is made of: the parts of the misfit, and how far in mm the joints moved
     start       (N,) which start it came from: first the quarter turns, then those drawn
     """
 
@@ -46,9 +48,11 @@ class DepthFit:
     joints: Array
     network: Array
     misfit: Array
+    doubt: Array
     error_mm: Array
     confidence: Array
     x: Array
+    signs: Array
     start: Array
 
 
@@ -101,16 +105,21 @@ class DepthFitter:
                 whole[rows] = values
 
         for_each(blocks(N, max(STARTS_TOGETHER // len(starts), 1)), job)
-        left = found.parts.sum(axis=1)
-        error_mm, confidence = self.errors.expected(plan, left)
+        joints = model.joints(found.x)
+        network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
+        moved = np.linalg.norm(joints - network, axis=2).mean(axis=1)
+        signs = np.column_stack([found.parts, moved])
+        doubt, error_mm, confidence = self.errors.expected(plan, signs)
         return DepthFit(
             inputs=model.inputs_of(found.x),
             size=np.exp(found.x[:, SIZE]),
-            joints=model.joints(found.x),
-            network=kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm,
-            misfit=left,
+            joints=joints,
+            network=network,
+            misfit=found.parts.sum(axis=1),
+            doubt=doubt,
             error_mm=error_mm,
             confidence=confidence,
             x=found.x,
             start=found.start,
+            signs=signs,
         )

@@ -4,7 +4,12 @@ A file of weights in Caffe's HDF5 layout has a group ``data``; beside it stands 
 at:
 
     fit/limbs          (L, L) covariance of the errors of the limbs' inputs: where else to start, how near to stay
-    fit/PLAN           (k, 3) of each plan, ascending: misfit, expected error in mm, chance of an error below 30 mm
+    fit/PLAN           (k, 3) of each plan, ascending: doubt, expected error in mm, chance of an error below 30 mm
+    fit/PLAN.signs     (5,) weights, 0 or more, with the sum 1: what the doubt is made of
+
+The misfit alone says less than its parts: a finger that stands in the air (outline) is a worse sign than a thick hand
+(surface). So the doubt is the weighted geometric mean of 1 + each sign, with those weights that best tell fits that
+failed from others (logistic regression). The signs are the four parts of the cost, and how far in mm the joints moved.
 """
 
 from __future__ import annotations
@@ -14,6 +19,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from scipy.optimize import minimize
 
 from handpose.fitting.depth.body import FleshModel
 from netlib.blob import Array
@@ -24,6 +30,9 @@ LIMBS = "limbs"
 GOOD_MM = 30.0  # a fit with a larger error has failed
 UNKNOWN_STD = 0.3  # radians: what a network's limbs are taken to be off by when nobody has measured it
 KNOTS = 24  # of a table
+SIGNS = ("surface", "outline", "front", "prior", "moved")
+_SUFFIX = ".signs"
+_RIDGE = 1e-4  # keeps weights finite where every failure can be told
 
 
 @dataclass(frozen=True)
@@ -31,30 +40,35 @@ class NetworkErrors:
     """What is known of a network that a fit starts from.
 
     limbs   (L, L) covariance of the errors of the limbs' inputs
-    tables  per plan (k, 3): misfit, expected error in mm, chance of an error below GOOD_MM; none where not measured
+    tables  per plan (k, 3): doubt, expected error in mm, chance of an error below GOOD_MM; none where not measured
+    weights per plan (5,): of the signs
     """
 
     limbs: Array
     tables: dict[str, Array]
+    weights: dict[str, Array]
 
-    def expected(self, plan: str, misfit: Array) -> tuple[Array, Array]:
-        """The expected error in mm (N,), and the chance (N,) that it is below GOOD_MM; NaN where not measured.
+    def expected(self, plan: str, signs: Array) -> tuple[Array, Array, Array]:
+        """Of signs (N, 5): the doubt, the expected error in mm, and the chance that it is below GOOD_MM, (N,) each.
 
-        With a misfit beyond all that were measured, the error grows in proportion, and the chance falls.
+        The doubt where nobody has measured it is the mean of all signs, the others are NaN. With a doubt beyond all
+        that were measured, the error grows in proportion, and the chance falls.
         """
+        doubt = doubt_of(signs, self.weights.get(plan, np.full(len(SIGNS), 1 / len(SIGNS))))
         table = self.tables.get(plan)
         if table is None:
-            return np.full(len(misfit), np.nan), np.full(len(misfit), np.nan)
-        beyond = np.maximum(misfit / table[-1, 0], 1)
+            return doubt, np.full(len(doubt), np.nan), np.full(len(doubt), np.nan)
+        beyond = np.maximum(doubt / table[-1, 0], 1)
         return (
-            np.interp(misfit, table[:, 0], table[:, 1]) * beyond,
-            np.interp(misfit, table[:, 0], table[:, 2]) / beyond,
+            doubt,
+            np.interp(doubt, table[:, 0], table[:, 1]) * beyond,
+            np.interp(doubt, table[:, 0], table[:, 2]) / beyond,
         )
 
 
 def unknown_errors(model: FleshModel) -> NetworkErrors:
     """Of a network that nobody has measured."""
-    return NetworkErrors(np.eye(len(model.limbs)) * UNKNOWN_STD**2, {})
+    return NetworkErrors(np.eye(len(model.limbs)) * UNKNOWN_STD**2, {}, {})
 
 
 def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
@@ -72,11 +86,48 @@ def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
     L = len(model.limbs)
     if limbs.shape != (L, L) or not np.isfinite(limbs).all() or np.linalg.eigvalsh(limbs).min(initial=1.0) <= 0:
         raise DataError(f"{path}: {GROUP}/{LIMBS} of shape {limbs.shape}, expected a covariance ({L}, {L})")
+    weights = {name.removesuffix(_SUFFIX): found.pop(name) for name in list(found) if name.endswith(_SUFFIX)}
+    if set(weights) != set(found):
+        raise DataError(f"{path}: {GROUP}: {', '.join(sorted(set(weights) ^ set(found)))}: a table without weights of "
+                        "signs, or weights without a table")  # fmt: skip
+    for name, own in weights.items():
+        if own.shape != (len(SIGNS),) or not (own >= 0).all() or not np.isclose(own.sum(), 1):
+            raise DataError(f"{path}: {GROUP}/{name}{_SUFFIX} of shape {own.shape}, expected {len(SIGNS)} weights with "
+                            "the sum 1")  # fmt: skip
     for name, table in found.items():
         good = table.ndim == 2 and table.shape[1:] == (3,) and len(table) > 1 and np.isfinite(table).all()
         if not good or (np.diff(table[:, 0]) <= 0).any():
-            raise DataError(f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of misfit, error, chance")
-    return NetworkErrors(limbs, found)
+            raise DataError(f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of doubt, error, chance")
+    return NetworkErrors(limbs, found, weights)
+
+
+def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
+    """What a file has in its group, by name: what ``read_errors`` reads."""
+    weights = {plan + _SUFFIX: own for plan, own in errors.weights.items()}
+    return {LIMBS: errors.limbs, **errors.tables, **weights}
+
+
+def doubt_of(signs: Array, weights: Array) -> Array:
+    """(N,): the geometric mean of 1 + each of the signs (N, 5), weighted (5,)."""
+    return np.asarray(np.exp(np.log1p(signs) @ weights))
+
+
+def weights_of(signs: Array, error_mm: Array) -> Array:
+    """The weights (5,) with which the doubt best tells fits (N,) with errors beyond GOOD_MM from the others."""
+    X, failed = np.log1p(signs), error_mm > GOOD_MM
+    if not failed.any() or failed.all():
+        return np.full(len(SIGNS), 1 / len(SIGNS))
+    side = np.where(failed, 1.0, -1.0)
+
+    def loss(w: Array) -> tuple[float, Array]:
+        margin = side * (X @ w[:-1] + w[-1])
+        slope = -side / (1 + np.exp(np.clip(margin, -500, 500))) / len(side)
+        gradient = np.append(X.T @ slope + 2 * _RIDGE * w[:-1], slope.sum())
+        return float(np.logaddexp(0, -margin).mean() + _RIDGE * (w[:-1] ** 2).sum()), gradient
+
+    bounds = [(0, None)] * len(SIGNS) + [(None, None)]
+    w = minimize(loss, np.zeros(len(SIGNS) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x[:-1]
+    return np.asarray(w / w.sum()) if w.sum() > 0 else np.full(len(SIGNS), 1 / len(SIGNS))
 
 
 def covariance(errors: Array) -> Array:
@@ -84,14 +135,14 @@ def covariance(errors: Array) -> Array:
     return np.asarray(errors.T @ errors / len(errors))
 
 
-def table_of(misfit: Array, error_mm: Array) -> Array:
-    """The table (k, 3) of fits with these misfits and errors (N,).
+def table_of(doubt: Array, error_mm: Array) -> Array:
+    """The table (k, 3) of fits with these doubts and errors (N,).
 
     Means of groups of equal size, made ascending by pooling neighbours that are not (isotonic regression).
     """
-    order = np.argsort(misfit, kind="stable")
+    order = np.argsort(doubt, kind="stable")
     groups = np.array_split(order, min(KNOTS, len(order)))
-    x = np.array([misfit[g].mean() for g in groups])
+    x = np.array([doubt[g].mean() for g in groups])
     y = _pooled(np.array([error_mm[g].mean() for g in groups]))
     chance = 1 - _pooled(np.array([(error_mm[g] > GOOD_MM).mean() for g in groups]))
     apart = np.append(True, np.diff(x) > 0)
