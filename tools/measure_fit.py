@@ -10,7 +10,7 @@ The packaged network by default, on every recipe; --terms leaves each term of th
 Frames are drawn from the recipes (tools/make_synthetic.py says which there are), of the split and seed that nothing
 was chosen on. Errors are means over NYU's 14 joints in mm. A frame has failed if its error is above 30 mm; "auc" is how
 well the doubt tells those that have; "expected" the mean error that the fit itself expects. "right" is the share of
-frames explained better than their mirror image (--hands). --roll: errors by how the palm is turned in the picture.
+frames that are doubted less than their mirror image (--hands). --roll: errors by how the palm is turned in the picture.
 """
 
 from __future__ import annotations

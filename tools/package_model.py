@@ -6,7 +6,8 @@
 
 The errors are measured on training frames of a recipe (tools/make_synthetic.py says which there are) that the network
 was not trained on: how far its angles are off, which says where else a fit starts and how near it stays; and how the
-doubt of each plan goes with the error of the joints, which is the confidence. Caffe reads the file like any other.
+doubt of each plan goes with the error of the joints, which is the confidence. Weights of a net without
+a hand model are only rounded and compressed. Caffe reads the file like any other.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import skeleton_to_fit
+from handpose.predicting.nets import hand_layer, skeleton_to_fit
 from handpose.synthetic.generator import RECIPES, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
@@ -62,14 +63,30 @@ def run(args: argparse.Namespace) -> int:
     if not args.out.parent.is_dir():
         raise NetlibError(f"{args.out}: no folder {args.out.parent}")
     net = Net(args.model, args.snapshot, netlib.TEST)
+    if hand_layer(net) is None:
+        _round(net, args.bits)
+        write_model(net, None, args.out)
+    else:
+        _measure(net, args)
+    image = args.out.read_bytes()
+    print(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}")
+    return DONE
+
+
+def _round(net: Net, bits: int) -> None:
+    for blobs in net.params.values():
+        for blob in blobs:
+            blob.data[...] = rounded(blob.data, bits)
+
+
+def _measure(net: Net, args: argparse.Namespace) -> None:
+    """Round the weights, measure what they and the fits after them are worth, and write all of it."""
     model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
     generator = Generator(args.seed, "train", RECIPES[args.recipe])
     with ProgressBar(3 * args.frames) as progress:
         exact = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip
-        for blobs in net.params.values():
-            for blob in blobs:
-                blob.data[...] = rounded(blob.data, args.bits)
+        _round(net, args.bits)
         first = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip
         errors = NetworkErrors(covariance(first.limbs), {}, {})
@@ -81,9 +98,6 @@ def run(args: argparse.Namespace) -> int:
     print(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
           f"{args.bits} bits {first.network.mean():.2f} mm, "
           + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip
-    image = args.out.read_bytes()
-    print(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}")
-    return DONE
 
 
 if __name__ == "__main__":

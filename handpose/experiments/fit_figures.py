@@ -46,7 +46,7 @@ class Figures:
     fits     per plan, (N,) that of the fit
     doubt, expected, confidence  per plan, (N,) as the fit says
     signs    per plan, (N, 5): what the doubt is made of
-    right    per plan, (N,) bool: the frame is explained better than its mirror image; where it was asked
+    right    per plan, (N,) bool: less speaks against the frame's fit than against its mirror image's; where asked
     roll     (N,) degrees: how far the palm is turned in the picture from its mean pose, -180 to 180
     limbs    (N, L) errors of the limbs' inputs of the network
     """
@@ -87,7 +87,7 @@ def measure(
             part |= {f"{name} {plan}": values for name, values in _of(fit, block).items()}
             if hands:
                 mirrored = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan, left=True)
-                part[f"right {plan}"] = fit.misfit < mirrored.misfit
+                part[f"right {plan}"] = fit.doubt < mirrored.doubt
         parts.append(part)
         progress(len(block.crops))
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -15,6 +15,7 @@ from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
+from handpose.predicting.locator import Locator
 from handpose.predicting.nets import hand_layer
 from handpose.predicting.predictor import Fit, Hand, Predictor
 from netlib.errors import NetlibError, WeightsError, reason_of
@@ -23,6 +24,7 @@ from netlib.net import Net
 from netlib.paths import ROOT
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
+HAND_LOCATOR = ROOT / "models" / "hand_locator"
 KEYS = ("name", "caffemodel", "license", "sha256")
 
 
@@ -67,6 +69,11 @@ def checked_weights(card: Card) -> Path:
     return card.weights
 
 
+def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
+    """The packaged locator. Raises NetlibError."""
+    return Locator(Net(folder / "deploy.prototxt", checked_weights(read_card(folder)), TEST, engine=engine))
+
+
 def load_predictor(
     camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: Hand = "either", refine: int = 3, fit: Fit = "accurate",
     folder: Path = SYNTHETIC_HAND, engine: str | None = None,
@@ -87,4 +94,5 @@ def predictor_of(
     errors = None
     if fit != "no" and layer is not None:
         errors = read_errors(weights, FleshModel(layer.skeleton, cube_mm / 2))
-    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, errors=errors)
+    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, errors=errors,
+                     locator=load_locator(engine=engine))  # fmt: skip

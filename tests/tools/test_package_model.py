@@ -3,12 +3,14 @@
 import hashlib
 import json
 
+import numpy as np
 import pytest
 
 import netlib
+from handpose.experiments.model_file import rounded
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
-from handpose.predicting.packaged import SYNTHETIC_HAND, read_card
+from handpose.predicting.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card
 from layers.hand import skeleton
 from tools import measure_fit, package_model
 
@@ -30,6 +32,18 @@ def test_packaging(tmp_path, monkeypatch, capsys):
     assert set(errors.tables) == {"fast", "accurate"}
     own = ["--weights", "small.caffemodel.h5", "--model", DEPLOY]
     assert measure_fit.main([*own, "--frames", "3", "--recipes", "nyu"]) == 0
+
+
+def test_a_net_without_a_hand(tmp_path, capsys):
+    """Is rounded and compressed, and that is all."""
+    net = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST, seed=1)
+    net.save(tmp_path / "big.caffemodel.h5")
+    deploy, out = str(HAND_LOCATOR / "deploy.prototxt"), tmp_path / "small.caffemodel.h5"
+    assert package_model.main([str(tmp_path / "big.caffemodel.h5"), "--model", deploy, "--out", str(out)]) == 0
+    assert capsys.readouterr().out.startswith(f"wrote {out}: 0.")
+    again = netlib.Net(deploy, out, netlib.TEST)
+    for name, blobs in net.params.items():
+        np.testing.assert_array_equal(again.params[name][0].data, rounded(blobs[0].data, 10))
 
 
 def test_figures_as_json(capsys):

@@ -37,7 +37,8 @@ def test_a_model_file(tmp_path: Path) -> None:
     for blobs in net.params.values():
         for blob in blobs:
             blob.data[...] = rounded(blob.data, 8)
-    errors = NetworkErrors(np.eye(20) * 0.1, {"fast": np.array([[1.0, 2, 1], [2, 3, 0.5]])})
+    errors = NetworkErrors(np.eye(20) * 0.1, {"fast": np.array([[1.0, 2, 1], [2, 3, 0.5]])},
+                           {"fast": np.full(5, 0.2)})  # fmt: skip
     write_model(net, errors, tmp_path / "x.caffemodel.h5")
     again = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", tmp_path / "x.caffemodel.h5", netlib.TEST)
     for name, blobs in net.params.items():
@@ -46,6 +47,7 @@ def test_a_model_file(tmp_path: Path) -> None:
     found = read_errors(tmp_path / "x.caffemodel.h5", FleshModel(skeleton.load(), 150.0))
     np.testing.assert_array_equal(found.limbs, errors.limbs)
     np.testing.assert_array_equal(found.tables["fast"], errors.tables["fast"])
+    np.testing.assert_array_equal(found.weights["fast"], errors.weights["fast"])
     numbers = sum(blob.count for blobs in net.params.values() for blob in blobs)
     assert numbers == pytest.approx(2.28e6, rel=0.01)
     assert (tmp_path / "x.caffemodel.h5").stat().st_size < 0.6 * 4 * numbers

@@ -42,7 +42,7 @@ flesh {
 def fitter(model: FleshModel) -> DepthFitter:
     """Of a network whose limbs are off by 0.15 radians."""
     table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
-    return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}))
+    return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
 
 
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
@@ -54,8 +54,11 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     assert error(model, start, scene).mean() > 12
     np.testing.assert_allclose(found.joints, model.joints(found.x))
     assert ((found.size > 0.74) & (found.size < 1.36)).all() and (found.start == 0).all()
-    np.testing.assert_allclose(found.error_mm, np.interp(found.misfit, [1, 100, 1000], [2, 20, 60]))
+    np.testing.assert_allclose(found.error_mm, np.interp(found.doubt, [1, 100, 1000], [2, 20, 60]))
     assert np.isfinite(found.confidence).all()
+    np.testing.assert_allclose(found.misfit, found.signs[:, :4].sum(axis=1))
+    np.testing.assert_allclose(found.network, model.joints(start), atol=1e-6)
+    np.testing.assert_allclose(found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1))
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:

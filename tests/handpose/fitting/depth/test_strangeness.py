@@ -21,7 +21,7 @@ def fit(model: FleshModel) -> DepthFit:
     """A hand at rest, perfectly fitted."""
     x, one = np.zeros((1, model.variables)), np.ones(1)
     joints = model.joints(x)
-    return DepthFit(model.inputs_of(x), one, joints, joints, one, one, one, x, np.zeros(1, int))
+    return DepthFit(model.inputs_of(x), one, joints, joints, one, one, one, one, x, np.zeros((1, 5)), np.zeros(1, int))
 
 
 @pytest.fixture

@@ -1,0 +1,49 @@
+"""handpose/data/places.py"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.data.places import BEHIND_MM, CUBE_MM, FAR_MM, SIZE, VOXEL_MM, place_crops, surface_places
+from handpose.facts.cameras import NYU
+
+
+def plate(z: float = 700) -> np.ndarray:
+    """A plate of 300 x 200 pixels before nothing."""
+    depth = np.zeros((480, 640))
+    depth[100:300, 200:500] = z
+    return depth
+
+
+def test_places_lie_on_the_surface() -> None:
+    """Everywhere on it, about a voxel apart, a little behind what is seen."""
+    places = surface_places(plate(), NYU)
+    np.testing.assert_allclose(places[:, 2], 700 + BEHIND_MM)
+    u, v, _ = NYU.project(places).T
+    assert (u > 199).all() and (u < 500).all() and (v > 99).all() and (v < 300).all()
+    width, height = 300 * 700 / NYU.fx, 200 * 700 / NYU.fy
+    assert 0.8 < len(places) / (width * height / VOXEL_MM**2) < 2
+    surface = np.stack(np.meshgrid(np.linspace(200, 499, 20), np.linspace(100, 299, 20)), axis=-1).reshape(-1, 2)
+    points = NYU.unproject(np.column_stack([surface, np.full(400, 700.0)]))
+    nearest = np.linalg.norm(points[:, None] - places, axis=2).min(axis=1)
+    assert nearest.max() < VOXEL_MM
+
+
+def test_what_is_no_place() -> None:
+    """What was not read, what is too far away, and specks."""
+    assert surface_places(np.zeros((480, 640)), NYU).shape == (0, 3)
+    assert surface_places(np.full((480, 640), np.nan), NYU).shape == (0, 3)
+    assert surface_places(plate(FAR_MM + 1), NYU).shape == (0, 3)
+    speck = np.zeros((480, 640))
+    speck[200:206, 300:306] = 700
+    assert surface_places(speck, NYU).shape == (0, 3)
+
+
+def test_crops_of_places() -> None:
+    """Of those in sight: the plate, at its depth in half-cubes from the place."""
+    places = np.array([[0.0, 0, 720], [5000, 0, 720], [0, 0, 50]])
+    crops, kept = place_crops(plate(), places, NYU)
+    np.testing.assert_array_equal(kept, places[:1])
+    assert crops.shape == (1, SIZE, SIZE) and crops.dtype == np.float32
+    np.testing.assert_allclose(crops[0, SIZE // 2, SIZE // 2], -20 / (CUBE_MM / 2), rtol=1e-5)
+    assert place_crops(plate(), places[1:], NYU)[0].shape == (0, SIZE, SIZE)

@@ -1,0 +1,35 @@
+"""handpose/synthetic/scenes.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from handpose.facts.cameras import KINECT2, NYU
+from handpose.synthetic.scenes import KINDS, PRIOR, draw_scenes
+
+
+def test_scenes() -> None:
+    """Images of every kind in turn, the same for the same seed, the hand in sight; a forearm that is nearer than it."""
+    scenes = draw_scenes(np.random.default_rng(7), 9)
+    again = draw_scenes(np.random.default_rng(7), 9)
+    np.testing.assert_array_equal(scenes.depth, again.depth)
+    assert scenes.kind == list(KINDS) * 3 and scenes.depth.shape == (9, 480, 640)
+    for depth, center, joints, kind in zip(scenes.depth, scenes.center, scenes.joints, scenes.kind):
+        u, v, d = NYU.project(center)
+        assert 0 < u < 640 and 0 < v < 480 and 400 < d < 950
+        assert np.linalg.norm(joints - center, axis=1).max() < 250
+        seen = depth[depth > 0]
+        if kind == "forearm":
+            assert np.percentile(seen[seen < 1200], 2) < joints[:, 2].min() + 5
+    behind = scenes.depth[1]
+    assert ((behind > 700) & (behind < 1400)).sum() > 3000  # a body
+
+
+def test_other_cameras_and_distances() -> None:
+    """From any number on."""
+    prior = replace(PRIOR, depth=(1100.0, 1200.0))
+    scenes = draw_scenes(np.random.default_rng(7), 2, KINECT2, None, prior, first=2)
+    assert scenes.kind == ["clutter", "forearm"] and scenes.depth.shape == (2, 424, 512)
+    assert ((scenes.center[:, 2] > 1080) & (scenes.center[:, 2] < 1220)).all()

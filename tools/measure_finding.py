@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""In how many synthetic scenes the hand is found: forearms before it, bodies behind it, tables and bottles beside it.
+
+    python tools/measure_finding.py
+    python tools/measure_finding.py --scenes 30 --fit fast --json
+
+The packaged weights on whole depth images of handpose.synthetic.scenes, with a seed that nothing was chosen on. The
+hand is "found" if its palm is within 30 mm of the true one, "right" if it is told to be a right hand, as all are;
+"located" is the median distance of the locator's likeliest place from the hand's middle; "mean" and "median" are of the
+error of 14 joints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import numpy as np
+
+from handpose.experiments.fit_figures import joint_errors
+from handpose.facts.cameras import NYU
+from handpose.predicting.packaged import load_predictor
+from handpose.synthetic.scenes import KINDS, draw_scenes
+from netlib.blob import Array
+from tools.arguments import add_engine, natural, parser_of, positive
+from tools.console import DONE, aligned, guarded
+from tools.progress import ProgressBar
+
+FOUND_MM = 30.0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--scenes", type=positive, default=150, metavar="N", help="default: %(default)s")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the scenes (default: 0)")
+    parser.add_argument("--fit", choices=("fast", "accurate"), default="accurate", help="default: %(default)s")
+    add_engine(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure as the parsed arguments say. Raises NetlibError."""
+    predictor = load_predictor(NYU, fit=args.fit, engine=args.engine)
+    assert predictor.locator is not None
+    palm = predictor.skeleton.joint_names.index("palm")
+    rng, kinds, figures = np.random.default_rng(args.seed), [], []
+    seconds = 0.0
+    with ProgressBar(args.scenes) as progress:
+        for number in range(args.scenes):
+            scene = draw_scenes(rng, 1, first=number)
+            depth, center, joints = scene.depth[0], scene.center[0], scene.joints[0]
+            begun = time.perf_counter()
+            found = predictor.in_frame(depth)
+            seconds += time.perf_counter() - begun
+            located = predictor.locator.hands(depth, NYU).center[0]
+            off = float(np.linalg.norm(found.xyz[palm] - joints[palm]))
+            error = float(joint_errors(found.xyz[None], joints[None])[0])
+            figures.append((off < FOUND_MM, found.hand == "right", float(np.linalg.norm(located - center)), error))
+            kinds.append(scene.kind[0])
+            progress(1)
+    table = np.array(figures, dtype=float)
+    rows = [{"scenes": kind, **_summary(table[np.array(kinds) == kind])} for kind in KINDS if kind in kinds]
+    rows.append({"scenes": "all", **_summary(table)})
+    each = 1000 * seconds / args.scenes
+    if args.json:
+        print(json.dumps({"seed": args.seed, "fit": args.fit, "ms": each, "rows": rows}, indent=2))
+    else:
+        print(f"{args.scenes} scenes, seed {args.seed}, {args.fit} fit, {each:.0f} ms each; mm")
+        cells = [
+            [row["scenes"], row["count"], f"{row['found']:.1%}", f"{row['right']:.1%}", f"{row['located']:.0f}",
+             f"{row['mean']:.1f}", f"{row['median']:.1f}"]
+            for row in rows
+        ]  # fmt: skip
+        print(aligned([list(rows[0]), *([str(cell) for cell in row] for row in cells)]))
+    return DONE
+
+
+def _summary(table: Array) -> dict[str, float]:
+    """Of scenes (n, 4): shares that are found and told to be right hands, means and medians."""
+    found, right, located, error = table.T
+    return {"count": len(table), "found": float(found.mean()), "right": float(right.mean()),
+            "located": float(np.median(located)), "mean": float(error.mean()),
+            "median": float(np.median(error))}  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
