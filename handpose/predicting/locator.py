@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.places import CUBE_MM, SIZE, place_crops, surface_places
+from handpose.data.places import CUBE_MM, FAR_MM, SIZE, place_crops, surface_places
 from handpose.facts.cameras import Camera
+from handpose.predicting.finding import find_hand
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
@@ -22,13 +23,16 @@ TIMES = 3  # ... so often, each time from where the hand was said to be
 APART_MM = 60.0  # hands nearer to each other are one
 HANDS = 4  # at most so many are told
 TOGETHER = 64  # crops that are looked at together
+# A hand is held towards the camera: the odds of a place fall by e with every so many mm that it is farther away.
+FARTHER_MM = 100.0
+SURE = 1e-5  # nothing is more certain than this
 
 
 class Located(NamedTuple):
-    """Where hands may be, the likeliest first."""
+    """Where hands may be, the likeliest first, and at the end the nearest thing, if it is not one of them already."""
 
     center: Array  # (C, 3) mm, camera axes: the middles of crops about them
-    chance: Array  # (C,) that there is a hand
+    odds: Array  # (C,) logarithms of the odds that there is a hand, which are even in front of the camera
 
 
 class Locator:
@@ -46,25 +50,27 @@ class Locator:
     def hands(self, depth: ArrayLike, camera: Camera) -> Located:
         """Where hands may be in a depth image (height, width) in mm, 0 where nothing was read.
 
-        Raises DataError if nothing is seen that is near enough.
+        Raises DataError if nothing is seen that may be one.
         """
         image = np.asarray(depth)
+        if not (image > 0).any():
+            raise DataError("no depth anywhere in the image")
         crops, centers = place_crops(image, surface_places(image, camera), camera)
         if not len(centers):
-            raise DataError("nothing is seen within 1.6 m, expected a hand")
+            raise DataError(f"nothing as large as a hand is seen nearer than {FAR_MM:.0f} mm")
         chance, where = self.look(crops)
         for _ in range(TIMES):
-            likeliest = np.argsort(-chance, kind="stable")[:AGAIN]
+            likeliest = np.argsort(-_odds(chance, centers), kind="stable")[:AGAIN]
             crops, centers = place_crops(image, (centers + where)[likeliest], camera)
             if not len(centers):
                 raise DataError("what may be a hand is out of sight")
             chance, where = self.look(crops)
-        centers = centers + where
-        kept: list[int] = []
-        for i in np.argsort(-chance, kind="stable"):
-            if all(np.linalg.norm(centers[i] - centers[j]) > APART_MM for j in kept):
-                kept.append(int(i))
-        return Located(centers[kept[:HANDS]], chance[kept[:HANDS]])
+        found = _apart(_odds(chance, centers), centers + where, HANDS)
+        crops, nearest = place_crops(image, camera.unproject(find_hand(image, camera))[None], camera)
+        if len(nearest) and np.linalg.norm(found.center - nearest, axis=1).min() > APART_MM:
+            odds = _odds(self.look(crops)[0], nearest)
+            found = Located(np.concatenate([found.center, nearest]), np.concatenate([found.odds, odds]))
+        return found
 
     def look(self, crops: NDArray[np.floating]) -> tuple[Array, Array]:
         """Chance (N,) that a hand is near in crops (N, SIZE, SIZE), and how far (N, 3) in mm its middle is off."""
@@ -77,3 +83,18 @@ class Locator:
         if not all(np.isfinite(values).all() for values in (*chance, *where)):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
         return np.concatenate(chance), np.concatenate(where)
+
+
+def _odds(chance: Array, center: Array) -> Array:
+    """Logarithms (N,) of the odds of places (N, 3) with these chances (N,)."""
+    sure = np.clip(chance, SURE, 1 - SURE)
+    return np.asarray(np.log(sure / (1 - sure)) - center[:, 2] / FARTHER_MM)
+
+
+def _apart(odds: Array, center: Array, count: int) -> Located:
+    """The likeliest of places (N, 3) that are not the same."""
+    kept: list[int] = []
+    for i in np.argsort(-odds, kind="stable"):
+        if all(np.linalg.norm(center[i] - center[j]) > APART_MM for j in kept):
+            kept.append(int(i))
+    return Located(center[kept[:count]], odds[kept[:count]])

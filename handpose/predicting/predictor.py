@@ -38,8 +38,8 @@ Fit = Literal["no", "fast", "accurate"]
 # A crop is moved no farther than this from where it was first. Nine of ten hands are found within 55 mm of their centre
 # (finding.py), so a prediction that wants it farther away has gone astray.
 LARGEST_MOVE_MM = 60.0
+KEEP = 3  # of the places fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
-SURE = 1e-4  # nothing is more certain than this
 ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away
 _MIRROR = (-1, 1, 1)
 
@@ -116,12 +116,12 @@ class FramePrediction(Prediction):
 
 
 class Place(NamedTuple):
-    """A crop (128, 128) in [-1, 1], its centre (3,) in px, px, mm, which hand it is to be seen as, and its chance."""
+    """A crop (128, 128) in [-1, 1], its centre (3,) in px, px, mm, which hand it is to be seen as, and its odds."""
 
     crop: NDArray[np.float32]
     center_uvd: Array
     side: str
-    chance: float = 1.0  # that there is a hand, says the locator
+    odds: float = 0.0  # logarithm, that there is a hand, says the locator
 
 
 class Predictor:
@@ -186,19 +186,17 @@ class Predictor:
         camera = self._camera_of(depth)
         if center is None and self.locator is not None:
             located = self.locator.hands(depth, camera)
-            starts, chances = list(camera.project(located.center)), list(located.chance)
+            starts, odds = list(camera.project(located.center)), list(located.odds)
         else:
-            starts, chances = [self.start(depth, center)], [1.0]
+            starts, odds = [self.start(depth, center)], [0.0]
         if self.fit == "no":
-            starts, chances = starts[:1], chances[:1]
-        places = self._places(depth, camera, starts, chances)
-        if self.fit == "no":
-            return self._hands(places, camera, "no")[0]
-        first = places[0]
-        if len(places) > len(self.sides):
-            first = min(zip(self._hands(places, camera, "fast"), places), key=lambda one: _unlikely(*one))[1]
-        same = [first._replace(side=side) for side in self.sides]  # doubts in one crop can be compared
-        return min(self._hands(same, camera, self.fit), key=_doubt)
+            return self._hands(self._places(depth, camera, starts[:1], odds[:1]), camera, "no")[0]
+        places = self._places(depth, camera, starts, odds)
+        if len(places) == 1:
+            return self._hands(places, camera, self.fit)[0]
+        by_sight = sorted(zip(self._hands(places, camera, "fast"), places), key=lambda one: _unlikely(*one))
+        again = [place._replace(side=side) for _, place in by_sight[:KEEP] for side in self.sides]
+        return min(self._hands(again, camera, self.fit), key=_doubt)  # doubts of sides in one crop can be compared
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.
@@ -216,36 +214,42 @@ class Predictor:
         return finding.depth_around(depth, center[0], center[1])
 
     def _places(
-        self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], chances: Sequence[float]
+        self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], odds: Sequence[float]
     ) -> list[Place]:
         """The crops about the palms that are predicted from these starts, as hands of each side.
 
+        Where a fit will choose, the crops about the starts themselves, too: some hands are lost on the way to the palm.
         Raises DataError if all starts are out of sight.
         """
         places, last = [], None
-        for start, chance in zip(starts, chances):
+        for start, likely in zip(starts, odds):
             try:
-                places += [self._centred(depth, camera, start, chance, side) for side in self.sides]
+                first = Place(crop(depth, start, self.cube_mm, camera), start, self.sides[0], likely)
             except DataError as error:
                 last = error
+                continue
+            for side in self.sides:
+                own = first._replace(side=side)
+                moved = self._centred(depth, camera, own)
+                places += [own, moved] if self.locator and self.fit != "no" and moved is not own else [moved]
         if last is not None and not places:
             raise last
         return places
 
-    def _centred(self, depth: NDArray[np.generic], camera: Camera, start: Array, chance: float, side: str) -> Place:
-        """The crop about the palm that is predicted. Raises DataError if the start is out of sight."""
-        uvd, seen = start, crop(depth, start, self.cube_mm, camera)
+    def _centred(self, depth: NDArray[np.generic], camera: Camera, place: Place) -> Place:
+        """The crop about the palm that is predicted from a place; the place itself where it is there already."""
+        start, side = place.center_uvd, place.side
         for _ in range(self.refine):
-            joints = self._network(seen, side)
-            there = finding.recenter(joints, self.skeleton, uvd, self.cube_mm, camera, side == "left")
+            joints = self._network(place.crop, side)
+            there = finding.recenter(joints, self.skeleton, place.center_uvd, self.cube_mm, camera, side == "left")
             far = np.linalg.norm(camera.unproject(there) - camera.unproject(start))
             if not (far < LARGEST_MOVE_MM and there[2] > self.cube_mm / 2):
                 break  # a prediction gone astray
             try:
-                seen, uvd = crop(depth, there, self.cube_mm, camera), there
+                place = place._replace(crop=crop(depth, there, self.cube_mm, camera), center_uvd=there)
             except DataError:  # out of sight
                 break
-        return Place(seen, uvd, side, chance)
+        return place
 
     def _network(self, seen: NDArray[np.float32], side: str) -> Array:
         """The joints (K, 3) in half-cubes that the net alone predicts in a crop."""
@@ -318,5 +322,4 @@ def _doubt(found: Prediction) -> float:
 
 def _unlikely(found: FramePrediction, place: Place) -> float:
     """What chooses between places: how little they are a hand, by the fit, and how little by the locator."""
-    chance = min(max(place.chance, SURE), 1 - SURE)
-    return (found.fit.strangeness if found.fit else 0.0) - ODDS_MM * float(np.log(chance / (1 - chance)))
+    return (found.fit.strangeness if found.fit else 0.0) - ODDS_MM * place.odds

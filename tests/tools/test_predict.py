@@ -57,7 +57,7 @@ def test_engine(snapshot, capsys, monkeypatch):
     for chosen in ([], *(["--engine", name] for name in names)):
         assert predict.main([*OWN, "crop.png", "--out", "p", "--json", *chosen]) == 0
         found.append(np.array(list(json.loads(capsys.readouterr().out)[0]["joints_mm"].values())))
-    assert [net.engine.name for net in nets] == ["plain", *names]
+    assert [net.engine.name for net in nets] == ["plain", "plain", *np.repeat(names, 2)]  # each with its locator
     assert all(np.allclose(joints, found[0], atol=0.02) for joints in found)  # mm
     with pytest.raises(SystemExit) as stopped:
         predict.main([*OWN, "crop.png", "--engine", "plane"])
@@ -148,9 +148,9 @@ def mistake(capsys, *arguments):
 
 
 def test_a_whole_frame(frame, capsys):
-    """The nearest thing is cut out as a cube; its joints are as of any crop, and the centre is told in both ways."""
+    """The likeliest place is cut out as a cube; its joints are as of any crop, and the centre is told in both ways."""
     (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "0")
-    center = finding.find_hand(frame, KINECT2)
+    center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
     assert found["center_mm"] == pytest.approx(KINECT2.unproject(center), abs=0.01)
     assert found["center_mm"] == pytest.approx((30, -20, 700), abs=60)
@@ -252,7 +252,7 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypat
     ("image", "options", "message"),
     [
         (np.zeros((424, 512), np.uint16), [], "no depth anywhere in the image; say with --center U,V,D where the hand"),
-        (np.eye(424, 512, dtype=np.uint16) * 400, [], r"only \d+ mm² of surface in the image, expected a hand; say"),
+        (np.eye(424, 512, dtype=np.uint16) * 400, [], "nothing as large as a hand is seen nearer than 1600 mm; say"),
         (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "nothing was read around pixel 9, 9; say with"),
         (
             np.ones((424, 512), np.uint16),

@@ -10,7 +10,8 @@ import pytest
 import netlib
 from handpose.data.places import CUBE_MM, SIZE
 from handpose.facts.cameras import NYU
-from handpose.predicting.locator import APART_MM, HANDS, Locator
+from handpose.predicting.finding import find_hand
+from handpose.predicting.locator import APART_MM, FARTHER_MM, HANDS, Locator
 from handpose.predicting.packaged import load_locator
 from handpose.synthetic.scenes import draw_scenes
 from netlib.errors import DataError, NetlibError
@@ -43,11 +44,24 @@ def two_plates() -> np.ndarray:
 def test_where_the_net_says(drawn_to_the_right: Locator) -> None:
     """From places on the surface, four times 20 mm to the right; apart from each other, the likeliest first."""
     found = drawn_to_the_right.hands(two_plates(), NYU)
-    assert 1 < len(found.center) <= HANDS and (np.diff(found.chance) <= 0).all()
+    *likely, _ = found.odds  # the nearest thing is the last
+    assert 1 < len(found.center) <= HANDS + 1 and (np.diff(likely) <= 0).all()
     apart = np.linalg.norm(found.center[:, None] - found.center, axis=2) + 1e9 * np.eye(len(found.center))
     assert apart.min() > APART_MM
     left = NYU.unproject(np.array([150, 240, 700]))[0]
-    assert found.center[:, 0].min() > left + 4 * 20
+    assert found.center[:-1, 0].min() > left + 4 * 20
+    np.testing.assert_allclose(found.center[-1], NYU.unproject(find_hand(two_plates(), NYU)))
+
+
+def test_the_nearest_thing_is_told_as_well(net_of: NetOf) -> None:
+    """However unlikely: a fist that the net has never seen. What is far away is less likely than the same nearby."""
+    net = net_of(NET, netlib.TEST)
+    net.params["where"][1].data[0] = 0.25  # everything is drawn away from where it is
+    found = Locator(net).hands(two_plates(), NYU)
+    nearest = NYU.unproject(find_hand(two_plates(), NYU))
+    np.testing.assert_allclose(found.center[-1], nearest)
+    far = np.ptp(found.center[:, 2])
+    assert far > 150 and np.ptp(found.odds) == pytest.approx(far / FARTHER_MM, rel=0.2)
 
 
 def test_many_crops(drawn_to_the_right: Locator) -> None:
@@ -60,17 +74,20 @@ def test_many_crops(drawn_to_the_right: Locator) -> None:
 
 
 def test_the_packaged_locator_finds_hands() -> None:
-    """With forearms before them, bodies behind them, things beside them: nine of ten to 30 mm."""
+    """With forearms before them, bodies behind them, things beside them; those are often the nearest things."""
     scenes, locator = draw_scenes(np.random.default_rng(5), 21), load_locator()
     best = [locator.hands(depth, NYU).center[0] for depth in scenes.depth]
-    assert (np.linalg.norm(best - scenes.center, axis=1) < 30).mean() > 0.9
+    assert (np.linalg.norm(best - scenes.center, axis=1) < 50).mean() > 0.9
+    nearest = [NYU.unproject(find_hand(depth, NYU)) for depth in scenes.depth]
+    assert (np.linalg.norm(nearest - scenes.center, axis=1) < 50).mean() < 0.7
 
 
 def test_nothing_to_be_found(drawn_to_the_right: Locator) -> None:
     """Nothing seen, or everything far away: one line."""
-    for depth in (np.zeros((480, 640)), np.full((480, 640), 3000.0)):
-        with pytest.raises(DataError, match=r"nothing is seen within 1.6 m, expected a hand"):
-            drawn_to_the_right.hands(depth, NYU)
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        drawn_to_the_right.hands(np.zeros((480, 640)), NYU)
+    with pytest.raises(DataError, match="nothing as large as a hand is seen nearer than 1600 mm"):
+        drawn_to_the_right.hands(np.full((480, 640), 3000.0), NYU)
 
 
 def test_out_of_sight(drawn_to_the_right: Locator) -> None:

@@ -12,6 +12,8 @@ from handpose.data.crops import crop
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.predicting import finding
+from handpose.predicting.locator import Located, Locator
+from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton
@@ -200,3 +202,41 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
         Predictor(seeing, NYU).in_frame(frame)
     with pytest.raises(DataError, match=r"depth image of shape \(424, 512, 1\), expected \(height, width\)"):
         Predictor(seeing, KINECT2).in_frame(frame[:, :, None])
+
+
+# ------------------------------------------------------------------------------------------------ places
+
+
+class Said(Locator):
+    """A locator that says what it is told to say."""
+
+    def __init__(self, center: np.ndarray, odds: np.ndarray) -> None:
+        self.said = Located(center, odds)
+
+    def hands(self, depth: np.ndarray, camera: Camera) -> Located:
+        """Whatever is seen."""
+        return self.said
+
+
+def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Of a locator, without a fit, is where to look."""
+    said = Said(np.array([[30.0, -20, 700], [0, 0, 900]]), np.array([3.0, 2]))
+    predictor = Predictor(seeing, KINECT2, refine=0, locator=said)
+    np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said.center[0]))
+    np.testing.assert_allclose(predictor.in_frame(frame).center_mm, said.said.center[0])
+    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 690)).center_uvd, (260, 210, 690))
+
+
+def test_the_place_that_looks_most_like_a_hand(frame: np.ndarray) -> None:
+    """Where the fit explains what is seen, though the locator found the wall likelier; from beside the hand, too."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    hand, wall = np.array([30.0, -20, 700]), np.array([-250.0, 100, 1480])
+    for beside in ((0, 0, 0), (25, 0, 0)):
+        predictor.locator = Said(np.stack([wall, hand + beside]), np.array([1.0, 0]))
+        found = predictor.in_frame(frame)
+        assert np.linalg.norm(found.center_mm - hand) < 60
+    predictor.locator = Said(np.array([[9000.0, 0, 700], [30, -20, 700]]), np.array([1.0, 0]))  # one is out of sight
+    assert np.linalg.norm(predictor.in_frame(frame).center_mm - hand) < 60
+    predictor.locator = Said(np.array([[9000.0, 0, 700]]), np.array([1.0]))
+    with pytest.raises(DataError, match="lies outside the image"):
+        predictor.in_frame(frame)

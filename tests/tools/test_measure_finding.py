@@ -1,0 +1,22 @@
+"""tools/measure_finding.py: in how many scenes the hand is found."""
+
+import json
+
+from tools import measure_finding
+
+
+def test_a_table(capsys):
+    """A row for each kind of scene that was drawn, and one for all; most hands are found."""
+    assert measure_finding.main(["--scenes", "6", "--seed", "3", "--fit", "fast"]) == 0
+    first, names, *rows = capsys.readouterr().out.splitlines()
+    assert first.startswith("6 scenes, seed 3, fast fit, ")
+    assert names.split() == ["scenes", "count", "found", "right", "located", "mean", "median"]
+    assert [row.split()[:2] for row in rows] == [["forearm", "2"], ["body", "2"], ["clutter", "2"], ["all", "6"]]
+
+
+def test_json(capsys):
+    """The same figures."""
+    assert measure_finding.main(["--scenes", "2", "--fit", "fast", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert [row["scenes"] for row in report["rows"]] == ["forearm", "body", "all"]
+    assert all(0 <= row["found"] <= 1 and row["mean"] > 0 for row in report["rows"]) and report["ms"] > 0
