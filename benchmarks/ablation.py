@@ -90,7 +90,7 @@ class Study:
 
     name: str
     title: str
-    frames: int = 50000
+    frames: int | None = None  # if not as many as the others have
     recipe: Recipe = RECIPES["nyu"]  # of the training data
     net: Callable[[str], str] = str
     solver: Callable[[str], str] = str
@@ -152,6 +152,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run the studies; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("--iterations", type=positive, default=1500, metavar="N", help="default: %(default)s")
+    parser.add_argument("--frames", type=positive, default=50000, metavar="N",
+                        help="of the training data (default: %(default)s)")  # fmt: skip
     parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
     parser.add_argument("--recipe", choices=STUDIES, default="nyu",
                         help=f"of {' or '.join(STUDIES)} (default: %(default)s)")  # fmt: skip
@@ -175,8 +177,9 @@ def run(args: argparse.Namespace) -> int:
     test = write_frames(args.work / "test", Generator(split="test", recipe=base), 2000)
     rows = ["| | 14 joints, mm | by seed |", "|---|---|---|"]
     for study in (s for s in STUDIES[args.recipe] if not args.only or s.name in args.only):
-        name = study.name if study.recipe != base else str(study.frames)
-        data = write_frames(args.work / f"data_{name}", Generator(recipe=study.recipe), study.frames)
+        frames = study.frames or args.frames
+        name = f"{study.name}_{frames}" if study.recipe != base else str(frames)
+        data = write_frames(args.work / f"data_{name}", Generator(recipe=study.recipe), frames)
         errors = []
         for seed in args.seeds:
             status, weights, net = trained(study, data, test, seed, args)
