@@ -30,3 +30,10 @@ def test_weights_fit_the_net_that_predicts(net: str) -> None:
     assert len(wanted) == 6
     assert learned(net, "TEST") == wanted
     assert wanted.items() <= learned(net, "TRAIN").items()
+
+
+def test_the_locator_that_is_trained_is_the_one_that_looks() -> None:
+    """The packaged net has the same layers with weights as the training."""
+    wanted = learned("../models/hand_locator/deploy.prototxt", "TEST")
+    assert len(wanted) == 6
+    assert learned("locator_train_test.prototxt", "TEST") == learned("locator_train_test.prototxt", "TRAIN") == wanted

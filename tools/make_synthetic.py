@@ -12,7 +12,7 @@ interrupted run goes on where it stopped. Data of another origin are replaced on
 writes the same frames in the format of the NYU data set, for tools/prepare_nyu.py: whole depth images in train/
 and test/, and joint_data.mat with the labels. Depth is in whole millimetres there.
 
-    python tools/make_synthetic.py --places --train 200000
+    python tools/make_synthetic.py --places --train 240000 --test 6000
 
 writes what the locator learns from (models/hand_locator): small crops of places in scenes, with a hand and without.
 
@@ -52,8 +52,12 @@ def main(argv: list[str] | None = None) -> int:
     kind.add_argument("--places", action="store_true", help="write places of scenes, with a hand and without")
     parser.add_argument("--out", type=Path,
                         help="folder to write to (default: data/nyu; data/nyu_raw, data/places)")  # fmt: skip
-    parser.add_argument("--train", type=positive, default=20000, metavar="N", help="frames (default: %(default)s)")
-    parser.add_argument("--test", type=positive, default=2000, metavar="N", help="frames (default: %(default)s)")
+    parser.add_argument(
+        "--train", type=positive, default=20000, metavar="N", help="frames or places (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--test", type=positive, default=2000, metavar="N", help="frames or places (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
     parser.add_argument("--recipe", choices=RECIPES, default="nyu",
                         help="whose hands, before which camera (default: %(default)s)")  # fmt: skip
@@ -61,6 +65,8 @@ def main(argv: list[str] | None = None) -> int:
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace whatever is there, even real data")
     args = parser.parse_args(argv)
+    if args.places and args.recipe != "nyu":
+        parser.error("--recipe is for hands; places are seen by three cameras, always the same")
     return guarded(lambda: run(args))
 
 

@@ -31,6 +31,7 @@ from handpose.facts.cameras import NYU
 from handpose.predicting.packaged import load_predictor
 from handpose.synthetic.scenes import KINDS, draw_scenes
 from netlib.blob import Array
+from netlib.errors import DataError
 from tools.arguments import add_engine, natural, parser_of, positive
 from tools.console import DONE, aligned, guarded
 from tools.progress import ProgressBar
@@ -61,15 +62,19 @@ def run(args: argparse.Namespace) -> int:
         for number in range(args.scenes):
             scene = draw_scenes(rng, 1, first=number)
             depth, center, joints = scene.depth[0], scene.center[0], scene.joints[0]
+            kinds.append(scene.kind[0])
+            progress(1)
             begun = time.perf_counter()
-            found = predictor.in_frame(depth)
+            try:
+                found = predictor.in_frame(depth)
+            except DataError:  # nothing is found
+                figures.append((False, False, np.nan, np.nan))
+                continue
             seconds += time.perf_counter() - begun
             located = predictor.locator.hands(depth, NYU).center[0]
             off = float(np.linalg.norm(found.xyz[palm] - joints[palm]))
             error = float(joint_errors(found.xyz[None], joints[None])[0])
             figures.append((off < FOUND_MM, found.hand == "right", float(np.linalg.norm(located - center)), error))
-            kinds.append(scene.kind[0])
-            progress(1)
     table = np.array(figures, dtype=float)
     rows = [{"scenes": kind, **_summary(table[np.array(kinds) == kind])} for kind in KINDS if kind in kinds]
     rows.append({"scenes": "all", **_summary(table)})
@@ -79,20 +84,27 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(f"{args.scenes} scenes, seed {args.seed}, {args.fit} fit, {each:.0f} ms each; mm")
         cells = [
-            [row["scenes"], row["count"], f"{row['found']:.1%}", f"{row['right']:.1%}", f"{row['located']:.0f}",
-             f"{row['mean']:.1f}", f"{row['median']:.1f}"]
+            [row["scenes"], row["count"], f"{row['found']:.1%}", f"{row['right']:.1%}",
+             *("" if row[name] is None else f"{row[name]:.1f}" for name in ("located", "mean", "median"))]
             for row in rows
         ]  # fmt: skip
         print(aligned([list(rows[0]), *([str(cell) for cell in row] for row in cells)]))
     return DONE
 
 
-def _summary(table: Array) -> dict[str, float]:
-    """Of scenes (n, 4): shares that are found and told to be right hands, means and medians."""
+def _summary(table: Array) -> dict[str, float | None]:
+    """Of scenes (n, 4): shares that are found and told to be right hands, means and medians of those with an answer."""
     found, right, located, error = table.T
-    return {"count": len(table), "found": float(found.mean()), "right": float(right.mean()),
-            "located": float(np.median(located)), "mean": float(error.mean()),
-            "median": float(np.median(error))}  # fmt: skip
+    told = ~np.isnan(error)
+    answers = (np.median(located[told]), error[told].mean(), np.median(error[told])) if told.any() else (None,) * 3
+    return {
+        "count": len(table),
+        "found": float(found.mean()),
+        "right": float(right.mean()),
+        **{
+            name: None if value is None else float(value) for name, value in zip(("located", "mean", "median"), answers)
+        },
+    }
 
 
 if __name__ == "__main__":

@@ -18,13 +18,19 @@ SIZE = 64  # its pixels on a side
 VOXEL_MM = 80.0  # apart
 BEHIND_MM = 20.0  # a hand's middle lies so far behind what is seen of it
 FAR_MM = 1600.0  # where a hand has too few pixels to be read
+NEAREST_MM = 100.0  # before it no camera sees
 FEWEST_MM2 = 300.0  # of surface in a voxel: less is noise
 NODES_ACROSS = 160  # pixels looked at in a row
 
 
 def surface_places(depth: ArrayLike, camera: Camera) -> Array:
-    """Places (P, 3) in mm, camera axes, in a depth image (height, width) in mm; 0 was not read."""
+    """Places (P, 3) in mm, camera axes, in a depth image (height, width) in mm; 0 was not read. Raises DataError.
+
+    Of what is nearer than FAR_MM; every so manieth pixel is looked at, NODES_ACROSS in a row. None where a voxel shows
+    less than FEWEST_MM2 of surface.
+    """
     image = np.asarray(depth, dtype=np.float64)
+    _check(image, camera)
     step = max(1, image.shape[1] // NODES_ACROSS)
     rows, columns = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]
     z = image[rows, columns]
@@ -41,13 +47,24 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
 
 
 def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[NDArray[np.float32], Array]:
-    """The crops (n, SIZE, SIZE) in [-1, 1] of those places (P, 3) that are in sight, and these places (n, 3)."""
+    """The crops (n, SIZE, SIZE) in [-1, 1] of those places (P, 3) that are in sight, and these places (n, 3), in mm.
+
+    Places nearer to the camera than NEAREST_MM are not. Raises DataError for an image of another camera.
+    """
+    _check(depth, camera)
     crops, kept = [], []
     for place in places:
-        if place[2] > CUBE_MM / 4:
+        if place[2] > NEAREST_MM:
             try:
                 crops.append(crop(depth, camera.project(place), CUBE_MM, camera, SIZE))
                 kept.append(place)
             except DataError:  # out of sight
                 pass
     return np.array(crops, np.float32).reshape(-1, SIZE, SIZE), np.array(kept).reshape(-1, 3)
+
+
+def _check(depth: NDArray[np.generic], camera: Camera) -> None:
+    if depth.shape != (camera.height, camera.width):
+        raise DataError(
+            f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
+        )

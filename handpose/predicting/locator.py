@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.places import CUBE_MM, FAR_MM, SIZE, place_crops, surface_places
+from handpose.data.places import CUBE_MM, FAR_MM, NEAREST_MM, SIZE, place_crops, surface_places
 from handpose.facts.cameras import Camera
 from handpose.predicting.finding import find_hand
 from netlib.blob import Array
@@ -21,7 +21,7 @@ from netlib.net import Net
 AGAIN = 12  # of the places, the likeliest are looked at again ...
 TIMES = 3  # ... so often, each time from where the hand was said to be
 APART_MM = 60.0  # hands nearer to each other are one
-HANDS = 4  # at most so many are told
+HANDS = 4  # at most so many are told, and the nearest thing
 TOGETHER = 64  # crops that are looked at together
 # A hand is held towards the camera: the odds of a place fall by e with every so many mm that it is farther away.
 FARTHER_MM = 100.0
@@ -32,7 +32,7 @@ class Located(NamedTuple):
     """Where hands may be, the likeliest first, and at the end the nearest thing, if it is not one of them already."""
 
     center: Array  # (C, 3) mm, camera axes: the middles of crops about them
-    odds: Array  # (C,) logarithms of the odds that there is a hand, which are even in front of the camera
+    odds: Array  # (C,) logarithms of the odds that there is a hand: the net's, less 1 for each FARTHER_MM of depth
 
 
 class Locator:
@@ -50,7 +50,7 @@ class Locator:
     def hands(self, depth: ArrayLike, camera: Camera) -> Located:
         """Where hands may be in a depth image (height, width) in mm, 0 where nothing was read.
 
-        Raises DataError if nothing is seen that may be one.
+        Raises DataError if nothing is seen that may be one, and for an image of another camera.
         """
         image = np.asarray(depth)
         if not (image > 0).any():
@@ -65,16 +65,27 @@ class Locator:
             if not len(centers):
                 raise DataError("what may be a hand is out of sight")
             chance, where = self.look(crops)
-        found = _apart(_odds(chance, centers), centers + where, HANDS)
-        crops, nearest = place_crops(image, camera.unproject(find_hand(image, camera))[None], camera)
+        odds, centers = _odds(chance, centers), centers + where
+        shown = _in_sight(centers, camera)
+        if not shown.any():
+            raise DataError("what may be a hand is out of sight")
+        found = _apart(odds[shown], centers[shown], HANDS)
+        try:
+            nearest = camera.unproject(find_hand(image, camera))[None]
+        except DataError:  # too small for a hand
+            return found
+        crops, nearest = place_crops(image, nearest, camera)
         if len(nearest) and np.linalg.norm(found.center - nearest, axis=1).min() > APART_MM:
             odds = _odds(self.look(crops)[0], nearest)
             found = Located(np.concatenate([found.center, nearest]), np.concatenate([found.odds, odds]))
         return found
 
     def look(self, crops: NDArray[np.floating]) -> tuple[Array, Array]:
-        """Chance (N,) that a hand is near in crops (N, SIZE, SIZE), and how far (N, 3) in mm its middle is off."""
-        chance, where = [], []
+        """Chance (N,) that a hand is near in crops (N, SIZE, SIZE), and how far (N, 3) in mm its middle is off.
+
+        Raises NetlibError for answers that are not finite.
+        """
+        chance, where = [np.zeros(0)], [np.zeros((0, 3))]
         for first in range(0, len(crops), TOGETHER):
             some = np.ascontiguousarray(crops[first : first + TOGETHER, None], np.float32)
             found = self.net.forward(blobs=["where"], depth=some)
@@ -89,6 +100,13 @@ def _odds(chance: Array, center: Array) -> Array:
     """Logarithms (N,) of the odds of places (N, 3) with these chances (N,)."""
     sure = np.clip(chance, SURE, 1 - SURE)
     return np.asarray(np.log(sure / (1 - sure)) - center[:, 2] / FARTHER_MM)
+
+
+def _in_sight(center: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Which of the places (N, 3) are in the image."""
+    before = center[:, 2] > NEAREST_MM
+    u, v, _ = camera.project(np.where(before[:, None], center, (0, 0, NEAREST_MM))).T
+    return np.asarray(before & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
 
 
 def _apart(odds: Array, center: Array, count: int) -> Located:

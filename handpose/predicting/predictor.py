@@ -35,10 +35,10 @@ from netlib.net import Net
 Hand = Literal["right", "left", "either"]
 Fit = Literal["no", "fast", "accurate"]
 
-# A crop is moved no farther than this from where it was first. Nine of ten hands are found within 55 mm of their centre
-# (finding.py), so a prediction that wants it farther away has gone astray.
+# A crop is moved no farther than this from where it was first. Nine of ten hands are found within 55 mm of their centre,
+# even if the nearest thing is taken for them (finding.py), so a prediction that wants it farther away has gone astray.
 LARGEST_MOVE_MM = 60.0
-KEEP = 3  # of the places fitted fast, so many are fitted by the plan
+KEEP = 3  # of the places that were fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
 ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away
 _MIRROR = (-1, 1, 1)
@@ -180,23 +180,31 @@ class Predictor:
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> FramePrediction:
         """The hand in a depth frame (height, width) in mm, 0 where nothing was read. Raises DataError, NetlibError.
 
-        center  where to look first, as for ``start``. Without it, and with a locator and a fit, every place where a
-                hand may be is predicted and fitted fast, and the one that looks most like a hand by the plan
+        center  where to look first, as for ``start``. Without it, and with a locator and a fit, every place that the
+                locator tells is fitted fast, and those that look most like a hand by the plan. Of the sides in one
+                crop the one with less doubt is taken, of places the one that is less strange and likelier
         """
         camera = self._camera_of(depth)
-        if center is None and self.locator is not None:
+        find = center is None and self.locator is not None
+        if self.locator is not None and find:
             located = self.locator.hands(depth, camera)
             starts, odds = list(camera.project(located.center)), list(located.odds)
         else:
             starts, odds = [self.start(depth, center)], [0.0]
+        places = self._places(depth, camera, starts, odds, both=find and self.fit != "no")
         if self.fit == "no":
-            return self._hands(self._places(depth, camera, starts[:1], odds[:1]), camera, "no")[0]
-        places = self._places(depth, camera, starts, odds)
+            return self._hands(places[:1], camera, "no")[0]
         if len(places) == 1:
             return self._hands(places, camera, self.fit)[0]
         by_sight = sorted(zip(self._hands(places, camera, "fast"), places), key=lambda one: _unlikely(*one))
-        again = [place._replace(side=side) for _, place in by_sight[:KEEP] for side in self.sides]
-        return min(self._hands(again, camera, self.fit), key=_doubt)  # doubts of sides in one crop can be compared
+        best: dict[tuple[float, ...], Place] = {}
+        for _, place in by_sight:
+            best.setdefault(tuple(place.center_uvd), place)
+        likely = list(best.values())[: KEEP if find else 1]
+        again = [place._replace(side=side) for place in likely for side in self.sides]
+        hands, sides = self._hands(again, camera, self.fit), len(self.sides)
+        told = [min(hands[i : i + sides], key=_doubt) for i in range(0, len(hands), sides)]
+        return min(zip(told, likely), key=lambda one: _unlikely(*one))[0]
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.
@@ -214,11 +222,12 @@ class Predictor:
         return finding.depth_around(depth, center[0], center[1])
 
     def _places(
-        self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], odds: Sequence[float]
+        self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], odds: Sequence[float], both: bool
     ) -> list[Place]:
         """The crops about the palms that are predicted from these starts, as hands of each side.
 
-        Where a fit will choose, the crops about the starts themselves, too: some hands are lost on the way to the palm.
+        both  and the crops about the starts themselves: some hands are lost on the way to the palm
+
         Raises DataError if all starts are out of sight.
         """
         places, last = [], None
@@ -231,7 +240,7 @@ class Predictor:
             for side in self.sides:
                 own = first._replace(side=side)
                 moved = self._centred(depth, camera, own)
-                places += [own, moved] if self.locator and self.fit != "no" and moved is not own else [moved]
+                places += [own, moved] if both and moved is not own else [moved]
         if last is not None and not places:
             raise last
         return places
@@ -277,12 +286,13 @@ class Predictor:
                 FramePrediction(joints, joints, place.crop, self.cube_mm, side, None, camera, place.center_uvd)
                 for joints, place in zip(network, places)
             ]
-        model, left = self.fitter.model, side == "left"
+        model, left, own = self.fitter.model, side == "left", camera
         crops, uvd = np.stack([place.crop for place in places]), np.stack([place.center_uvd for place in places])
         fit = fit_crops(self.net, self.fitter, crops, uvd, camera, plan, left=left)
         flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
         if left:  # as the mirror shows it
-            crops, uvd = crops[:, :, ::-1], camera.project(camera.unproject(uvd) * flip)
+            crops, uvd = crops[:, :, ::-1], np.array([camera.width - 1, 0, 0]) + uvd * flip
+            camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
         strange = strangeness(model, fit, crops, uvd, camera)
         hands = []
         for n, place in enumerate(places):
@@ -298,7 +308,7 @@ class Predictor:
                 capsules=capsules,
             )
             joints, network_joints = fit.joints[n] * flip / half, fit.network[n] * flip / half
-            hands.append(FramePrediction(joints, network_joints, place.crop, self.cube_mm, side, hand, camera,
+            hands.append(FramePrediction(joints, network_joints, place.crop, self.cube_mm, side, hand, own,
                                          place.center_uvd))  # fmt: skip
         return hands
 
@@ -312,7 +322,7 @@ class Predictor:
 
 
 def _doubt(found: Prediction) -> float:
-    """What chooses between a right and a left hand in one place.
+    """What chooses between a right and a left hand in one crop.
 
     Of 1,024 frames a fast fit is told by its doubt to be the right hand in 99%, by its misfit in 93%; an accurate one
     in 99.6% by either.

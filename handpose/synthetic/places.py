@@ -5,26 +5,27 @@ What a locator learns from (``handpose.predicting.locator``): is a hand near, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.places import CUBE_MM, SIZE, place_crops, surface_places
+from handpose.data.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import KINECT2, SR305
-from handpose.synthetic.generator import BLOCK, RECIPES, VERSION, Split, View
+from handpose.synthetic.generator import BLOCK, VERSION, Split, View
 from handpose.synthetic.scenes import PRIOR, draw_scenes
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
 from netlib.blob import Array
 from netlib.errors import DataError
 
-NEAR_MM, FAR_MM = 100.0, 130.0  # a hand is near; it is not; between them nobody is asked
+WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near; it is not; between them nobody is asked
 NOBODY = -1.0
 PER_SCENE = 16  # places
-REFINED, NEAR = 4, 4  # of these, so many from where a locator would have moved to, and so many others with a hand
+REFINED, WITH_HAND = 4, 4  # of these, so many where a locator would have moved to, so many others with a hand
 REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
-VIEWS = ((RECIPES["nyu"].views[0], (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
+PLACES_VERSION = 1  # to be raised when the code here, in scenes.py or in handpose/data/places.py changes places
+VIEWS = ((View(), (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
          (View(SR305, CODED_LIGHT), (250.0, 900.0)))  # fmt: skip
 
 
@@ -68,6 +69,8 @@ class PlaceGenerator:
     def __init__(self, seed: int = 0, split: Split = "train") -> None:
         if seed < 0:
             raise DataError(f"seed {seed}, expected 0 or more")
+        if split not in get_args(Split):
+            raise DataError(f"split {split!r}, expected one of {', '.join(get_args(Split))}")
         self.seed, self.split = seed, split
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -78,16 +81,16 @@ class PlaceGenerator:
         source = np.random.SeedSequence([self.seed, get_args(Split).index(self.split), number, 1])
         rng = np.random.Generator(np.random.SFC64(source))
         scenes = BLOCK // PER_SCENE
-        parts = [self._of_a_scene(rng, kind) for kind in range(number * scenes, (number + 1) * scenes)]
+        parts = [self._of_a_scene(rng, scene) for scene in range(number * scenes, (number + 1) * scenes)]
         depth, middle = (np.concatenate(arrays) for arrays in zip(*parts))
         apart = np.linalg.norm(middle, axis=1)
         mirrored = rng.random(len(depth)) < 0.5
         depth[mirrored] = depth[mirrored][:, :, ::-1]
         middle[mirrored, 0] *= -1
-        near = np.repeat((apart < NEAR_MM)[:, None], 3, axis=1)
+        near = np.repeat((apart < WITHIN_MM)[:, None], 3, axis=1)
         return PlaceRows(
             depth=depth[:, None],
-            hand=np.select([apart < NEAR_MM, apart > FAR_MM], [1.0, 0.0], NOBODY).astype(np.float32),
+            hand=np.select([apart < WITHIN_MM, apart > BEYOND_MM], [1.0, 0.0], NOBODY).astype(np.float32),
             offset=np.where(near, middle / (CUBE_MM / 2), 0).astype(np.float32),
             near=near.astype(np.float32),
             index=np.arange(number * BLOCK, (number + 1) * BLOCK),
@@ -102,18 +105,28 @@ class PlaceGenerator:
 
     def made_from(self) -> dict[str, object]:
         """All that the places depend on, in plain values that JSON can hold."""
-        return {"version": VERSION, "places": 1, "seed": self.seed, "split": self.split}
+        return {
+            "version": VERSION,
+            "places": PLACES_VERSION,
+            "seed": self.seed,
+            "split": self.split,
+            "views": [
+                [asdict(view.camera), asdict(view.sensor) if view.sensor else None, *depth] for view, depth in VIEWS
+            ],
+            "crop": [CUBE_MM, SIZE, VOXEL_MM, BEHIND_MM],
+            "drawn": [WITHIN_MM, BEYOND_MM, PER_SCENE, REFINED, WITH_HAND, REFINED_MM, JITTER_MM],
+        }
 
-    def _of_a_scene(self, rng: np.random.Generator, kind: int) -> tuple[NDArray[np.float32], Array]:
+    def _of_a_scene(self, rng: np.random.Generator, number: int) -> tuple[NDArray[np.float32], Array]:
         """Crops (PER_SCENE, SIZE, SIZE), and where the hand's middle is (PER_SCENE, 3) in mm from theirs."""
         view, depth = VIEWS[int(rng.integers(len(VIEWS)))]
-        scenes = draw_scenes(rng, 1, view.camera, view.sensor, replace(PRIOR, depth=depth), first=kind)
+        scenes = draw_scenes(rng, 1, view.camera, view.sensor, replace(PRIOR, depth=depth), first=number)
         image, hand = scenes.depth[0], scenes.center[0]
         places = surface_places(image, view.camera)
         places = rng.permutation(places + rng.normal(0, JITTER_MM, places.shape))
         apart = np.linalg.norm(places - hand, axis=1)
         refined = hand + rng.normal(0, REFINED_MM, (REFINED, 3))
-        chosen = np.concatenate([refined, places[apart < NEAR_MM][:NEAR], places[apart >= NEAR_MM]])
+        chosen = np.concatenate([refined, places[apart < WITHIN_MM][:WITH_HAND], places[apart >= WITHIN_MM]])
         crops, kept = place_crops(image, chosen, view.camera)
         some = np.arange(PER_SCENE) % len(kept)  # where there are few places, some are there twice
         return crops[some], (hand - kept)[some]

@@ -295,3 +295,19 @@ def test_raw_workers_change_no_byte(tool: ModuleType, tmp_path: Path) -> None:
         assert (tmp_path / "a" / "train" / name).read_bytes() == (tmp_path / "b" / "train" / name).read_bytes()
     a, b = (nyu_files.read_annotation(tmp_path / folder / "train" / nyu_files.ANNOTATION) for folder in "ab")
     np.testing.assert_array_equal(a.xyz, b.xyz)
+
+
+def test_places(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a locator learns from, in files that a data layer reads; recipes are for hands."""
+    out = str(tmp_path / "places")
+    assert tool.main(["--places", "--out", out, "--train", "5", "--test", "3", "--workers", "1"]) == 0
+    assert capsys.readouterr().out.startswith(
+        f"{out}: 5 train and 3 test places (synthetic, seed 0); made 8 of them in"
+    )
+    with h5py.File(f"{out}/train_000.h5") as file:
+        assert {name: file[name].shape for name in file} == {
+            "depth": (5, 1, 64, 64), "hand": (5,), "offset": (5, 3), "near": (5, 3), "index": (5,)
+        }  # fmt: skip
+    with pytest.raises(SystemExit, match="2"):
+        tool.main(["--places", "--recipe", "cameras"])
+    assert "--recipe is for hands; places are seen by three cameras" in capsys.readouterr().err

@@ -2,6 +2,8 @@
 
 import json
 
+from handpose.predicting.locator import Locator
+from netlib.errors import DataError
 from tools import measure_finding
 
 
@@ -12,6 +14,20 @@ def test_a_table(capsys):
     assert first.startswith("6 scenes, seed 3, fast fit, ")
     assert names.split() == ["scenes", "count", "found", "right", "located", "mean", "median"]
     assert [row.split()[:2] for row in rows] == [["forearm", "2"], ["body", "2"], ["clutter", "2"], ["all", "6"]]
+    assert float(rows[-1].split()[2].rstrip("%")) > 60
+
+
+def test_where_nothing_is_found(capsys, monkeypatch):
+    """The scene counts as one that is not found; it has no error."""
+
+    def nothing(self, depth, camera):
+        raise DataError("what may be a hand is out of sight")
+
+    monkeypatch.setattr(Locator, "hands", nothing)
+    assert measure_finding.main(["--scenes", "1", "--json"]) == 0
+    (forearm, every) = json.loads(capsys.readouterr().out)["rows"]
+    assert forearm | {"scenes": "all"} == every
+    assert (every["count"], every["found"], every["right"], every["mean"], every["located"]) == (1, 0, 0, None, None)
 
 
 def test_json(capsys):

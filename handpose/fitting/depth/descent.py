@@ -17,7 +17,7 @@ from handpose.fitting.depth.observation import Observation
 from netlib.blob import Array
 
 # Little depends on the damping, as in ``handpose.fitting.levenberg_marquardt``.
-FIRST_MU, TRUST, DOUBT, SMALLEST_MU, LARGEST_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
+FIRST_MU, TRUST, MISTRUST, SMALLEST_MU, LARGEST_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
 
 
 # The nearest places slide along the flesh as it moves, so that a step falls short of where it aims, and the next one
@@ -58,7 +58,7 @@ def descend(
             moved = np.where(better[:, None], trial - x, 0)
             x = _chosen(better, trial, x)
             measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)
-            mu = np.clip(mu * np.where(better, TRUST, DOUBT), SMALLEST_MU, LARGEST_MU)
+            mu = np.clip(mu * np.where(better, TRUST, MISTRUST), SMALLEST_MU, LARGEST_MU)
     return x, now
 
 

@@ -23,6 +23,7 @@ from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 from netlib.errors import DataError
 
+FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
 STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
 
 
@@ -39,7 +40,8 @@ class DepthFit:
     error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
     confidence  (N,) chance that this error is below 30 mm; NaN likewise
     x           (N, V) all variables, for ``FleshModel``
-    signs       (N, 5) what the doubt is made of: the parts of the misfit, and how far in mm the joints moved
+    signs       (N, 5) what the doubt is made of: the parts of the misfit, and how far in mm the joints moved; infinite
+                where there is nothing to be seen
     start       (N,) which start it came from: first the quarter turns, then those drawn
     """
 
@@ -109,6 +111,8 @@ class DepthFitter:
         network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
         moved = np.linalg.norm(joints - network, axis=2).mean(axis=1)
         signs = np.column_stack([found.parts, moved])
+        shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
+        signs[shown < FEWEST] = np.inf  # what is not there does not contradict any hand
         doubt, error_mm, confidence = self.errors.expected(plan, signs)
         return DepthFit(
             inputs=model.inputs_of(found.x),

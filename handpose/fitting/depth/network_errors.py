@@ -29,6 +29,7 @@ GROUP = "fit"
 LIMBS = "limbs"
 GOOD_MM = 30.0  # a fit with a larger error has failed
 UNKNOWN_STD = 0.3  # radians: what a network's limbs are taken to be off by when nobody has measured it
+LOST_MM = 150.0  # no larger error is expected: the hand is not there, then
 KNOTS = 24  # of a table
 SIGNS = ("surface", "outline", "front", "prior", "moved")
 _SUFFIX = ".signs"
@@ -51,8 +52,8 @@ class NetworkErrors:
     def expected(self, plan: str, signs: Array) -> tuple[Array, Array, Array]:
         """Of signs (N, 5): the doubt, the expected error in mm, and the chance that it is below GOOD_MM, (N,) each.
 
-        The doubt where nobody has measured it is the mean of all signs, the others are NaN. With a doubt beyond all
-        that were measured, the error grows in proportion, and the chance falls.
+        Where nobody has measured them, the weights are even, and error and chance NaN. With a doubt beyond all that
+        were measured, the error grows in proportion, up to LOST_MM, and the chance falls.
         """
         doubt = doubt_of(signs, self.weights.get(plan, np.full(len(SIGNS), 1 / len(SIGNS))))
         table = self.tables.get(plan)
@@ -61,7 +62,7 @@ class NetworkErrors:
         beyond = np.maximum(doubt / table[-1, 0], 1)
         return (
             doubt,
-            np.interp(doubt, table[:, 0], table[:, 1]) * beyond,
+            np.minimum(np.interp(doubt, table[:, 0], table[:, 1]) * beyond, LOST_MM),
             np.interp(doubt, table[:, 0], table[:, 2]) / beyond,
         )
 
@@ -89,14 +90,14 @@ def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
     weights = {name.removesuffix(_SUFFIX): found.pop(name) for name in list(found) if name.endswith(_SUFFIX)}
     if set(weights) != set(found):
         raise DataError(f"{path}: {GROUP}: {', '.join(sorted(set(weights) ^ set(found)))}: a table without weights of "
-                        "signs, or weights without a table")  # fmt: skip
+                        "signs, or weights without a table; package the weights again")  # fmt: skip
     for name, own in weights.items():
         if own.shape != (len(SIGNS),) or not (own >= 0).all() or not np.isclose(own.sum(), 1):
             raise DataError(f"{path}: {GROUP}/{name}{_SUFFIX} of shape {own.shape}, expected {len(SIGNS)} weights with "
                             "the sum 1")  # fmt: skip
     for name, table in found.items():
         good = table.ndim == 2 and table.shape[1:] == (3,) and len(table) > 1 and np.isfinite(table).all()
-        if not good or (np.diff(table[:, 0]) <= 0).any():
+        if not good or table[0, 0] <= 0 or (np.diff(table[:, 0]) <= 0).any():
             raise DataError(f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of doubt, error, chance")
     return NetworkErrors(limbs, found, weights)
 
@@ -113,7 +114,11 @@ def doubt_of(signs: Array, weights: Array) -> Array:
 
 
 def weights_of(signs: Array, error_mm: Array) -> Array:
-    """The weights (5,) with which the doubt best tells fits (N,) with errors beyond GOOD_MM from the others."""
+    """The weights (5,) with which the doubt best tells fits with errors beyond GOOD_MM from the others.
+
+    signs     (N, 5) of fits
+    error_mm  (N,) of their joints
+    """
     X, failed = np.log1p(signs), error_mm > GOOD_MM
     if not failed.any() or failed.all():
         return np.full(len(SIGNS), 1 / len(SIGNS))
@@ -136,7 +141,7 @@ def covariance(errors: Array) -> Array:
 
 
 def table_of(doubt: Array, error_mm: Array) -> Array:
-    """The table (k, 3) of fits with these doubts and errors (N,).
+    """The table (k, 3) of fits with these doubts (N,) and errors of their joints (N,) in mm. Raises DataError.
 
     Means of groups of equal size, made ascending by pooling neighbours that are not (isotonic regression).
     """
@@ -146,6 +151,8 @@ def table_of(doubt: Array, error_mm: Array) -> Array:
     y = _pooled(np.array([error_mm[g].mean() for g in groups]))
     chance = 1 - _pooled(np.array([(error_mm[g] > GOOD_MM).mean() for g in groups]))
     apart = np.append(True, np.diff(x) > 0)
+    if apart.sum() < 2:
+        raise DataError(f"{len(doubt)} fits with the same doubt, expected many different ones to measure")
     return np.stack([x, y, chance], axis=1)[apart]
 
 

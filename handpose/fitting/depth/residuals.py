@@ -42,7 +42,7 @@ class Residuals(NamedTuple):
 
 
 class Cones(NamedTuple):
-    """Capsules, or for each of R points its own."""
+    """R capsules: all of a body, or for each point its own. In mm."""
 
     a: Floats  # (N, 3, R) where the axis starts
     along: Floats  # (N, 3, R) from there to its end

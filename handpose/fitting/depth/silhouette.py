@@ -30,7 +30,12 @@ def spheres_of(model: FleshModel) -> tuple[NDArray[np.int_], Floats]:
 def sphere_residuals(
     cones: Cones, seen: Observation, spheres: tuple[NDArray[np.int_], Floats], slack: float
 ) -> Residuals:
-    """How far in mm each sphere sticks out of the silhouette, and how far it stands before the surface."""
+    """How far in mm each sphere sticks out of the silhouette, and how far it stands before the surface.
+
+    cones    of all M capsules
+    spheres  of which capsule each is (R,), and at which place of its axis (R,)
+    slack    mm that are allowed
+    """
     N, S, R = len(cones.a), seen.outside.shape[-1], len(spheres[0])
     capsule, place = np.broadcast_to(spheres[0], (N, R)), np.broadcast_to(spheres[1], (N, R))
     c, radius = Cones(*(values[..., spheres[0]] for values in cones)).at(place)

@@ -11,8 +11,7 @@ is nowhere, and the end of a table on a palm that leaves the picture. So these a
     size, girth  100 mm times the absolute logarithm of each: what is no hand becomes one only when it is stretched
 
 No pixel's difference counts more than CAP_MM. The weights are those of a ranking by logistic regression, rounded, on 90
-scenes drawn for it (``handpose.synthetic.scenes``, seed 100). There, the place with the least sum is the hand in 93% of
-the images; with the misfit alone it is in 81%; some place is it in 97%.
+scenes drawn for it (``handpose.synthetic.scenes``, seed 100).
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import configparser
 import shutil
 from pathlib import Path
 
@@ -12,9 +13,10 @@ import netlib
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, load_predictor, read_card
+from handpose.predicting.packaged import HAND_LOCATOR, SYNTHETIC_HAND, checked_weights, load_predictor, read_card
 from layers.hand import skeleton
 from netlib.errors import NetlibError, WeightsError
+from netlib.paths import ROOT
 
 MEGABYTE = 1e6
 
@@ -30,6 +32,23 @@ def test_the_packaged_model() -> None:
     ignored, missing = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", netlib.TEST).copy_from(weights)
     assert not ignored and not missing
     assert load_predictor().fit == "accurate" and load_predictor(fit="no", hand="left").fitter is None
+
+
+def test_the_packaged_locator() -> None:
+    """Smaller still; its net takes all of it."""
+    weights = checked_weights(read_card(HAND_LOCATOR))
+    assert weights.stat().st_size < 0.3 * MEGABYTE
+    ignored, missing = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST).copy_from(weights)
+    assert not ignored and not missing
+
+
+def test_models_are_installed() -> None:
+    """Every folder with a card is a package whose files are data."""
+    said = configparser.ConfigParser()
+    said.read(ROOT / "setup.cfg")
+    for card in (ROOT / "models").glob("*/readme.md"):
+        assert (card.parent / "__init__.py").is_file()
+        assert said["options.package_data"][f"models.{card.parent.name}"] == "*.prototxt, *.md, *.h5"
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from handpose.predicting.locator import Located, Locator
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic.scenes import draw_scenes
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
@@ -240,3 +241,38 @@ def test_the_place_that_looks_most_like_a_hand(frame: np.ndarray) -> None:
     predictor.locator = Said(np.array([[9000.0, 0, 700]]), np.array([1.0]))
     with pytest.raises(DataError, match="lies outside the image"):
         predictor.in_frame(frame)
+
+
+def test_a_speck_is_no_hand() -> None:
+    """Nothing contradicts a hand where little is to be seen: not the doubt chooses between places."""
+    depth = draw_scenes(np.random.default_rng(77), 1).depth[0].copy()
+    predictor = load_predictor(fit="fast", hand="right")
+    hand = predictor.in_frame(depth).center_mm
+    depth[:55, :55] = 400
+    assert np.linalg.norm(predictor.in_frame(depth).center_mm - hand) < 30
+
+
+def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
+    """As little strange, also before a camera that does not look from the middle of its image."""
+    part, strange = frame[:, 150:400], []
+    for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
+        camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
+        predictor = load_predictor(camera, fit="fast", hand=hand)  # type: ignore[arg-type]
+        center = camera.project(np.array([30.0, -20, 700]) * ((1, 1, 1) if hand == "right" else (-1, 1, 1)))
+        found = predictor.in_frame(np.ascontiguousarray(depth), center)
+        assert found.fit is not None and found.camera == camera
+        strange.append(found.fit.strangeness)
+    assert strange[0] == pytest.approx(strange[1], rel=0.1)
+
+
+def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
+    """Are told by their shape, not by what is seen in them."""
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        load_predictor(NYU).in_frame(frame)
+
+
+def test_the_next_place_if_the_likeliest_is_out_of_sight(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Without a fit, too."""
+    said = Said(np.array([[9000.0, 0, 700], [30, -20, 700]]), np.array([3.0, 2]))
+    found = Predictor(seeing, KINECT2, refine=0, locator=said).in_frame(frame)
+    np.testing.assert_allclose(found.center_mm, said.said.center[1])

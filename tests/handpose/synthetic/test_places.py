@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from handpose.data.places import CUBE_MM, SIZE
+from handpose.facts.cameras import Camera
+from handpose.synthetic import places, scenes
 from handpose.synthetic.generator import BLOCK
 from handpose.synthetic.many import generate
-from handpose.synthetic.places import FAR_MM, NEAR_MM, NOBODY, PlaceGenerator, PlaceRows
+from handpose.synthetic.places import BEYOND_MM, NOBODY, PER_SCENE, WITHIN_MM, PlaceGenerator, PlaceRows
 from netlib.errors import DataError
 
 
@@ -25,21 +27,40 @@ def test_labels(block: PlaceRows) -> None:
     hand, offset = block.hand, np.linalg.norm(block.offset, axis=1) * CUBE_MM / 2
     assert {0.0, 1.0} <= set(hand.tolist()) <= {0.0, 1.0, NOBODY}
     assert 0.3 < (hand == 1).mean() < 0.7
-    assert (offset[hand == 1] < NEAR_MM).all() and (offset[hand == 1] > 0).all() and (offset[hand != 1] == 0).all()
+    assert (offset[hand == 1] < WITHIN_MM).all() and (offset[hand == 1] > 0).all() and (offset[hand != 1] == 0).all()
     np.testing.assert_array_equal(block.near, np.repeat((hand == 1)[:, None], 3, axis=1))
-    assert NEAR_MM < FAR_MM
+    assert WITHIN_MM < BEYOND_MM
     assert block.depth.shape == (BLOCK, 1, SIZE, SIZE) and np.abs(block.depth).max() <= 1
 
 
-def test_a_hand_is_where_the_offset_says(block: PlaceRows) -> None:
-    """Something is seen there, at about that depth."""
-    close = 0
-    for depth, offset in zip(block.depth[:, 0], block.offset):
-        if offset.any():
-            column, row = (np.array([offset[0], -offset[1]]) * SIZE / 2 + SIZE / 2).astype(int)
-            around = depth[max(row - 4, 0) : row + 5, max(column - 4, 0) : column + 5]
-            close += np.abs(around - offset[2]).min() * CUBE_MM / 2 < 60
-    assert close / (block.hand == 1).sum() > 0.9
+def test_offsets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Go from each crop's middle to the hand's; of mirrored crops with the other sign along x."""
+    told: list[tuple[np.ndarray, np.ndarray]] = []
+    original = places.place_crops
+    hands: list[np.ndarray] = []
+
+    def cut(depth: np.ndarray, chosen: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        told.append(original(depth, chosen, camera))
+        return told[-1]
+
+    def draw(*args: object, **options: object) -> scenes.Scenes:
+        drawn = scenes.draw_scenes(*args, **options)  # type: ignore[arg-type]
+        hands.append(drawn.center[0])
+        return drawn
+
+    monkeypatch.setattr(places, "place_crops", cut)
+    monkeypatch.setattr(places, "draw_scenes", draw)
+    block = PlaceGenerator(3).block(1)
+    mirrored = 0
+    for n in np.flatnonzero(block.hand == 1):
+        (crops, kept), hand = told[n // PER_SCENE], hands[n // PER_SCENE]
+        own = n % PER_SCENE % len(kept)
+        expected = (hand - kept[own]) / (CUBE_MM / 2)
+        if not np.array_equal(crops[own], block.depth[n, 0]):
+            np.testing.assert_array_equal(crops[own][:, ::-1], block.depth[n, 0])
+            expected, mirrored = expected * (-1, 1, 1), mirrored + 1
+        np.testing.assert_allclose(block.offset[n], expected, atol=1e-6)
+    assert 0 < mirrored < (block.hand == 1).sum()
 
 
 def test_the_same_places(block: PlaceRows) -> None:
@@ -62,6 +83,8 @@ def test_a_few_of_them(block: PlaceRows) -> None:
 
 
 def test_a_seed_below_zero() -> None:
-    """One line."""
+    """Or another split: one line."""
     with pytest.raises(DataError, match="seed -1, expected 0 or more"):
         PlaceGenerator(-1)
+    with pytest.raises(DataError, match="split 'valid', expected one of train, test"):
+        PlaceGenerator(0, "valid")  # type: ignore[arg-type]

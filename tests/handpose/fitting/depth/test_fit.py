@@ -8,7 +8,7 @@ import pytest
 from handpose.facts.cameras import NYU
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.network_errors import NetworkErrors
+from handpose.fitting.depth.network_errors import LOST_MM, NetworkErrors
 from handpose.fitting.depth.observation import observe
 from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import Capsules, normalise_depth, render_crop
@@ -86,6 +86,15 @@ def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> Non
         np.testing.assert_array_equal(fitter.fit(scene.seen, [inputs] * quarters, plan).x, whole.x)
     finally:
         engine.get().set_threads(threads)
+
+
+def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:
+    """An empty crop contradicts no hand, and a speck few: neither is a sure one. JSON can hold the error."""
+    crops = np.ones((2, 128, 128), np.float32)
+    crops[1, 60:70, 60:70] = 0
+    inputs = fitter.model.inputs_of(scene.truth[:2])
+    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [inputs], "fast")
+    assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.doubt).all()
 
 
 def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:

@@ -88,6 +88,10 @@ def test_weights_that_nobody_measured(model: FleshModel, tmp_path: Path) -> None
             r"fit/fast of shape \(3, 2\), expected rows of doubt",
         ),
         (
+            {"limbs": np.eye(20), "fast": TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0)), "fast.signs": EVEN},
+            r"fit/fast of shape \(3, 3\), expected rows of doubt",
+        ),
+        (
             {"limbs": np.eye(20), "fast": TABLE, "fast.signs": -EVEN},
             r"fit/fast.signs of shape \(5,\), expected 5 weights with the sum 1",
         ),
@@ -105,7 +109,7 @@ def test_covariance() -> None:
     np.testing.assert_allclose(covariance(np.full((5, 2), 0.1)), np.full((2, 2), 0.01))
 
 
-@given(st.lists(st.tuples(st.floats(0, 1000), st.floats(0, 100)), min_size=2, max_size=200))
+@given(st.lists(st.tuples(st.floats(1, 1000), st.floats(0, 100)), min_size=2, max_size=200, unique_by=lambda p: p[0]))
 def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
     """Whatever the fits were; and it keeps the mean error."""
     doubt, error = np.array(pairs).T
@@ -113,6 +117,13 @@ def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
     assert (np.diff(table[:, 0]) > 0).all()
     assert (np.diff(table[:, 1]) >= -1e-9).all() and (np.diff(table[:, 2]) <= 1e-9).all()
     assert error.min() - 1e-9 <= table[:, 1].min() and table[:, 1].max() <= error.max() + 1e-9
+
+
+def test_too_little_to_measure() -> None:
+    """One fit, or many that are alike: no table that nobody could read again."""
+    for count in (1, 30):
+        with pytest.raises(DataError, match=f"{count} fits with the same doubt, expected many different ones"):
+            table_of(np.full(count, 3.0), np.linspace(1, 50, count))
 
 
 def test_a_table_of_fits_that_are_known() -> None:
