@@ -35,8 +35,8 @@ from netlib.net import Net
 Hand = Literal["right", "left", "either"]
 Fit = Literal["no", "fast", "accurate"]
 
-# A crop is moved no farther than this from where it was first. Even if the nearest thing is taken for the hand, nine of ten
-# are within 55 mm of its middle (finding.py), so a prediction that wants it farther away has gone astray.
+# A crop is moved no farther than this from where it was first. Even if the nearest thing is taken for the hand, nine of
+# ten are within 55 mm of its middle (finding.py): a prediction that wants it farther away has gone astray.
 LARGEST_MOVE_MM = 60.0
 KEEP = 3  # of the places that were fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
