@@ -193,7 +193,7 @@ class Predictor:
             starts, odds = [self.start(depth, center)], [0.0]
         places = self._places(depth, camera, starts, odds, both=find and self.fit != "no")
         if self.fit == "no":
-            return self._hands(places[:1], camera, "no")[0]
+            return self._hands(places, camera, "no")[0]
         if len(places) == 1:
             return self._hands(places, camera, self.fit)[0]
         by_sight = sorted(zip(self._hands(places, camera, "fast"), places), key=lambda one: _unlikely(*one))
@@ -241,6 +241,8 @@ class Predictor:
                 own = first._replace(side=side)
                 moved = self._centred(depth, camera, own)
                 places += [own, moved] if both and moved is not own else [moved]
+            if self.fit == "no":
+                break  # nobody could choose
         if last is not None and not places:
             raise last
         return places
