@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from handpose.drawing import flesh, hands, sheets
-from handpose.predicting.predictor import FramePrediction, Prediction, Predictor
+from handpose.predicting.prediction import FramePrediction, Prediction
+from handpose.predicting.predictor import Predictor
 from tools import pictures
 
 

@@ -43,13 +43,13 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import has_flesh
 from handpose.predicting.packaged import load_predictor, predictor_of
-from handpose.predicting.predictor import Fit, FramePrediction, Hand, Predictor
+from handpose.predicting.prediction import FramePrediction
+from handpose.predicting.predictor import Fit, Hand, Predictor
 from netlib.errors import DataError, NetlibError, reason_of
+from netlib.paths import ROOT
 from tools import findings, pictures
 from tools.arguments import add_engine, camera, center, natural, parser_of
 from tools.console import DONE, guarded
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def main(argv: list[str] | None = None) -> int:

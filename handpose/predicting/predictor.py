@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -28,6 +27,7 @@ from handpose.predicting import finding
 from handpose.predicting.locator import Locator
 from handpose.predicting.many import fit_crops
 from handpose.predicting.nets import hand_layer
+from handpose.predicting.prediction import FittedHand, FramePrediction, Prediction
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
@@ -42,77 +42,6 @@ KEEP = 3  # of the places that were fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
 ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away
 _MIRROR = (-1, 1, 1)
-
-
-@dataclass(frozen=True)
-class FittedHand:
-    """What the fit to the depth found beside the joints.
-
-    inputs      (D,) of the skeleton; of a left hand, those of its mirror image
-    size        relative to the skeleton
-    misfit      how badly the flesh explains the picture, in deviations squared
-    doubt       how much speaks against the fit (``handpose.fitting.depth.network_errors``)
-    strangeness how little the place is a hand, in mm (``handpose.fitting.depth.strangeness``)
-    error_mm    the error of the joints to be expected; NaN if nobody has measured it for these weights
-    confidence  the chance that it is below 30 mm; NaN likewise
-    capsules    the flesh, in mm from the crop's centre
-    """
-
-    inputs: Array
-    size: float
-    misfit: float
-    doubt: float
-    strangeness: float
-    error_mm: float
-    confidence: float
-    capsules: Capsules
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """The hand in one crop.
-
-    joints   (K, 3) half-cubes from the crop centre: x right, y up, z away from the camera
-    network  (K, 3) the same as the network alone has it
-    crop     (128, 128) in [-1, 1], where the hand was seen
-    cube_mm  edge of the crop's cube
-    hand     "right" or "left", if the skeleton is a right one
-    fit      what the fit found, if there was one
-    """
-
-    joints: Array
-    network: Array
-    crop: NDArray[np.float32]
-    cube_mm: float
-    hand: str
-    fit: FittedHand | None
-
-    @property
-    def joints_mm(self) -> Array:
-        """(K, 3) mm from the crop centre."""
-        return np.asarray(self.joints * self.cube_mm / 2)
-
-
-@dataclass(frozen=True)
-class FramePrediction(Prediction):
-    """The hand in a crop of a whole frame.
-
-    camera      of the frame
-    center_uvd  (3,) crop centre in px, px, mm
-    """
-
-    camera: Camera
-    center_uvd: Array
-
-    @property
-    def center_mm(self) -> Array:
-        """(3,) crop centre in mm, camera axes."""
-        return self.camera.unproject(self.center_uvd)
-
-    @property
-    def xyz(self) -> Array:
-        """(K, 3) joints in mm, camera axes."""
-        return np.asarray(self.center_mm + self.joints_mm)
 
 
 class Place(NamedTuple):
