@@ -44,13 +44,14 @@ def descend(
     for stage in stages:
         now = objective.weigh(measured, seen, stage.robust)
         for _ in range(stage.iterations):
-            held = ((x <= lower) & (now.b > 0)) | ((x >= upper) & (now.b < 0))
-            M = now.A.astype(np.float64)
+            A, b = objective.equations(measured, now)
+            held = ((x <= lower) & (b > 0)) | ((x >= upper) & (b < 0))
+            M = A.astype(np.float64)
             M[:, diagonal, diagonal] *= 1 + mu[:, None]
             M[:, diagonal, diagonal] += 1e-9  # a variable that nothing depends on stays
             M[held[:, :, None] | held[:, None, :]] = 0
             M[:, diagonal, diagonal] += held
-            step = np.linalg.solve(M, np.where(held, 0, -now.b)[..., None])[..., 0]
+            step = np.linalg.solve(M, np.where(held, 0, -b)[..., None])[..., 0]
             trial = np.clip(x + FURTHER * step + MOMENTUM * moved, lower, upper)
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)

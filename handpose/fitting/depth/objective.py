@@ -62,9 +62,8 @@ class Cost(NamedTuple):
     """Of N fits at some x."""
 
     total: Array  # (N,)
-    A: Array  # (N, V, V)
-    b: Array  # (N, V)
     parts: Array  # (N, 4) surface, outline, front, prior
+    weight: Floats  # (N, 2, R) of the residuals' squares, as near this x
 
 
 class Objective:
@@ -98,7 +97,7 @@ class Objective:
         return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
-        """Cost, and half its gradient and its curvature (Gauss-Newton)."""
+        """The cost with a robust distance in mm."""
         w, P = self.weights, seen.points.shape[2]
         k = np.float32(robust * robust)
         q = m.residuals.value * m.residuals.value
@@ -110,10 +109,15 @@ class Objective:
         robustly = k / (k + q)
         weight *= robustly
         q *= weight
-        A, b = normal_equations(self.model, m.posed, m.residuals, weight * robustly)
+        weight *= robustly
         spheres = q[:, :, P:].sum(axis=2)
         parts = np.stack([q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1).astype(np.float64)
-        return Cost(parts.sum(axis=1), A + m.prior_curvature, b + m.prior_gradient, parts)
+        return Cost(parts.sum(axis=1), parts, weight)
+
+    def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:
+        """The curvature (N, V, V), as Gauss and Newton have it, and half the gradient (N, V) of the cost."""
+        A, b = normal_equations(self.model, m.posed, m.residuals, cost.weight)
+        return A + m.prior_curvature, b + m.prior_gradient
 
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
         """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""

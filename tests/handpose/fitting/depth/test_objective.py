@@ -31,6 +31,12 @@ def cost(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0
     return objective.weigh(objective.measure(x, scene.seen, prior), scene.seen, robust)
 
 
+def equations(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> tuple[np.ndarray, np.ndarray]:
+    """Curvature and half the gradient at x."""
+    measured = objective.measure(x, scene.seen, prior_of(objective, scene))
+    return objective.equations(measured, objective.weigh(measured, scene.seen, robust))
+
+
 def test_the_truth_costs_little(model: FleshModel, scene: Scene) -> None:
     """Every term but the forearm's part of the surface is small there, and larger beside it."""
     objective = Objective(model, Weights())
@@ -66,7 +72,7 @@ def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: FleshModel, sc
     alone = Objective(model, Weights(independent=1e-9, outline=0.0, front=0.0))
     everything = Objective(model, Weights(outline=0.0, front=0.0))
     for objective, share in ((alone, 100), (everything, 75)):
-        b = cost(objective, x, scene, robust).b
+        _, b = equations(objective, x, scene, robust)
         found = np.empty_like(b, dtype=float)
         for v in range(model.variables):
             d = np.zeros(model.variables)
@@ -80,7 +86,7 @@ def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: FleshModel, sc
 
 def test_curvature_is_symmetric_and_not_negative(model: FleshModel, scene: Scene) -> None:
     """As of a sum of squares."""
-    A = cost(Objective(model, Weights()), moved(scene), scene).A
+    A, _ = equations(Objective(model, Weights()), moved(scene), scene)
     np.testing.assert_allclose(A, A.swapaxes(1, 2), rtol=1e-3, atol=0.5)
     assert (np.linalg.eigvalsh(A) > 0).all()
 
