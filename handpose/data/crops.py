@@ -108,6 +108,14 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
     return spans[0], spans[1]
 
 
+def check_size(depth: NDArray[np.generic], camera: Camera) -> None:
+    """Raise DataError for a depth image that is not of the camera's size."""
+    if depth.shape != (camera.height, camera.width):
+        raise DataError(
+            f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
+        )
+
+
 def crop(
     depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU, size: int = SIZE
 ) -> NDArray[np.float32]:
@@ -117,10 +125,7 @@ def crop(
     center_uvd  (3,) middle of the cube: pixels and mm
     cube_mm     edge of the cube
     """
-    if depth.shape != (camera.height, camera.width):
-        raise DataError(
-            f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
-        )
+    check_size(depth, camera)
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
     u, v, d = np.asarray(center_uvd, dtype=np.float64)
     if (columns < 0).all() or (rows < 0).all():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.crops import crop
+from handpose.data.crops import check_size, crop
 from handpose.facts.cameras import Camera
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -30,7 +30,7 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
     less than FEWEST_MM2 of surface.
     """
     image = np.asarray(depth, dtype=np.float64)
-    _check(image, camera)
+    check_size(image, camera)
     step = max(1, image.shape[1] // NODES_ACROSS)
     rows, columns = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]
     z = image[rows, columns]
@@ -51,7 +51,7 @@ def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tu
 
     Places nearer to the camera than NEAREST_MM are not. Raises DataError for an image of another camera.
     """
-    _check(depth, camera)
+    check_size(depth, camera)
     crops, kept = [], []
     for place in places:
         if place[2] > NEAREST_MM:
@@ -61,10 +61,3 @@ def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tu
             except DataError:  # out of sight
                 pass
     return np.array(crops, np.float32).reshape(-1, SIZE, SIZE), np.array(kept).reshape(-1, 3)
-
-
-def _check(depth: NDArray[np.generic], camera: Camera) -> None:
-    if depth.shape != (camera.height, camera.width):
-        raise DataError(
-            f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
-        )

@@ -82,6 +82,20 @@ class Scene(NamedTuple):
     depth: Floats  # (BLOCK, 128, 128) crops in [-1, 1]
 
 
+def check_source(seed: int, split: str) -> None:
+    """Raise DataError for a seed or a split that there is not."""
+    if seed < 0:
+        raise DataError(f"seed {seed}, expected 0 or more")
+    if split not in get_args(Split):
+        raise DataError(f"split {split!r}, expected one of {', '.join(get_args(Split))}")
+
+
+def numbers_of(seed: int, split: Split, *block: int) -> np.random.Generator:
+    """The random numbers of a block, which depend on nothing else."""
+    source = np.random.SeedSequence([seed, get_args(Split).index(split), *block])
+    return np.random.Generator(np.random.SFC64(source))
+
+
 class Generator:
     """Draws frames. Build one for a seed and split, then ask for blocks of ``BLOCK`` frames by number."""
 
@@ -91,10 +105,7 @@ class Generator:
     )
 
     def __init__(self, seed: int = 0, split: Split = "train", recipe: Recipe = RECIPES["nyu"]) -> None:
-        if seed < 0:
-            raise DataError(f"seed {seed}, expected 0 or more")
-        if split not in get_args(Split):
-            raise DataError(f"split {split!r}, expected one of {', '.join(get_args(Split))}")
+        check_source(seed, split)
         self.seed, self.split, self.recipe = seed, split, recipe
         self.sampler = HandSampler(recipe.prior, recipe.cube_mm)
 
@@ -111,8 +122,7 @@ class Generator:
 
     def scene(self, number: int) -> Scene:
         """What the frames of a block are made of."""
-        source = np.random.SeedSequence([self.seed, get_args(Split).index(self.split), number])
-        rng = np.random.Generator(np.random.SFC64(source))
+        rng = numbers_of(self.seed, self.split, number)
         r, half = self.recipe, self.recipe.cube_mm / 2
         camera, sensor = r.views[int(rng.integers(len(r.views)))]
         hands = self.sampler.hands(rng, BLOCK)

@@ -6,18 +6,17 @@ What a locator learns from (``handpose.predicting.locator``): is a hand near, an
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import KINECT2, SR305
-from handpose.synthetic.generator import BLOCK, VERSION, Split, View
+from handpose.synthetic.generator import BLOCK, VERSION, Split, View, check_source, numbers_of
 from handpose.synthetic.scenes import PRIOR, draw_scenes
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
 from netlib.blob import Array
-from netlib.errors import DataError
 
 WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near; it is not; between them nobody is asked
 NOBODY = -1.0
@@ -67,10 +66,7 @@ class PlaceGenerator:
     )
 
     def __init__(self, seed: int = 0, split: Split = "train") -> None:
-        if seed < 0:
-            raise DataError(f"seed {seed}, expected 0 or more")
-        if split not in get_args(Split):
-            raise DataError(f"split {split!r}, expected one of {', '.join(get_args(Split))}")
+        check_source(seed, split)
         self.seed, self.split = seed, split
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -78,8 +74,7 @@ class PlaceGenerator:
 
     def block(self, number: int) -> PlaceRows:
         """Places ``number * BLOCK`` and following. The same numbers whenever and wherever they are asked for."""
-        source = np.random.SeedSequence([self.seed, get_args(Split).index(self.split), number, 1])
-        rng = np.random.Generator(np.random.SFC64(source))
+        rng = numbers_of(self.seed, self.split, number, 1)  # 1: not those of the hands
         scenes = BLOCK // PER_SCENE
         parts = [self._of_a_scene(rng, scene) for scene in range(number * scenes, (number + 1) * scenes)]
         depth, middle = (np.concatenate(arrays) for arrays in zip(*parts))

@@ -44,9 +44,8 @@ def descend(
     for stage in stages:
         now = objective.weigh(measured, seen, stage.robust)
         for _ in range(stage.iterations):
-            A, b = objective.equations(measured, now)
+            M, b = objective.equations(measured, now)
             held = ((x <= lower) & (b > 0)) | ((x >= upper) & (b < 0))
-            M = A.astype(np.float64)
             M[:, diagonal, diagonal] *= 1 + mu[:, None]
             M[:, diagonal, diagonal] += 1e-9  # a variable that nothing depends on stays
             M[held[:, :, None] | held[:, None, :]] = 0
