@@ -13,7 +13,7 @@ import numpy as np
 
 from fast.parallel import buffer_of
 from netlib.blob import Array
-from netlib.schema import SolverParameter
+from netlib.messages import SolverParameter
 from netlib.updates import RULES as PLAIN_RULES
 from netlib.updates import Rule
 

@@ -11,7 +11,8 @@ from numpy.typing import DTypeLike
 from netlib import python_layer, schema
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.layer import Layer, block_name
-from netlib.schema import LayerParameter, Phase
+from netlib.messages import LayerParameter
+from netlib.schema import Phase
 
 OTHER_BLOCKS = {"python_param", "loss_param", "transform_param"}  # not named after a layer type
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from netlib import schema
 from netlib.errors import PrototxtError, did_you_mean
+from netlib.schema import numbered
 
 TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
 
@@ -26,14 +27,14 @@ TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball
 class Filler:
     """A ``weight_filler { ... }``, ``bias_filler { ... }`` or ``filler { ... }``."""
 
-    type: str = "constant"
-    value: float = 0.0  # constant
-    min: float = 0.0  # uniform
-    max: float = 1.0  # uniform
-    mean: float = 0.0  # gaussian
-    std: float = 1.0  # gaussian
-    sparse: int = -1  # gaussian: expected number of non-zero weights of an output; negative: all
-    variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = "FAN_IN"  # xavier, msra
+    type: str = numbered(1, "constant")
+    value: float = numbered(2, 0.0)  # constant
+    min: float = numbered(3, 0.0)  # uniform
+    max: float = numbered(4, 1.0)  # uniform
+    mean: float = numbered(5, 0.0)  # gaussian
+    std: float = numbered(6, 1.0)  # gaussian
+    sparse: int = numbered(7, -1)  # gaussian: expected number of non-zero weights of an output; negative: all
+    variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = numbered(8, "FAN_IN")  # xavier, msra
 
 
 def Constant(value: float) -> Filler:

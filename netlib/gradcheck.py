@@ -27,7 +27,8 @@ from netlib import prototxt, schema
 from netlib.blob import Array, Blob, Blobs
 from netlib.create import create
 from netlib.layer import Layer
-from netlib.schema import LayerParameter, Phase
+from netlib.messages import LayerParameter
+from netlib.schema import Phase
 
 
 class GradientError(AssertionError):

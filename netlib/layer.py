@@ -26,8 +26,9 @@ from netlib import schema
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
+from netlib.messages import LayerParameter
 from netlib.prototxt import Message
-from netlib.schema import LayerParameter, Phase
+from netlib.schema import Phase, numbered
 
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
 PHASES = {"TRAIN": TRAIN, "TEST": TEST}
@@ -42,10 +43,10 @@ class NoParameter:
 class PythonParameter:
     """The ``python_param { ... }`` block of a layer of type Python."""
 
-    module: str  # imported from the working directory or PYTHONPATH
-    layer: str  # the class
-    param_str: str = ""
-    share_in_parallel: bool = False
+    module: str = numbered(1)  # imported from the working directory or PYTHONPATH
+    layer: str = numbered(2)  # the class
+    param_str: str = numbered(3, "")
+    share_in_parallel: bool = numbered(4, False)
 
 
 class Layer:

@@ -18,10 +18,10 @@ from netlib import weights as weights_of
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.layer import PHASES, Layer
+from netlib.messages import LayerParameter, NetParameter, NetState
 from netlib.net_parameter import load_parameter, select_layers
 from netlib.plain import Connection, guarded
 from netlib.prototxt import Message
-from netlib.schema import LayerParameter, NetParameter, NetState
 from netlib.sharing import Parameters
 from netlib.splits import insert_splits
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from netlib import prototxt, schema
 from netlib.errors import PrototxtError
+from netlib.messages import LayerParameter, NetParameter, NetState, NetStateRule
 from netlib.prototxt import Field, Message, Scalar
-from netlib.schema import LayerParameter, NetParameter, NetState, NetStateRule
 
 
 def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:

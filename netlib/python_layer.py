@@ -16,8 +16,8 @@ from types import ModuleType
 from netlib import schema
 from netlib.errors import PrototxtError
 from netlib.layer import Layer, PythonParameter
+from netlib.messages import LayerParameter
 from netlib.paths import ROOT
-from netlib.schema import LayerParameter
 
 
 def find_class(spec: LayerParameter) -> type[Layer]:

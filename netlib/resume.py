@@ -15,8 +15,8 @@ from typing import Any, Protocol
 from netlib import snapshot
 from netlib.blob import Array
 from netlib.errors import WeightsError
+from netlib.messages import SolverParameter
 from netlib.net import Net
-from netlib.schema import SolverParameter
 from netlib.snapshot import SolverState
 from netlib.updates import steps_taken
 

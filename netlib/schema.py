@@ -1,11 +1,12 @@
-"""Tree → typed messages: Caffe's NetParameter, SolverParameter, LayerParameter and what they hold.
+"""Tree → typed messages: what a message may say is written once, for text and for binary files.
 
-A message is a frozen dataclass; each field is one line with its type, its default (none: required)
-and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
+A message is a frozen dataclass; each field is one line with its type, its number in binary files, its default (none:
+required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
 
     str, int, bool          as they are          UInt              an int that is not negative
     float                   rounded to 32 bits, as protobuf's are    Double   not rounded
-    Literal["MAX", "AVE"]   an enum, by name or by number (counted from 0)
+    Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
+    OneBased[Literal[...]]  an enum whose numbers begin at 1
     tuple[X, ...]           a repeated field     X | None          an optional field
     a dataclass             a nested message     Message           a nested message, left as a tree
 
@@ -21,8 +22,7 @@ import struct
 import types
 import typing
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, overload
 
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.prototxt import Field, Message, Position, Scalar
@@ -32,139 +32,16 @@ UInt = Annotated[int, "unsigned"]
 Double = Annotated[float, "64 bits"]
 Phase = Literal["TRAIN", "TEST"]
 Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # which implementation Caffe would take; there is one here
+OneBased = Annotated[T, "from 1"]
 
 
-# ---------------------------------------------------------------------------------------------- messages
-
-
-@dataclass(frozen=True)
-class BlobShape:
-    """The shape of a blob, one ``dim`` per axis."""
-
-    dim: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class NetState:
-    """What a net is built for; layers are included or excluded by it."""
-
-    phase: Phase = "TEST"
-    level: int = 0
-    stage: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class NetStateRule:
-    """Matches a NetState when every condition given here holds."""
-
-    phase: Phase | None = None
-    min_level: int | None = None
-    max_level: int | None = None
-    stage: tuple[str, ...] = ()  # all of them must be set
-    not_stage: tuple[str, ...] = ()  # none of them may be set
-
-
-@dataclass(frozen=True)
-class ParamSpec:
-    """How one parameter of a layer is trained and shared."""
-
-    name: str | None = None  # parameters of the same name are one parameter
-    share_mode: Literal["STRICT", "PERMISSIVE"] = "STRICT"  # must the shapes, or only the counts, be equal
-    lr_mult: float = 1.0  # times the solver's learning rate; 0 freezes
-    decay_mult: float = 1.0  # times the solver's weight decay
-
-
-@dataclass(frozen=True)
-class LossParameter:
-    """The ``loss_param { ... }`` of loss layers that normalise over labels."""
-
-    ignore_label: int | None = None  # items with this label do not count
-    normalization: Literal["FULL", "VALID", "BATCH_SIZE", "NONE"] = "VALID"
-    normalize: bool | None = None  # older: true is VALID, false is BATCH_SIZE
-
-
-@dataclass(frozen=True)
-class LayerParameter:
-    """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
-
-    name: str = ""
-    type: str = ""
-    bottom: tuple[str, ...] = ()
-    top: tuple[str, ...] = ()
-    phase: Phase | None = None  # the net's, unless said here
-    loss_weight: tuple[float, ...] = ()  # one per top
-    param: tuple[ParamSpec, ...] = ()  # one per parameter
-    propagate_down: tuple[bool, ...] = ()  # one per bottom: may gradients flow there
-    include: tuple[NetStateRule, ...] = ()
-    exclude: tuple[NetStateRule, ...] = ()
-    blocks: dict[str, Message] = field(default_factory=dict)  # every ``*_param { ... }``
-
-
-@dataclass(frozen=True)
-class NetParameter:
-    """A whole net."""
-
-    name: str = ""
-    layer: tuple[LayerParameter, ...] = ()
-    input: tuple[str, ...] = ()  # old style: names of the input blobs
-    input_shape: tuple[BlobShape, ...] = ()  # old style: one per input
-    input_dim: tuple[int, ...] = ()  # older still: four numbers per input
-    force_backward: bool = False  # compute every gradient, needed or not
-    state: NetState = NetState()
-    debug_info: bool = False
-
-
-@dataclass(frozen=True)
-class SolverParameter:
-    """How a net is trained."""
-
-    net: str | None = None  # the net for training and testing
-    net_param: Message | None = None  # the same, written in place
-    train_net: str | None = None
-    train_net_param: Message | None = None
-    test_net: tuple[str, ...] = ()
-    test_net_param: tuple[Message, ...] = ()
-    train_state: NetState = NetState(phase="TRAIN")
-    test_state: tuple[NetState, ...] = ()
-    test_iter: tuple[UInt, ...] = ()  # batches of one test, one per test net
-    test_interval: UInt = 0  # iterations between tests
-    test_compute_loss: bool = False  # also report the whole loss of the test net
-    test_initialization: bool = True  # test before the first iteration
-    base_lr: float = 0.0
-    lr_policy: str = ""  # fixed, step, exp, inv, multistep, poly, sigmoid
-    gamma: float = 0.0
-    power: float = 0.0
-    stepsize: UInt = 0
-    stepvalue: tuple[UInt, ...] = ()
-    rampup_interval: UInt = 0  # iterations in which the rate first rises, in a straight line (NVIDIA's Caffe)
-    rampup_lr: float = 0.0  # from here to base_lr
-    max_iter: UInt = 0
-    iter_size: UInt = 1  # batches summed in one iteration
-    display: UInt = 0  # iterations between log lines; 0: none
-    average_loss: UInt = 1  # iterations averaged in the displayed loss
-    type: str = "SGD"  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
-    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = None  # older files
-    momentum: float = 0.0  # Adam's beta1, AdaDelta's decay
-    momentum2: float = 0.999  # Adam's beta2
-    rms_decay: float = 0.99
-    delta: float = 1e-8
-    weight_decay: float = 0.0
-    regularization_type: str = "L2"
-    clip_gradients: float = -1.0  # bound on the L2 norm of all gradients together; negative: none
-    snapshot: UInt = 0  # iterations between snapshots; 0: only at the end
-    snapshot_prefix: str = ""
-    snapshot_after_train: bool = True
-    snapshot_diff: bool = False
-    snapshot_format: Literal["HDF5", "BINARYPROTO"] | None = None
-    weights: tuple[str, ...] = ()  # start from these; several may stand in one string, separated by commas
-    random_seed: int = -1  # negative: a new one each run
-    solver_mode: Literal["CPU", "GPU"] = "CPU"
-    device_id: int = 0
-    debug_info: bool = False
-    layer_wise_reduce: bool = True
-
-
-# ---------------------------------------------------------------------------------------------- reading
+@overload
+def numbered(number: int) -> Any: ...
+@overload
+def numbered(number: int, default: T) -> T: ...
+def numbered(number: int, default: Any = dataclasses.MISSING) -> Any:
+    """A field of a message, with its number in caffe.proto; without a default it is required."""
+    return dataclasses.field(default=default, metadata={"number": number})
 
 
 def read(message: Message, cls: type[T], what: str | None = None) -> T:
@@ -246,6 +123,16 @@ def _written(name: str) -> str:
     return name.removesuffix("_")
 
 
+@functools.cache
+def enum_of(kind: Any) -> dict[str, int]:
+    """The names of an enum with their numbers; of any other kind nothing."""
+    first = 0
+    if typing.get_origin(kind) is Annotated and "from 1" in typing.get_args(kind):
+        kind, first = typing.get_args(kind)[0], 1
+    names = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+    return {str(name): number for number, name in enumerate(names, first)}
+
+
 def _field_value(items: Sequence[Field], kind: Any) -> Any:
     if typing.get_origin(kind) is tuple:
         return tuple(_value(item, typing.get_args(kind)[0]) for item in items)
@@ -271,8 +158,7 @@ def _value(item: Field, kind: Any) -> Any:
     result = _scalar(value, kind)
     if result is None:
         where = value.position
-        if typing.get_origin(kind) is Literal:
-            names = [str(n) for n in typing.get_args(kind)]
+        if names := list(enum_of(kind)):
             advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {_expected(kind)}, found {value}")
@@ -280,8 +166,8 @@ def _value(item: Field, kind: Any) -> Any:
 
 
 def _expected(kind: Any) -> str:
-    if typing.get_origin(kind) is Literal:
-        return " or ".join(str(n) for n in typing.get_args(kind))
+    if names := enum_of(kind):
+        return " or ".join(names)
     if kind is UInt:
         return "an integer that is not negative"
     return {
@@ -298,12 +184,11 @@ def _scalar(value: Scalar, kind: Any) -> Any:
     if kind is bool:
         return {"true": True, "t": True, "True": True, "1": True,
                 "false": False, "f": False, "False": False, "0": False}.get(value.text)  # fmt: skip
-    if typing.get_origin(kind) is Literal:
-        names = typing.get_args(kind)
+    if names := enum_of(kind):
         if value.kind == "word":
             return value.text if value.text in names else None
         number = _integer(value)
-        return names[number] if number is not None and 0 <= number < len(names) else None
+        return next((name for name, n in names.items() if n == number), None)
     if kind is Double:
         return _float(value)
     if kind is float:

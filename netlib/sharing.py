@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from netlib import schema
 from netlib.blob import Blob
 from netlib.layer import Layer
-from netlib.schema import ParamSpec
+from netlib.messages import ParamSpec
 
 
 @dataclass

@@ -25,10 +25,10 @@ from netlib import engine as engines
 from netlib import report, schema, snapshot, solver_parameter, weights
 from netlib.blob import Array
 from netlib.errors import DivergenceError
+from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net
 from netlib.paths import find
 from netlib.resume import extra_state, restore_state, state_of
-from netlib.schema import NetParameter, NetState, SolverParameter
 from netlib.sharing import Param
 from netlib.updates import learning_rate
 

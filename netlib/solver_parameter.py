@@ -11,10 +11,10 @@ from typing import Any
 
 from netlib import prototxt, schema
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
+from netlib.messages import NetParameter, SolverParameter
 from netlib.net_parameter import load_parameter
 from netlib.paths import exists, find
 from netlib.prototxt import Message
-from netlib.schema import NetParameter, SolverParameter
 from netlib.updates import POLICIES, RULES
 
 log = logging.getLogger("netlib")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from netlib import schema
-from netlib.schema import LayerParameter
+from netlib.messages import LayerParameter
 
 
 def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.special import expit
 
 from netlib.blob import Array
-from netlib.schema import SolverParameter
+from netlib.messages import SolverParameter
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 

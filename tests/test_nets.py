@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from netlib.messages import NetState
 from netlib.net_parameter import load_parameter, select_layers
-from netlib.schema import NetState, Phase
+from netlib.schema import Phase
 
 PROTOTXT = Path(__file__).resolve().parents[1] / "prototxt"
 LEARNED = {"Convolution": "convolution_param", "InnerProduct": "inner_product_param"}

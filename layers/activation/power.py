@@ -17,15 +17,16 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class PowerParameter:
     """The ``power_param { ... }`` block."""
 
-    power: float = 1.0
-    scale: float = 1.0
-    shift: float = 0.0
+    power: float = numbered(1, 1.0)
+    scale: float = numbered(2, 1.0)
+    shift: float = numbered(3, 0.0)
 
 
 class Power(Layer):

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine
+from netlib.schema import Engine, numbered
 
 
 @dataclass(frozen=True)
 class ReLUParameter:
     """The ``relu_param { ... }`` block."""
 
-    negative_slope: float = 0.0  # 0: cut off; small and positive: "leaky"
-    engine: Engine = "DEFAULT"  # Caffe's choice of implementation; accepted, ignored
+    negative_slope: float = numbered(1, 0.0)  # 0: cut off; small and positive: "leaky"
+    engine: Engine = numbered(2, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
 
 
 class ReLU(Layer):

@@ -22,17 +22,18 @@ import numpy as np
 from netlib.blob import Array, Blobs
 from netlib.fillers import Constant, Filler
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class ScaleParameter:
     """The ``scale_param { ... }`` block."""
 
-    axis: int = 1  # first axis of x that the gain has
-    num_axes: int = 1  # how many axes it has; -1: all that follow; 0: a single number
-    filler: Filler = Constant(1.0)  # initial gains; the identity by default
-    bias_term: bool = False
-    bias_filler: Filler = Filler()
+    axis: int = numbered(1, 1)  # first axis of x that the gain has
+    num_axes: int = numbered(2, 1)  # how many axes it has; -1: all that follow; 0: a single number
+    filler: Filler = numbered(3, Constant(1.0))  # initial gains; the identity by default
+    bias_term: bool = numbered(4, False)
+    bias_filler: Filler = numbered(5, Filler())
 
 
 class Scale(Layer):

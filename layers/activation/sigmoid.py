@@ -15,14 +15,14 @@ from scipy.special import expit
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine
+from netlib.schema import Engine, numbered
 
 
 @dataclass(frozen=True)
 class SigmoidParameter:
     """The ``sigmoid_param { ... }`` block."""
 
-    engine: Engine = "DEFAULT"  # accepted, ignored
+    engine: Engine = numbered(1, "DEFAULT")  # accepted, ignored
 
 
 class Sigmoid(Layer):

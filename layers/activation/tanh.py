@@ -15,14 +15,14 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine
+from netlib.schema import Engine, numbered
 
 
 @dataclass(frozen=True)
 class TanHParameter:
     """The ``tanh_param { ... }`` block."""
 
-    engine: Engine = "DEFAULT"  # accepted, ignored
+    engine: Engine = numbered(1, "DEFAULT")  # accepted, ignored
 
 
 class TanH(Layer):

@@ -14,15 +14,15 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt
+from netlib.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
 class ConcatParameter:
     """The ``concat_param { ... }`` block."""
 
-    axis: int = 1
-    concat_dim: UInt | None = None  # older name of axis
+    axis: int = numbered(2, 1)
+    concat_dim: UInt | None = numbered(1, None)  # older name of axis
 
 
 class Concat(Layer):

@@ -17,13 +17,14 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import TRAIN, Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class DropoutParameter:
     """The ``dropout_param { ... }`` block."""
 
-    dropout_ratio: float = 0.5  # p, the part that is dropped
+    dropout_ratio: float = numbered(1, 0.5)  # p, the part that is dropped
 
 
 class Dropout(Layer):

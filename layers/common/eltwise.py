@@ -22,15 +22,16 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class EltwiseParameter:
     """The ``eltwise_param { ... }`` block."""
 
-    operation: Literal["PROD", "SUM", "MAX"] = "SUM"
-    coeff: tuple[float, ...] = ()  # SUM: one per bottom; 1 by default
-    stable_prod_grad: bool = True
+    operation: Literal["PROD", "SUM", "MAX"] = numbered(1, "SUM")
+    coeff: tuple[float, ...] = numbered(2, ())  # SUM: one per bottom; 1 by default
+    stable_prod_grad: bool = numbered(3, True)
 
 
 class Eltwise(Layer):

@@ -14,14 +14,15 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class FlattenParameter:
     """The ``flatten_param { ... }`` block."""
 
-    axis: int = 1
-    end_axis: int = -1
+    axis: int = numbered(1, 1)
+    end_axis: int = numbered(2, -1)
 
 
 class Flatten(Layer):

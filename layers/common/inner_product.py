@@ -18,19 +18,19 @@ from dataclasses import dataclass
 from netlib.blob import Array, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import UInt
+from netlib.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
 class InnerProductParameter:
     """The ``inner_product_param { ... }`` block."""
 
-    num_output: UInt
-    bias_term: bool = True
-    weight_filler: Filler = Filler()
-    bias_filler: Filler = Filler()
-    axis: int = 1  # first axis of an item
-    transpose: bool = False  # store w as (I, O)
+    num_output: UInt = numbered(1)
+    bias_term: bool = numbered(2, True)
+    weight_filler: Filler = numbered(3, Filler())
+    bias_filler: Filler = numbered(4, Filler())
+    axis: int = numbered(5, 1)  # first axis of an item
+    transpose: bool = numbered(6, False)  # store w as (I, O)
 
 
 class InnerProduct(Layer):

@@ -15,16 +15,17 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import BlobShape
+from netlib.messages import BlobShape
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class ReshapeParameter:
     """The ``reshape_param { ... }`` block."""
 
-    shape: BlobShape = BlobShape()
-    axis: int = 0  # first axis to replace
-    num_axes: int = -1  # number of axes to replace; -1: all that follow
+    shape: BlobShape = numbered(1, BlobShape())
+    axis: int = numbered(2, 0)  # first axis to replace
+    num_axes: int = numbered(3, -1)  # number of axes to replace; -1: all that follow
 
 
 class Reshape(Layer):

@@ -14,16 +14,16 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt
+from netlib.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
 class SliceParameter:
     """The ``slice_param { ... }`` block."""
 
-    axis: int = 1
-    slice_point: tuple[UInt, ...] = ()
-    slice_dim: UInt | None = None  # older name of axis
+    axis: int = numbered(3, 1)
+    slice_point: tuple[UInt, ...] = numbered(2, ())
+    slice_dim: UInt | None = numbered(1, None)  # older name of axis
 
 
 class Slice(Layer):

@@ -11,19 +11,20 @@ from dataclasses import dataclass
 from netlib.blob import Blobs
 from netlib.fillers import Filler, fill
 from netlib.layer import Layer
-from netlib.schema import BlobShape, UInt
+from netlib.messages import BlobShape
+from netlib.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
 class DummyDataParameter:
     """The ``dummy_data_param { ... }`` block."""
 
-    data_filler: tuple[Filler, ...] = ()  # constant 0 by default
-    shape: tuple[BlobShape, ...] = ()
-    num: tuple[UInt, ...] = ()  # older than shape: four numbers per top
-    channels: tuple[UInt, ...] = ()
-    height: tuple[UInt, ...] = ()
-    width: tuple[UInt, ...] = ()
+    data_filler: tuple[Filler, ...] = numbered(1, ())  # constant 0 by default
+    shape: tuple[BlobShape, ...] = numbered(6, ())
+    num: tuple[UInt, ...] = numbered(2, ())  # older than shape: four numbers per top
+    channels: tuple[UInt, ...] = numbered(3, ())
+    height: tuple[UInt, ...] = numbered(4, ())
+    width: tuple[UInt, ...] = numbered(5, ())
 
 
 class DummyData(Layer):

@@ -20,7 +20,7 @@ from netlib.blob import Array, Blobs
 from netlib.errors import DataError
 from netlib.hdf5 import File, read_list
 from netlib.layer import Layer
-from netlib.schema import UInt
+from netlib.schema import UInt, numbered
 
 Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
 
@@ -29,9 +29,9 @@ Cursor = tuple[int, int, int]  # pass over the files, place in the order of file
 class HDF5DataParameter:
     """The ``hdf5_data_param { ... }`` block."""
 
-    source: str  # the list of files
-    batch_size: UInt
-    shuffle: bool = False
+    source: str = numbered(1)  # the list of files
+    batch_size: UInt = numbered(2)
+    shuffle: bool = numbered(3, False)
 
 
 class HDF5Data(Layer):

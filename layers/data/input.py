@@ -9,14 +9,15 @@ from dataclasses import dataclass
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import BlobShape
+from netlib.messages import BlobShape
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class InputParameter:
     """The ``input_param { ... }`` block."""
 
-    shape: tuple[BlobShape, ...] = ()
+    shape: tuple[BlobShape, ...] = numbered(1, ())
 
 
 class Input(Layer):

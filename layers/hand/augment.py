@@ -28,6 +28,7 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import TRAIN, Layer
+from netlib.schema import numbered
 
 # px from S/2 to the pixel that shows a crop's centre. The window's corner and the picked pixel are both rounded down:
 # .765 of a column and .909 of a row on the mean of NYU's crops. A quarter of a pixel more or less is below the noise.
@@ -38,10 +39,10 @@ _MIDDLE = 0.75
 class HandAugmentParameter:
     """The ``hand_augment_param { ... }`` block: largest changes, each drawn uniformly between minus and plus."""
 
-    rotation: float = 0.0  # degrees
-    scale: float = 0.0  # factor 1 - scale to 1 + scale
-    shift: float = 0.0  # px of the crop, sideways and up or down
-    depth: float = 0.0  # half-cubes: 9 mm are 0.06 in the 300 mm cube
+    rotation: float = numbered(1, 0.0)  # degrees
+    scale: float = numbered(2, 0.0)  # factor 1 - scale to 1 + scale
+    shift: float = numbered(3, 0.0)  # px of the crop, sideways and up or down
+    depth: float = numbered(4, 0.0)  # half-cubes: 9 mm are 0.06 in the 300 mm cube
 
 
 class HandAugment(Layer):

@@ -17,13 +17,14 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load_for
 from netlib.blob import Blobs
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class HandModelParameter:
     """The ``hand_model_param { ... }`` block."""
 
-    skeleton: str = ""  # a skeleton file; by default the packaged NYU hand
+    skeleton: str = numbered(1, "")  # a skeleton file; by default the packaged NYU hand
 
 
 class HandModel(Layer):

@@ -21,21 +21,22 @@ import numpy as np
 from layers.hand.skeleton import load_for
 from netlib.blob import Blobs
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class PhysLimitParameter:
     """The ``phys_limit_param { ... }`` block."""
 
-    norm: Literal["L1", "L2"] = "L1"  # linear hinge, or squared
-    skeleton: str = ""  # a skeleton file; by default the packaged NYU hand
+    norm: Literal["L1", "L2"] = numbered(1, "L1")  # linear hinge, or squared
+    skeleton: str = numbered(2, "")  # a skeleton file; by default the packaged NYU hand
 
 
 @dataclass(frozen=True)
 class ReleasedPhysLimitParameter(PhysLimitParameter):
     """The released system's layer takes no options and squares the hinge."""
 
-    norm: Literal["L1", "L2"] = "L2"
+    norm: Literal["L1", "L2"] = numbered(1, "L2")
 
 
 class PhysLimit(Layer):

@@ -14,16 +14,16 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt
+from netlib.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
 class AccuracyParameter:
     """The ``accuracy_param { ... }`` block."""
 
-    top_k: UInt = 1
-    axis: int = 1
-    ignore_label: int | None = None  # items with this label do not count
+    top_k: UInt = numbered(1, 1)
+    axis: int = numbered(2, 1)
+    ignore_label: int | None = numbered(3, None)  # items with this label do not count
 
 
 class Accuracy(Layer):

@@ -26,13 +26,14 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
+from netlib.schema import numbered
 
 
 @dataclass(frozen=True)
 class SmoothL1LossParameter:
     """The ``smooth_l1_loss_param { ... }`` block."""
 
-    sigma: float = 1.0  # σ: the square reaches up to 1 / σ²
+    sigma: float = numbered(1, 1.0)  # σ: the square reaches up to 1 / σ²
 
 
 class SmoothL1Loss(Layer):

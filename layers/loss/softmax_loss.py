@@ -23,15 +23,16 @@ from scipy.special import softmax
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, LossParameter
+from netlib.messages import LossParameter
+from netlib.schema import Engine, numbered
 
 
 @dataclass(frozen=True)
 class SoftmaxParameter:
     """The ``softmax_param { ... }`` block."""
 
-    axis: int = 1
-    engine: Engine = "DEFAULT"  # accepted, ignored
+    axis: int = numbered(2, 1)
+    engine: Engine = numbered(1, "DEFAULT")  # accepted, ignored
 
 
 class SoftmaxWithLoss(Layer):

@@ -30,31 +30,31 @@ import numpy as np
 from netlib.blob import Array, Blob, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import Engine, UInt
+from netlib.schema import Engine, UInt, numbered
 
 
 @dataclass(frozen=True)
 class ConvolutionParameter:
     """The ``convolution_param { ... }`` block."""
 
-    num_output: UInt
-    bias_term: bool = True
-    pad: tuple[UInt, ...] = ()  # one number for both axes, or two
-    kernel_size: tuple[UInt, ...] = ()
-    stride: tuple[UInt, ...] = ()
-    dilation: tuple[UInt, ...] = ()
-    pad_h: UInt | None = None
-    pad_w: UInt | None = None
-    kernel_h: UInt | None = None
-    kernel_w: UInt | None = None
-    stride_h: UInt | None = None
-    stride_w: UInt | None = None
-    group: UInt = 1
-    weight_filler: Filler = Filler()
-    bias_filler: Filler = Filler()
-    engine: Engine = "DEFAULT"  # Caffe's choice of implementation; accepted, ignored
-    axis: int = 1  # of the channels
-    force_nd_im2col: bool = False  # accepted, ignored
+    num_output: UInt = numbered(1)
+    bias_term: bool = numbered(2, True)
+    pad: tuple[UInt, ...] = numbered(3, ())  # one number for both axes, or two
+    kernel_size: tuple[UInt, ...] = numbered(4, ())
+    stride: tuple[UInt, ...] = numbered(6, ())
+    dilation: tuple[UInt, ...] = numbered(18, ())
+    pad_h: UInt | None = numbered(9, None)
+    pad_w: UInt | None = numbered(10, None)
+    kernel_h: UInt | None = numbered(11, None)
+    kernel_w: UInt | None = numbered(12, None)
+    stride_h: UInt | None = numbered(13, None)
+    stride_w: UInt | None = numbered(14, None)
+    group: UInt = numbered(5, 1)
+    weight_filler: Filler = numbered(7, Filler())
+    bias_filler: Filler = numbered(8, Filler())
+    engine: Engine = numbered(15, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+    axis: int = numbered(16, 1)  # of the channels
+    force_nd_im2col: bool = numbered(17, False)  # accepted, ignored
 
 
 class Convolution(Layer):

@@ -24,7 +24,7 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, UInt
+from netlib.schema import Engine, UInt, numbered
 
 NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
 
@@ -33,19 +33,19 @@ NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
 class PoolingParameter:
     """The ``pooling_param { ... }`` block."""
 
-    pool: Literal["MAX", "AVE", "STOCHASTIC"] = "MAX"
-    kernel_size: UInt | None = None
-    kernel_h: UInt | None = None
-    kernel_w: UInt | None = None
-    pad: UInt = 0
-    pad_h: UInt | None = None
-    pad_w: UInt | None = None
-    stride: UInt = 1
-    stride_h: UInt | None = None
-    stride_w: UInt | None = None
-    global_pooling: bool = False  # one window, the whole map
-    round_mode: Literal["CEIL", "FLOOR"] = "CEIL"
-    engine: Engine = "DEFAULT"  # Caffe's choice of implementation; accepted, ignored
+    pool: Literal["MAX", "AVE", "STOCHASTIC"] = numbered(1, "MAX")
+    kernel_size: UInt | None = numbered(2, None)
+    kernel_h: UInt | None = numbered(5, None)
+    kernel_w: UInt | None = numbered(6, None)
+    pad: UInt = numbered(4, 0)
+    pad_h: UInt | None = numbered(9, None)
+    pad_w: UInt | None = numbered(10, None)
+    stride: UInt = numbered(3, 1)
+    stride_h: UInt | None = numbered(7, None)
+    stride_w: UInt | None = numbered(8, None)
+    global_pooling: bool = numbered(12, False)  # one window, the whole map
+    round_mode: Literal["CEIL", "FLOOR"] = numbered(13, "CEIL")
+    engine: Engine = numbered(11, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
 
 
 class Pooling(Layer):

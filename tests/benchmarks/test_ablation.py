@@ -10,8 +10,8 @@ import pytest
 from benchmarks import ablation
 from handpose.synthetic.generator import RECIPES
 from netlib import prototxt, schema
+from netlib.messages import SolverParameter
 from netlib.net_parameter import load_parameter
-from netlib.schema import SolverParameter
 
 
 @pytest.mark.parametrize("name", ablation.STUDIES)

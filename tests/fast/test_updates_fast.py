@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fast.updates import RULES
-from netlib.schema import SolverParameter
+from netlib.messages import SolverParameter
 from netlib.updates import RULES as PLAIN_RULES
 
 

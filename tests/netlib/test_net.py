@@ -11,8 +11,8 @@ import pytest
 
 import netlib
 from netlib import prototxt
+from netlib.messages import NetState, NetStateRule
 from netlib.net_parameter import load_parameter, meets
-from netlib.schema import NetState, NetStateRule
 
 MakeNet = Callable[..., netlib.Net]
 

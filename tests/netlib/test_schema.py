@@ -10,8 +10,9 @@ import pytest
 
 import netlib
 from netlib import prototxt, schema
+from netlib.messages import LayerParameter, NetParameter, SolverParameter
 from netlib.prototxt import Message
-from netlib.schema import Double, LayerParameter, NetParameter, SolverParameter, UInt
+from netlib.schema import Double, UInt
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import pytest
 
 from handpose.experiments import trainings
 from handpose.experiments.networks import NETWORKS, SOLVER, Network
-from netlib import prototxt, schema
+from netlib import messages, prototxt, schema
 
 
 def test_other_data_are_other_trainings(tmp_path: Path) -> None:
@@ -29,8 +29,8 @@ def test_other_data_are_other_trainings(tmp_path: Path) -> None:
 def test_every_network_is_trained_by_the_papers_solver(network: Network) -> None:
     """With other iterations: the rate falls after nine tenths of them; five snapshots; no tests while training."""
     text = trainings.solver_text(network, Path("snapshots/x"), 2000, 7)
-    found = schema.read(prototxt.parse(text), schema.SolverParameter, "solver")
-    paper = schema.read(prototxt.parse_file(SOLVER), schema.SolverParameter, "solver")
+    found = schema.read(prototxt.parse(text), messages.SolverParameter, "solver")
+    paper = schema.read(prototxt.parse_file(SOLVER), messages.SolverParameter, "solver")
     own = {
         "net": network.model.as_posix(),
         "max_iter": 2000,

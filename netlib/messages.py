@@ -1,0 +1,142 @@
+"""Caffe's messages: what a net, a layer and a solver can say, in a prototxt or in a binary file.
+
+A field is one line: its name, its type, its number in the binary format and its default, its meaning. The options of
+layer types stand with the layers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from netlib.prototxt import Message
+from netlib.schema import Phase, UInt, numbered
+
+
+@dataclass(frozen=True)
+class BlobShape:
+    """The shape of a blob, one ``dim`` per axis."""
+
+    dim: tuple[int, ...] = numbered(1, ())
+
+
+@dataclass(frozen=True)
+class NetState:
+    """What a net is built for; layers are included or excluded by it."""
+
+    phase: Phase = numbered(1, "TEST")
+    level: int = numbered(2, 0)
+    stage: tuple[str, ...] = numbered(3, ())
+
+
+@dataclass(frozen=True)
+class NetStateRule:
+    """Matches a NetState when every condition given here holds."""
+
+    phase: Phase | None = numbered(1, None)
+    min_level: int | None = numbered(2, None)
+    max_level: int | None = numbered(3, None)
+    stage: tuple[str, ...] = numbered(4, ())  # all of them must be set
+    not_stage: tuple[str, ...] = numbered(5, ())  # none of them may be set
+
+
+@dataclass(frozen=True)
+class ParamSpec:
+    """How one parameter of a layer is trained and shared."""
+
+    name: str | None = numbered(1, None)  # parameters of the same name are one parameter
+    share_mode: Literal["STRICT", "PERMISSIVE"] = numbered(2, "STRICT")  # must the shapes, or only the counts, be equal
+    lr_mult: float = numbered(3, 1.0)  # times the solver's learning rate; 0 freezes
+    decay_mult: float = numbered(4, 1.0)  # times the solver's weight decay
+
+
+@dataclass(frozen=True)
+class LossParameter:
+    """The ``loss_param { ... }`` of loss layers that normalise over labels."""
+
+    ignore_label: int | None = numbered(1, None)  # items with this label do not count
+    normalization: Literal["FULL", "VALID", "BATCH_SIZE", "NONE"] = numbered(3, "VALID")
+    normalize: bool | None = numbered(2, None)  # older: true is VALID, false is BATCH_SIZE
+
+
+@dataclass(frozen=True)
+class LayerParameter:
+    """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
+
+    name: str = numbered(1, "")
+    type: str = numbered(2, "")
+    bottom: tuple[str, ...] = numbered(3, ())
+    top: tuple[str, ...] = numbered(4, ())
+    phase: Phase | None = numbered(10, None)  # the net's, unless said here
+    loss_weight: tuple[float, ...] = numbered(5, ())  # one per top
+    param: tuple[ParamSpec, ...] = numbered(6, ())  # one per parameter
+    propagate_down: tuple[bool, ...] = numbered(11, ())  # one per bottom: may gradients flow there
+    include: tuple[NetStateRule, ...] = numbered(8, ())
+    exclude: tuple[NetStateRule, ...] = numbered(9, ())
+    blocks: dict[str, Message] = field(default_factory=dict)  # every ``*_param { ... }``
+
+
+@dataclass(frozen=True)
+class NetParameter:
+    """A whole net."""
+
+    name: str = numbered(1, "")
+    layer: tuple[LayerParameter, ...] = numbered(100, ())
+    input: tuple[str, ...] = numbered(3, ())  # old style: names of the input blobs
+    input_shape: tuple[BlobShape, ...] = numbered(8, ())  # old style: one per input
+    input_dim: tuple[int, ...] = numbered(4, ())  # older still: four numbers per input
+    force_backward: bool = numbered(5, False)  # compute every gradient, needed or not
+    state: NetState = numbered(6, NetState())
+    debug_info: bool = numbered(7, False)
+
+
+@dataclass(frozen=True)
+class SolverParameter:
+    """How a net is trained."""
+
+    net: str | None = numbered(24, None)  # the net for training and testing
+    net_param: Message | None = numbered(25, None)  # the same, written in place
+    train_net: str | None = numbered(1, None)
+    train_net_param: Message | None = numbered(21, None)
+    test_net: tuple[str, ...] = numbered(2, ())
+    test_net_param: tuple[Message, ...] = numbered(22, ())
+    train_state: NetState = numbered(26, NetState(phase="TRAIN"))
+    test_state: tuple[NetState, ...] = numbered(27, ())
+    test_iter: tuple[UInt, ...] = numbered(3, ())  # batches of one test, one per test net
+    test_interval: UInt = numbered(4, 0)  # iterations between tests
+    test_compute_loss: bool = numbered(19, False)  # also report the whole loss of the test net
+    test_initialization: bool = numbered(32, True)  # test before the first iteration
+    base_lr: float = numbered(5, 0.0)
+    lr_policy: str = numbered(8, "")  # fixed, step, exp, inv, multistep, poly, sigmoid
+    gamma: float = numbered(9, 0.0)
+    power: float = numbered(10, 0.0)
+    stepsize: UInt = numbered(13, 0)
+    stepvalue: tuple[UInt, ...] = numbered(34, ())
+    rampup_interval: UInt = numbered(10001, 0)  # iterations of a first, straight rise (NVIDIA's Caffe)
+    rampup_lr: float = numbered(10002, 0.0)  # from here to base_lr
+    max_iter: UInt = numbered(7, 0)
+    iter_size: UInt = numbered(36, 1)  # batches summed in one iteration
+    display: UInt = numbered(6, 0)  # iterations between log lines; 0: none
+    average_loss: UInt = numbered(33, 1)  # iterations averaged in the displayed loss
+    type: str = numbered(40, "SGD")  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
+    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = numbered(
+        30, None
+    )  # older files
+    momentum: float = numbered(11, 0.0)  # Adam's beta1, AdaDelta's decay
+    momentum2: float = numbered(39, 0.999)  # Adam's beta2
+    rms_decay: float = numbered(38, 0.99)
+    delta: float = numbered(31, 1e-8)
+    weight_decay: float = numbered(12, 0.0)
+    regularization_type: str = numbered(29, "L2")
+    clip_gradients: float = numbered(35, -1.0)  # bound on the L2 norm of all gradients together; negative: none
+    snapshot: UInt = numbered(14, 0)  # iterations between snapshots; 0: only at the end
+    snapshot_prefix: str = numbered(15, "")
+    snapshot_after_train: bool = numbered(28, True)
+    snapshot_diff: bool = numbered(16, False)
+    snapshot_format: Literal["HDF5", "BINARYPROTO"] | None = numbered(37, None)
+    weights: tuple[str, ...] = numbered(42, ())  # start from these; commas separate several in one string
+    random_seed: int = numbered(20, -1)  # negative: a new one each run
+    solver_mode: Literal["CPU", "GPU"] = numbered(17, "CPU")
+    device_id: int = numbered(18, 0)
+    debug_info: bool = numbered(23, False)
+    layer_wise_reduce: bool = numbered(41, True)
