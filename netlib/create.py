@@ -10,11 +10,9 @@ from numpy.typing import DTypeLike
 
 from netlib import python_layer, schema
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
-from netlib.layer import Layer, block_name
-from netlib.messages import LayerParameter
+from netlib.layer import Layer, NoParameter, PythonParameter, block_name
+from netlib.messages import LayerParameter, LossParameter
 from netlib.schema import Phase
-
-OTHER_BLOCKS = {"python_param", "loss_param", "transform_param"}  # not named after a layer type
 
 
 def layer_types() -> dict[str, type[Layer]]:
@@ -26,6 +24,16 @@ def layer_types() -> dict[str, type[Layer]]:
             f"{package.__file__}: hides this project's package 'layers'; rename it, or remove its __init__.py"
         )
     return types
+
+
+def option_blocks() -> dict[str, type]:
+    """Every options block by name, with its dataclass."""
+    blocks: dict[str, type] = {"python_param": PythonParameter, "loss_param": LossParameter}
+    for name, cls in layer_types().items():
+        blocks.update(cls.other_blocks)
+        if cls.param_type is not NoParameter:
+            blocks[block_name(cls, name)] = cls.param_type
+    return blocks
 
 
 def create(
@@ -57,7 +65,7 @@ def create(
 
 def _check_blocks(spec: LayerParameter, types: dict[str, type[Layer]]) -> None:
     """An options block must belong to some layer type; Caffe, too, ignores those of other types."""
-    known = {block_name(cls, name) for name, cls in types.items()} | OTHER_BLOCKS
+    known = {block_name(cls, name) for name, cls in types.items()} | set(option_blocks())
     tree = schema.tree_of(spec)
     for item in tree.fields if tree else []:
         if item.name in spec.blocks and item.name not in known:

@@ -22,6 +22,10 @@ class PrototxtError(NetlibError):
         super().__init__(f"{position}: error: {message}")
 
 
+class WireError(NetlibError):
+    """Bytes that are not a message in protocol buffers' binary format."""
+
+
 class LayerError(NetlibError):
     """A layer that cannot be built or run: options, shapes or counts that do not fit."""
 

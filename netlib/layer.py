@@ -15,7 +15,7 @@ your own needs none of them.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -61,6 +61,7 @@ class Layer:
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
     param_name: ClassVar[str] = ""  # their block; by default the type in snake case, ``inner_product_param``
+    other_blocks: ClassVar[Mapping[str, type]] = {}  # more options that several types share, ``transform_param``
     bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # least and greatest number of bottoms; None: any
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # may a top be the same blob as its bottom

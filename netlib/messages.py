@@ -10,14 +10,49 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from netlib.prototxt import Message
-from netlib.schema import Phase, UInt, numbered
+from netlib.schema import Doubles, Floats, Phase, UInt, numbered
 
 
 @dataclass(frozen=True)
 class BlobShape:
     """The shape of a blob, one ``dim`` per axis."""
 
-    dim: tuple[int, ...] = numbered(1, ())
+    dim: tuple[int, ...] = numbered(1, (), packed=True)
+
+
+@dataclass(frozen=True, eq=False)
+class BlobProto:
+    """A blob in a file: its shape, and its values in single or double precision."""
+
+    shape: BlobShape | None = numbered(7, None)
+    data: Floats | None = numbered(5, None, packed=True)
+    diff: Floats | None = numbered(6, None, packed=True)
+    double_data: Doubles | None = numbered(8, None, packed=True)
+    double_diff: Doubles | None = numbered(9, None, packed=True)
+    num: int = numbered(1, 0)  # older than shape: always four axes
+    channels: int = numbered(2, 0)
+    height: int = numbered(3, 0)
+    width: int = numbered(4, 0)
+
+
+@dataclass(frozen=True)
+class BlobProtoVector:
+    """Several blobs."""
+
+    blobs: tuple[BlobProto, ...] = numbered(1, ())
+
+
+@dataclass(frozen=True, eq=False)
+class Datum:
+    """An image and its label, as Caffe's databases hold them."""
+
+    channels: int = numbered(1, 0)
+    height: int = numbered(2, 0)
+    width: int = numbered(3, 0)
+    data: bytes = numbered(4, b"")  # one byte for each value, channel by channel; or an encoded picture
+    label: int = numbered(5, 0)
+    float_data: Floats | None = numbered(6, None)  # instead of data
+    encoded: bool = numbered(7, False)  # data is a picture file: PNG, JPEG ...
 
 
 @dataclass(frozen=True)
@@ -59,6 +94,23 @@ class LossParameter:
     normalize: bool | None = numbered(2, None)  # older: true is VALID, false is BATCH_SIZE
 
 
+# The options of layer types, by the field that holds them. Each is declared in the file of its layer.
+BLOCKS = {
+    "transform_param": 100, "loss_param": 101, "accuracy_param": 102, "argmax_param": 103, "batch_norm_param": 139,
+    "bias_param": 141, "clip_param": 148, "concat_param": 104, "contrastive_loss_param": 105, "convolution_param": 106,
+    "crop_param": 144, "data_param": 107, "dropout_param": 108, "dummy_data_param": 109, "eltwise_param": 110,
+    "elu_param": 140, "embed_param": 137, "exp_param": 111, "flatten_param": 135, "hdf5_data_param": 112,
+    "hdf5_output_param": 113, "hinge_loss_param": 114, "image_data_param": 115, "infogain_loss_param": 116,
+    "inner_product_param": 117, "input_param": 143, "log_param": 134, "lrn_param": 118, "memory_data_param": 119,
+    "mvn_param": 120, "parameter_param": 145, "pooling_param": 121, "power_param": 122, "prelu_param": 131,
+    "python_param": 130, "recurrent_param": 146, "reduction_param": 136, "relu_param": 123, "reshape_param": 133,
+    "scale_param": 142, "sigmoid_param": 124, "slice_param": 126, "softmax_param": 125, "spp_param": 132,
+    "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
+    "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # of Fast R-CNN's Caffe
+    "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
+}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class LayerParameter:
     """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
@@ -70,10 +122,11 @@ class LayerParameter:
     phase: Phase | None = numbered(10, None)  # the net's, unless said here
     loss_weight: tuple[float, ...] = numbered(5, ())  # one per top
     param: tuple[ParamSpec, ...] = numbered(6, ())  # one per parameter
+    blobs: tuple[BlobProto, ...] = numbered(7, ())  # the values of the parameters, in a file of weights
     propagate_down: tuple[bool, ...] = numbered(11, ())  # one per bottom: may gradients flow there
     include: tuple[NetStateRule, ...] = numbered(8, ())
     exclude: tuple[NetStateRule, ...] = numbered(9, ())
-    blocks: dict[str, Message] = field(default_factory=dict)  # every ``*_param { ... }``
+    blocks: dict[str, Message] = field(default_factory=dict, metadata={"numbers": BLOCKS})  # every ``*_param { ... }``
 
 
 @dataclass(frozen=True)
@@ -132,11 +185,22 @@ class SolverParameter:
     snapshot: UInt = numbered(14, 0)  # iterations between snapshots; 0: only at the end
     snapshot_prefix: str = numbered(15, "")
     snapshot_after_train: bool = numbered(28, True)
-    snapshot_diff: bool = numbered(16, False)
-    snapshot_format: Literal["HDF5", "BINARYPROTO"] | None = numbered(37, None)
+    snapshot_diff: bool = numbered(16, False)  # also the gradients, in the binary format
+    snapshot_format: Literal["HDF5", "BINARYPROTO"] = numbered(37, "BINARYPROTO")
     weights: tuple[str, ...] = numbered(42, ())  # start from these; commas separate several in one string
     random_seed: int = numbered(20, -1)  # negative: a new one each run
     solver_mode: Literal["CPU", "GPU"] = numbered(17, "CPU")
     device_id: int = numbered(18, 0)
     debug_info: bool = numbered(23, False)
     layer_wise_reduce: bool = numbered(41, True)
+
+
+@dataclass(frozen=True)
+class SolverState:
+    """What a training needs to go on, besides the weights."""
+
+    iter: int = numbered(1, 0)
+    learned_net: str = numbered(2, "")  # the file of the weights
+    history: tuple[BlobProto, ...] = numbered(3, ())
+    current_step: int = numbered(4, 0)
+    netlib: str = numbered(10001, "")  # of this project, JSON: what an exact resume needs; Caffe skips it

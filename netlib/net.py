@@ -307,8 +307,8 @@ class Net:
         weights_of.share(self, other)
 
     def save(self, path: str | Path) -> None:
-        """Write the weights as Caffe's HDF5, atomically."""
-        snapshot.write_weights(weights_of.owned(self), path)
+        """Write the weights, atomically: as Caffe's HDF5 if the name ends in ``.h5``, else in its binary format."""
+        snapshot.write_weights(weights_of.image(self, path), path)
 
     def layer_states(self) -> dict[str, Any]:
         """State of every layer, by name, for an exact resume."""

@@ -9,6 +9,7 @@ from netlib import prototxt, schema
 from netlib.errors import PrototxtError
 from netlib.messages import LayerParameter, NetParameter, NetState, NetStateRule
 from netlib.prototxt import Field, Message, Scalar
+from netlib.upgrade import upgraded
 
 
 def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
@@ -16,16 +17,21 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
     if isinstance(model, NetParameter):
         return model
     tree = model if isinstance(model, Message) else prototxt.parse_file(model)
-    for item in tree.fields:
-        if item.name == "layers":
-            raise PrototxtError(
-                item.position,
-                "'layers' is Caffe's V1 format; expected 'layer' (Caffe's upgrade_net_proto_text converts)",
-            )
+    tree = upgraded(tree)
     param = schema.read(tree, NetParameter, "net")
     if not param.layer and not param.input:
         raise PrototxtError(tree.position, "no layer in this file; expected a net")
     return param
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """The names, repeated ones told apart: ``relu``, ``relu (2)``."""
+    seen: dict[str, int] = {}
+    result = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        result.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return result
 
 
 def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:

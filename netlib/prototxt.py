@@ -16,7 +16,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+from numpy.typing import NDArray
 
 from netlib.errors import NetlibError, PrototxtError, reason_of
 
@@ -24,10 +26,16 @@ MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Pyt
 
 
 @dataclass(frozen=True)
-class Position:
-    """A place in a text: source name, line and column, both counted from 1."""
+class Place:
+    """Where something stands in a file; ``str(place)`` says it."""
 
     source: str
+
+
+@dataclass(frozen=True)
+class Position(Place):
+    """A place in a text: line and column, both counted from 1."""
+
     line: int
     column: int
 
@@ -41,10 +49,18 @@ class Scalar:
 
     kind: Literal["string", "number", "word"]
     text: str
-    position: Position = field(compare=False)
+    position: Place = field(compare=False)
 
     def __str__(self) -> str:
         return _quote(self.text) if self.kind == "string" else self.text
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """Many values of one field in an array, as binary files have them (netlib/wire.py); in a text one by one."""
+
+    array: NDArray[Any]
+    position: Place
 
 
 @dataclass(frozen=True)
@@ -52,8 +68,8 @@ class Field:
     """One ``name: value``. A repeated field is simply several fields of the same name."""
 
     name: str
-    value: Scalar | Message
-    position: Position = field(compare=False)
+    value: Scalar | Numbers | Message
+    position: Place = field(compare=False)
 
 
 @dataclass
@@ -61,12 +77,12 @@ class Message:
     """An ordered list of fields, as written between braces or in a whole file."""
 
     fields: list[Field]
-    position: Position = field(compare=False)
+    position: Place = field(compare=False)
 
     def __str__(self) -> str:
         return "".join(_lines(self, ""))
 
-    def values(self, name: str) -> list[Scalar | Message]:
+    def values(self, name: str) -> list[Scalar | Numbers | Message]:
         """The values of every field called ``name``, in file order."""
         return [f.value for f in self.fields if f.name == name]
 
@@ -77,6 +93,8 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
             yield f"{indent}{item.name} {{\n"
             yield from _lines(item.value, indent + "  ")
             yield f"{indent}}}\n"
+        elif isinstance(item.value, Numbers):
+            yield from (f"{indent}{item.name}: {number}\n" for number in item.value.array)
         else:
             yield f"{indent}{item.name}: {item.value}\n"
 

@@ -17,7 +17,7 @@ from netlib.blob import Array
 from netlib.errors import WeightsError
 from netlib.messages import SolverParameter
 from netlib.net import Net
-from netlib.snapshot import SolverState
+from netlib.saved import SolverState
 from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")

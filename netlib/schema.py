@@ -6,7 +6,8 @@ required) and its meaning. ``read`` fills one from a tree and points at the plac
     str, int, bool          as they are          UInt              an int that is not negative
     float                   rounded to 32 bits, as protobuf's are    Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
-    OneBased[Literal[...]]  an enum whose numbers begin at 1
+    OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
+    Floats, Doubles         a repeated float or double in one array; bytes: what is not text
     tuple[X, ...]           a repeated field     X | None          an optional field
     a dataclass             a nested message     Message           a nested message, left as a tree
 
@@ -24,12 +25,18 @@ import typing
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypeVar, overload
 
+import numpy as np
+from numpy.typing import NDArray
+
 from netlib.errors import PrototxtError, did_you_mean
-from netlib.prototxt import Field, Message, Position, Scalar
+from netlib.prototxt import Field, Message, Numbers, Place, Position, Scalar
 
 T = TypeVar("T")
 UInt = Annotated[int, "unsigned"]
 Double = Annotated[float, "64 bits"]
+Floats = Annotated[NDArray[np.float32], "<f4"]
+Doubles = Annotated[NDArray[np.float64], "<f8"]
+ARRAYS: dict[Any, np.dtype[Any]] = {Floats: np.dtype("<f4"), Doubles: np.dtype("<f8")}
 Phase = Literal["TRAIN", "TEST"]
 Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # which implementation Caffe would take; there is one here
 OneBased = Annotated[T, "from 1"]
@@ -38,15 +45,18 @@ OneBased = Annotated[T, "from 1"]
 @overload
 def numbered(number: int) -> Any: ...
 @overload
-def numbered(number: int, default: T) -> T: ...
-def numbered(number: int, default: Any = dataclasses.MISSING) -> Any:
-    """A field of a message, with its number in caffe.proto; without a default it is required."""
-    return dataclasses.field(default=default, metadata={"number": number})
+def numbered(number: int, default: T, packed: bool = False) -> T: ...
+def numbered(number: int, default: Any = dataclasses.MISSING, packed: bool = False) -> Any:
+    """A field of a message, with its number in caffe.proto; without a default it is required.
+
+    The numbers of a ``packed`` one are written to binary files in one piece.
+    """
+    return dataclasses.field(default=default, metadata={"number": number, "packed": packed})
 
 
 def read(message: Message, cls: type[T], what: str | None = None) -> T:
     """Fill the dataclass ``cls`` from a tree. Raises PrototxtError at the field that is wrong."""
-    hints, fields = dict(_hints(cls)), {_written(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     takes_blocks = hints.pop("blocks", None) is not None
     found: dict[str, list[Field]] = {}
     blocks: dict[str, Message] = {}
@@ -104,7 +114,7 @@ def gives(message: object, name: str) -> bool:
     return tree is not None and bool(tree.values(name))
 
 
-def position_of(message: object, name: str | None = None, index: int = 0) -> Position:
+def position_of(message: object, name: str | None = None, index: int = 0) -> Place:
     """Where a typed message, or one field of it, stands in its file."""
     tree = tree_of(message)
     if tree is None:
@@ -114,11 +124,12 @@ def position_of(message: object, name: str | None = None, index: int = 0) -> Pos
 
 
 @functools.cache
-def _hints(cls: type) -> dict[str, Any]:
-    return {_written(name): hint for name, hint in typing.get_type_hints(cls, include_extras=True).items()}
+def hints_of(cls: type) -> dict[str, Any]:
+    """The fields of a message, as they are written, with their types."""
+    return {written_name(name): hint for name, hint in typing.get_type_hints(cls, include_extras=True).items()}
 
 
-def _written(name: str) -> str:
+def written_name(name: str) -> str:
     """How the name of a Python field is written in a file."""
     return name.removesuffix("_")
 
@@ -127,38 +138,73 @@ def _written(name: str) -> str:
 def enum_of(kind: Any) -> dict[str, int]:
     """The names of an enum with their numbers; of any other kind nothing."""
     first = 0
-    if typing.get_origin(kind) is Annotated and "from 1" in typing.get_args(kind):
-        kind, first = typing.get_args(kind)[0], 1
-    names = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+    names: tuple[Any, ...] = ()
+    if typing.get_origin(kind) is Annotated:
+        kind, more = typing.get_args(kind)[:2]
+        first = 1 if more == "from 1" else 0
+        names = more if isinstance(more, tuple) else ()
+    if typing.get_origin(kind) is Literal:
+        names = typing.get_args(kind)
     return {str(name): number for number, name in enumerate(names, first)}
 
 
-def _field_value(items: Sequence[Field], kind: Any) -> Any:
-    if typing.get_origin(kind) is tuple:
-        return tuple(_value(item, typing.get_args(kind)[0]) for item in items)
-    if typing.get_origin(kind) in (types.UnionType, typing.Union):
-        kind = next(k for k in typing.get_args(kind) if k is not type(None))
+def kind_of(hint: Any) -> tuple[Any, bool]:
+    """The kind of one value of a field, and is the field repeated."""
+    if hint in ARRAYS:
+        return hint, True
+    if typing.get_origin(hint) is tuple:
+        return typing.get_args(hint)[0], True
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return kind_of(next(k for k in typing.get_args(hint) if k is not type(None)))
+    return hint, False
+
+
+def is_message(kind: Any) -> bool:
+    """Is it a dataclass, or a tree that is left as it is?"""
+    return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
+
+
+def _field_value(items: Sequence[Field], hint: Any) -> Any:
+    kind, repeated = kind_of(hint)
+    if kind in ARRAYS:
+        return array_of(items, kind)
+    if repeated:
+        return tuple(value_of(item, kind) for item in items)
     if len(items) > 1 and not (isinstance(items[0].value, Message) and dataclasses.is_dataclass(kind)):
         raise PrototxtError(items[1].position, f"field {items[1].name!r} is given twice, but is not a repeated field")
     if len(items) > 1:  # protobuf merges a message that is written in parts
         parts = [item.value for item in items if isinstance(item.value, Message)]
         merged = Message([f for part in parts for f in part.fields], parts[0].position)
         return read(merged, typing.cast(type[Any], kind), items[0].name)
-    return _value(items[0], kind)
+    return value_of(items[0], kind)
 
 
-def _value(item: Field, kind: Any) -> Any:
+def array_of(items: Sequence[Field], kind: Any) -> NDArray[Any]:
+    """All values of a field whose kind is an array. Raises PrototxtError."""
+    parts = [i.value.array if isinstance(i.value, Numbers) else np.array([value_of(i, Double)]) for i in items]
+    return (parts[0] if len(parts) == 1 else np.concatenate(parts)).astype(ARRAYS[kind], copy=False)
+
+
+def message_of(item: Field) -> Message:
+    """The message that a field holds. Raises PrototxtError if it holds something else."""
+    if not isinstance(item.value, Message):
+        found = f"expected {item.name} {{ ... }}, found {item.value}"
+        raise PrototxtError(item.position, f"{item.name!r} is a message: {found}")
+    return item.value
+
+
+def value_of(item: Field, kind: Any) -> Any:
+    """The value of a field of this kind. Raises PrototxtError."""
     value, position = item.value, item.position
-    if kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
-        if not isinstance(value, Message):
-            raise PrototxtError(position, f"{item.name!r} is a message: expected {item.name} {{ ... }}, found {value}")
-        return value if kind is Message else read(value, kind, item.name)
-    if isinstance(value, Message):
+    if is_message(kind):
+        return message_of(item) if kind is Message else read(message_of(item), kind, item.name)
+    if not isinstance(value, Scalar):
         raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {_expected(kind)}'")
-    result = _scalar(value, kind)
+    result = scalar_value(value, kind)
     if result is None:
         where = value.position
-        if names := list(enum_of(kind)):
+        names = list(enum_of(kind))
+        if names and value.kind != "string":
             advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {_expected(kind)}, found {value}")
@@ -171,12 +217,15 @@ def _expected(kind: Any) -> str:
     if kind is UInt:
         return "an integer that is not negative"
     return {
-        str: "a string in quotes", int: "an integer", float: "a number", Double: "a number", bool: "true or false",
+        str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
+        int: "an integer", float: "a number", Double: "a number",
     }[kind]  # fmt: skip
 
 
-def _scalar(value: Scalar, kind: Any) -> Any:
+def scalar_value(value: Scalar, kind: Any) -> Any:
     """The Python value of a scalar, or None if it is not of that kind."""
+    if kind is bytes:
+        return value.text.encode("utf-8", "surrogateescape") if value.kind == "string" else None
     if kind is str:
         return value.text if value.kind == "string" else None
     if value.kind == "string":
@@ -228,3 +277,36 @@ def _float(value: Scalar) -> float | None:
         return float(value.text.lower().removesuffix("f"))
     except ValueError:
         return None
+
+
+# ---------------------------------------------------------------------------------------------- typed → tree
+
+
+def to_tree(message: Any) -> Message:
+    """A typed message as a tree: the fields that its file gives, and those that differ from their defaults."""
+    hints, place = hints_of(message.__class__), position_of(message)
+    fields: list[Field] = []
+    for spec in dataclasses.fields(message):
+        name, value = written_name(spec.name), getattr(message, spec.name)
+        if spec.name == "blocks":
+            fields += [Field(block, tree, tree.position) for block, tree in value.items()]
+        elif value is not None and (spec.default is None or value != spec.default or gives(message, name)):
+            kind, repeated = kind_of(hints[name])
+            values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
+            fields += [Field(name, _tree_value(one, kind, place), place) for one in values]
+    return Message(fields, place)
+
+
+def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Message:
+    if isinstance(value, (Numbers, Message)):
+        return value
+    if is_message(kind):
+        return to_tree(value)
+    if kind is bytes:
+        return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
+    if kind is str:
+        return Scalar("string", value, place)
+    if kind is bool or enum_of(kind):
+        return Scalar("word", str(value).lower() if kind is bool else value, place)
+    text = str(np.float32(value)) if kind is float else repr(value)
+    return Scalar("number" if np.isfinite(value) else "word", text, place)

@@ -277,7 +277,8 @@ class Solver:
     def snapshot_paths(self, iteration: int) -> tuple[Path, Path]:
         """Where the weights and the solver state after ``iteration`` updates go."""
         stem = f"{self.prefix}_iter_{iteration}"
-        return Path(f"{stem}.caffemodel.h5"), Path(f"{stem}.solverstate.h5")
+        suffix = ".h5" if self.param.snapshot_format == "HDF5" else ""
+        return Path(f"{stem}.caffemodel{suffix}"), Path(f"{stem}.solverstate{suffix}")
 
     def snapshot(self) -> Path:
         """Write weights and solver state; returns the path of the state. Raises WeightsError."""
@@ -288,9 +289,11 @@ class Solver:
                     "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
                 )
         weights_path, state_path = self.snapshot_paths(self.iter)
-        log.info("Snapshotting to HDF5 file %s", weights_path)
-        log.info("Snapshotting solver state to HDF5 file %s", state_path)
-        snapshot.write_pair(weights.owned(self.net), state_of(self, weights_path), weights_path, state_path)
+        kind = "HDF5" if self.param.snapshot_format == "HDF5" else "binary proto"
+        log.info("Snapshotting to %s file %s", kind, weights_path)
+        log.info("Snapshotting solver state to %s file %s", kind, state_path)
+        image = weights.image(self.net, weights_path, self.param.snapshot_diff)
+        snapshot.write_pair(image, state_of(self, weights_path), weights_path, state_path)
         self._saved_iter = self.iter
         return state_path
 

@@ -35,8 +35,8 @@ def checked(p: SolverParameter) -> SolverParameter:
         p = schema.changed(p, type=OLD_TYPES[p.solver_type])
     for field, message in _mistakes(p):
         raise PrototxtError(schema.position_of(p, field), message)
-    if p.snapshot_diff:
-        log.info("snapshot_diff is accepted, but gradients are not stored")
+    if p.snapshot_diff and p.snapshot_format == "HDF5":
+        log.info("snapshot_diff is for BINARYPROTO; in HDF5 gradients are not stored")
     if p.solver_mode == "GPU":
         log.info("solver_mode: GPU is accepted, but this runs on the CPU")
     return p
@@ -62,8 +62,6 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "iter_size", "iter_size and average_loss must be at least 1"
     if p.average_loss > LONGEST_AVERAGE:
         yield "average_loss", f"average_loss {p.average_loss} is more than a million iterations"
-    if p.snapshot_format == "BINARYPROTO":
-        yield "snapshot_format", "snapshot_format BINARYPROTO is not supported; expected HDF5"
     if 0 in p.test_iter:
         yield "test_iter", "test_iter must be at least 1"
     if p.test_interval and not p.test_iter:

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from netlib import snapshot
+from netlib import snapshot, snapshot_binary, snapshot_hdf5
 from netlib.blob import Array, Blobs
 from netlib.errors import LayerError, WeightsError
 from netlib.layer import Layer
+from netlib.saved import Weights
 from netlib.sharing import Param
-from netlib.snapshot import Weights
 
 
 class Net(Protocol):
@@ -31,6 +31,19 @@ def owned(net: Net) -> Weights:
         name: {i: blob.data for i, blob in enumerate(layer.blobs) if (name, i) in own}
         for name, layer in net.layer_dict.items()
     }
+
+
+def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
+    """The file ``path`` of the net's weights, as bytes: HDF5 if its name ends in ``.h5``, else Caffe's binary format.
+
+    The binary format also holds the layers themselves, every shared parameter with each of its layers, and, if
+    wanted, the gradients. Raises WeightsError if the format cannot hold them.
+    """
+    if snapshot.is_hdf5(path):
+        return snapshot_hdf5.weights_image(owned(net))
+    layers = [(layer.spec, [(b.data, b.diff if diffs else None) for b in layer.blobs])
+              for layer in net.layer_dict.values()]  # fmt: skip
+    return snapshot_binary.weights_image(net.name, layers)
 
 
 def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import snapshot
+from netlib import prototxt, schema, snapshot
+from netlib import wire as netlib_wire
+from netlib.messages import NetParameter, SolverState
 from tests.caffe import wire
 from tests.caffe.recorded import Follow, distance, trajectory
 
@@ -139,6 +141,72 @@ def test_our_history_is_that_of_caffes_binary_snapshot(ours: Path, iteration: in
     assert learned_net == f"snap/snap_sgd_binaryproto_iter_{iteration}.caffemodel"
     assert len(mine.history) == len(history) == 6
     assert all(distance(h, g) <= 1e-5 for h, g in zip(mine.history, history))
+
+
+def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -> None:
+    """Weights with whole layers, states with histories: the same fields, numbers and order."""
+    files = [Path("init.caffemodel"), Path("init_shared.caffemodel"), *Path("snap").glob("*.caffemodel")]
+    states = sorted(Path("snap").glob("*.solverstate"))
+    assert (len(files), len(states)) == (4, 2)
+    for path, cls in [*((path, NetParameter) for path in files), *((path, SolverState) for path in states)]:
+        data = path.read_bytes()
+        tree = netlib_wire.decode(data, cls, str(path))
+        assert netlib_wire.encode(tree, cls) == data
+        assert netlib_wire.encode(schema.to_tree(schema.read(tree, cls)), cls) == data
+
+
+def test_our_reader_of_binary_weights_is_right(solvers: Path) -> None:
+    """It finds what the test's own few lines find."""
+    for path in (Path("init.caffemodel"), Path("init_shared.caffemodel")):
+        mine, theirs = snapshot.read_weights(path), wire.read_weights(path)
+        assert list(mine) == list(theirs)
+        for layer, arrays in theirs.items():
+            assert all(np.array_equal(mine[layer][i], array) for i, array in enumerate(arrays))
+
+
+def test_training_goes_on_from_caffes_binary_state(solvers: Path, tmp_path: Path) -> None:
+    """As from its HDF5 state; the last snapshot, too, is one of Caffe's to whoever reads its fields."""
+    changes = {"snapshot_prefix": str(tmp_path / "ours"), "display": 0, "snapshot_format": "BINARYPROTO"}
+    solver = netlib.get_solver(f"solver_{CASE}.prototxt", **changes)
+    solver.restore("snap/snap_sgd_binaryproto_iter_10.solverstate")
+    follow = Follow(solver, trajectory(CASE))
+    assert solver.solve()
+    assert (follow.updates, solver.iter) == (10, 20)
+    assert max(follow.worst, follow.worst_loss) <= 1e-5
+    theirs = wire.read_weights(Path("snap/snap_sgd_binaryproto_iter_20.caffemodel"))
+    mine = wire.read_weights(tmp_path / "ours_iter_20.caffemodel")
+    assert list(mine) == list(theirs)
+    iters, step, _, history = wire.read_state(tmp_path / "ours_iter_20.solverstate")
+    assert (iters, step, len(history)) == (20, 3, 6)
+    for layer, arrays in theirs.items():
+        assert all(distance(a, b) <= 1e-5 for a, b in zip(mine[layer], arrays))
+
+
+LENET = """
+    layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 1 dim: 1 dim: 28 dim: 28 } } }
+    layer { name: "conv1" type: "Convolution" bottom: "data" top: "conv1"
+            convolution_param { num_output: 20 kernel_size: 5 } }
+    layer { name: "pool1" type: "Pooling" bottom: "conv1" top: "pool1" pooling_param { kernel_size: 2 stride: 2 } }
+    layer { name: "conv2" type: "Convolution" bottom: "pool1" top: "conv2"
+            convolution_param { num_output: 50 kernel_size: 5 } }
+    layer { name: "pool2" type: "Pooling" bottom: "conv2" top: "pool2" pooling_param { kernel_size: 2 stride: 2 } }
+    layer { name: "ip1" type: "InnerProduct" bottom: "pool2" top: "ip1" inner_product_param { num_output: 500 } }
+    layer { name: "relu1" type: "ReLU" bottom: "ip1" top: "ip1" }
+    layer { name: "ip2" type: "InnerProduct" bottom: "ip1" top: "ip2" inner_product_param { num_output: 10 } }
+    layer { name: "prob" type: "Softmax" bottom: "ip2" top: "prob" }
+"""
+
+
+def test_a_real_lenet_reads_digits(whole: Path) -> None:
+    """Binary weights that Caffe trained: 99% of 2,000 test digits."""
+    folder = whole.parent / "lenet"
+    digits = np.load(folder / "mnist_test_2000.npz")
+    images = digits[next(name for name in digits if digits[name].ndim >= 3)]
+    labels = digits[next(name for name in digits if digits[name].ndim == 1)]
+    net = netlib.Net(prototxt.parse(LENET), str(folder / "lenet_iter_10000.caffemodel"), netlib.TEST)
+    found = net.forward(data=images.reshape(-1, 1, 28, 28) / np.float32(256))["prob"].argmax(axis=1)
+    assert (found == labels).mean() >= 0.985
+    assert snapshot.read_state(folder / "lenet_iter_10000.solverstate").iter == 10000
 
 
 # ---------------------------------------------------------------------------------------------- shared weights

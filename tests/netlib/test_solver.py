@@ -166,8 +166,8 @@ def test_weights_start_from_a_file(solver_of: MakeSolver) -> None:
     """``weights:`` names a snapshot, found beside the solver as well."""
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(1)
-    solver.net.save("start.caffemodel.h5")
-    assert weight(solver_of(ONE_WEIGHT % "", 'weights: "start.caffemodel.h5"')) == weight(solver)
+    solver.net.save("start.caffemodel")
+    assert weight(solver_of(ONE_WEIGHT % "", 'weights: "start.caffemodel"')) == weight(solver)
 
 
 # ---------------------------------------------------------------------------------------------- reports
@@ -270,7 +270,7 @@ def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.Log
 def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: str, expected: list[int]) -> None:
     """After every ``snapshot`` updates, and at the end unless that was one already."""
     assert solver_of(ONE_WEIGHT % "", options).solve()
-    names = sorted(f"snap_iter_{i}.{kind}.h5" for i in expected for kind in ("caffemodel", "solverstate"))
+    names = sorted(f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate"))
     assert sorted(path.name for path in work.glob("snap*")) == names
 
 
@@ -283,8 +283,8 @@ def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem
     """A directory gets the solver file's name in it; no prefix, the solver file's name."""
     (work / "there").mkdir()
     state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
-    assert state == Path(f"{stem}_iter_0.solverstate.h5")
-    assert (work / f"{stem}_iter_0.caffemodel.h5").exists()
+    assert state == Path(f"{stem}_iter_0.solverstate")
+    assert (work / f"{stem}_iter_0.caffemodel").exists()
 
 
 def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, work: Path) -> None:
@@ -308,7 +308,7 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path,
     solver.on_iteration = ask
     assert solver.solve() == (request_ == "snapshot")
     assert solver.iter == (3 if request_ == "stop" else 6)
-    assert [path.name for path in work.glob("*.solverstate.h5")] == ["snap_iter_3.solverstate.h5"]
+    assert [path.name for path in work.glob("*.solverstate")] == ["snap_iter_3.solverstate"]
     assert solver.requested is None
 
 
@@ -324,7 +324,7 @@ def test_stop_during_a_test_ends_the_test(solver_of: MakeSolver, work: Path) -> 
     solver.test_nets[0].run_forward = stopping  # type: ignore[method-assign]
     assert not solver.solve()
     assert solver.iter == 0
-    assert (work / "snap_iter_0.solverstate.h5").exists()
+    assert (work / "snap_iter_0.solverstate").exists()
 
 
 # ---------------------------------------------------------------------------------------------- resume
@@ -372,7 +372,7 @@ def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog:
     state = solver.snapshot()
     caplog.set_level("INFO", "netlib")
     solver_of(RANDOM, "momentum: 0.9").restore(state)
-    assert messages(caplog, "Resuming at iteration 0: weights from snap_iter_0.caffemodel.h5")
+    assert messages(caplog, "Resuming at iteration 0: weights from snap_iter_0.caffemodel")
     assert messages(caplog, "goes on exactly")
     assert not messages(caplog, "Changed")
 
@@ -428,7 +428,7 @@ def test_a_new_max_iter_is_no_change_of_a_fixed_policy(solver_of: MakeSolver) ->
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     solver.solve()
     longer = solver_of(ONE_WEIGHT % "", "max_iter: 4")
-    assert longer.solve(resume="snap_iter_2.solverstate.h5")
+    assert longer.solve(resume="snap_iter_2.solverstate")
     assert longer.iter == 4
 
 
@@ -448,9 +448,9 @@ def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda s: s.snapshot().with_name("snap_iter_0.caffemodel.h5"), "this is a weights file"),
-        (lambda s: "nothing.solverstate.h5", "nothing.solverstate.h5: cannot read a solver state: No such file"),
-        (lambda s: "solver.prototxt", "solver.prototxt: not an HDF5 file; expected a solver state"),
+        (lambda s: s.snapshot().with_name("snap_iter_0.caffemodel"), "this is a weights file"),
+        (lambda s: "nothing.solverstate", "nothing.solverstate: cannot read a solver state: No such file"),
+        (lambda s: "solver.prototxt", "expected a solver state (.solverstate); this looks like a text"),
     ],
 )
 def test_what_cannot_be_resumed_is_one_line(
@@ -493,7 +493,7 @@ def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path
     solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     solver.step(1)
     state = solver.snapshot()
-    with h5py.File(work / "snap_iter_1.caffemodel.h5", "w") as file:
+    with h5py.File(work / "snap_iter_1.caffemodel", "w") as file:
         file["data/ip/0"] = np.zeros((2, 2), np.float32)
     before = weights(solver)
     solver.step(1)
@@ -525,10 +525,10 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolve
         np.errstate(all="ignore"),
     ):
         solver.solve()
-    for path in work.glob("*.caffemodel.h5"):
+    for path in work.glob("*.caffemodel"):
         found = snapshot.read_weights(path)
         assert np.isfinite(found["ip"][0]).all(), path.name
-    assert len(list(work.glob("*.caffemodel.h5"))) == solver.iter
+    assert len(list(work.glob("*.caffemodel"))) == solver.iter
 
 
 # ---------------------------------------------------------------------------------------------- mistakes
@@ -546,7 +546,6 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolve
         ('type: "RMSProp" rms_decay: 1', "must be at least 0 and less than 1"),
         ('regularization_type: "L3"', "unknown regularization_type 'L3'"),
         ("iter_size: 0", "must be at least 1"),
-        ("snapshot_format: BINARYPROTO", "BINARYPROTO is not supported; expected HDF5"),
         ("test_interval: 5", "test_interval without test_iter"),
         (
             'train_net: "net.prototxt"',

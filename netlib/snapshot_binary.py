@@ -1,0 +1,116 @@
+"""Weights and solver states in Caffe's binary format.
+
+    .caffemodel     a NetParameter: every layer as the net runs it, with its parameters in ``blobs``
+    .solverstate    a SolverState; its field ``netlib`` is ours, JSON: what an exact resume needs. Caffe skips it
+
+Weights of Caffe's older formats are read as well (netlib/upgrade.py).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from netlib import binaryproto, messages, schema, wire
+from netlib.blob import Array
+from netlib.errors import NetlibError, WeightsError
+from netlib.messages import LayerParameter
+from netlib.net_parameter import distinct
+from netlib.prototxt import Field, Message
+from netlib.saved import SolverState, Weights
+from netlib.upgrade import AnyNetParameter, upgraded
+
+T = TypeVar("T")
+LARGEST = 2**31 - 1  # bytes of a message, a limit of protobuf's
+
+
+def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[Array, Array | None]]]]) -> bytes:
+    """The .caffemodel of a net: its layers, each with the data, and if wanted the diffs, of its parameters."""
+    fields = schema.to_tree(messages.NetParameter(name=name)).fields
+    for spec, blobs in layers:
+        tree = schema.to_tree(schema.changed(spec, blobs=()))
+        values = [Field("blobs", binaryproto.tree_of(data, diff), tree.position) for data, diff in blobs]
+        tree = Message([f for f in tree.fields if f.name != "blobs"] + values, tree.position)
+        fields.append(Field("layer", tree, tree.position))
+    return _fitting(wire.encode(Message(fields, schema.position_of(None)), messages.NetParameter))
+
+
+def state_image(state: SolverState) -> bytes:
+    """The .solverstate of a training."""
+    extra = json.dumps(state.extra)
+    tree = schema.to_tree(messages.SolverState(state.iter, state.learned_net, (), state.current_step, extra))
+    history = [Field("history", binaryproto.tree_of(array), tree.position) for array in state.history]
+    return _fitting(wire.encode(Message(tree.fields + history, tree.position), messages.SolverState))
+
+
+def _fitting(image: bytes) -> bytes:
+    if len(image) > LARGEST:
+        raise WeightsError(f"a snapshot of {len(image)} bytes is more than Caffe's binary format can hold, "
+                           "2 GB; expected snapshot_format: HDF5, or a file name that ends in .h5")  # fmt: skip
+    return image
+
+
+def read_weights(data: bytes, path: str) -> Weights:
+    """Layer name -> parameter index -> array. Raises WeightsError if these are no weights."""
+    try:
+        layers = _net(data, path).layer
+        if layers:
+            keys = distinct([layer.name for layer in layers])
+            return {
+                key: {i: binaryproto.array_of(blob) for i, blob in enumerate(layer.blobs)}
+                for key, layer in zip(keys, layers)
+            }
+        problem = f"{path}: no layer in it"
+    except NetlibError as error:
+        problem = str(error)
+    state = _or_none(_state, data, path)
+    if state is not None and state.history:
+        raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, "
+                           f"{state.learned_net or '*.caffemodel'} (resume a training with --snapshot)")  # fmt: skip
+    raise WeightsError(f"{problem}; expected weights (.caffemodel){_looks(data)}")
+
+
+def read_state(data: bytes, path: str) -> SolverState:
+    """The state. Raises WeightsError if it is none."""
+    try:
+        state = _state(data, path)
+        extra = json.loads(state.netlib or "{}")
+        if not isinstance(extra, dict) or min(state.iter, state.current_step) < 0:
+            raise ValueError("the state makes no sense")
+        if state.history or state.learned_net:
+            history = [binaryproto.array_of(blob) for blob in state.history]
+            return SolverState(state.iter, state.current_step, state.learned_net, history, extra)
+        problem = f"{path}: no history in it"
+    except NetlibError as error:
+        problem = str(error)
+    except ValueError as error:
+        problem = f"{path}: damaged: {error}"
+    net = _or_none(_net, data, path)
+    if net is not None and net.layer:
+        raise WeightsError(f"{path}: this is a weights file; pass it as --weights, or its pair *.solverstate here")
+    raise WeightsError(f"{problem}; expected a solver state (.solverstate){_looks(data)}")
+
+
+def _net(data: bytes, path: str) -> messages.NetParameter:
+    return schema.read(upgraded(wire.decode(data, AnyNetParameter, path)), messages.NetParameter)
+
+
+def _state(data: bytes, path: str) -> messages.SolverState:
+    return schema.read(wire.decode(data, messages.SolverState, path), messages.SolverState)
+
+
+def _or_none(read: Callable[[bytes, str], T], data: bytes, path: str) -> T | None:
+    try:
+        return read(data, path)
+    except NetlibError:
+        return None
+
+
+def _looks(data: bytes) -> str:
+    """What a file of the wrong kind looks like."""
+    if not data:
+        return "; the file is empty"
+    if all(byte in b"\t\n\r" or 32 <= byte < 127 for byte in data[:256]):
+        return "; this looks like a text"
+    return ""
