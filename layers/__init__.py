@@ -3,11 +3,21 @@
 They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for our own.
 """
 
+from layers.activation.absval import AbsVal
+from layers.activation.bias import Bias
+from layers.activation.bnll import BNLL
+from layers.activation.clip import Clip
+from layers.activation.elu import ELU
+from layers.activation.exp import Exp
+from layers.activation.log import Log
 from layers.activation.power import Power
+from layers.activation.prelu import PReLU
 from layers.activation.relu import ReLU
 from layers.activation.scale import Scale
 from layers.activation.sigmoid import Sigmoid
+from layers.activation.swish import Swish
 from layers.activation.tanh import TanH
+from layers.activation.threshold import Threshold
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
@@ -25,7 +35,12 @@ from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.phys_limit import PhysLimit, ReleasedPhysLimit
 from layers.loss.accuracy import Accuracy
+from layers.loss.contrastive_loss import ContrastiveLoss
 from layers.loss.euclidean_loss import EuclideanLoss
+from layers.loss.hinge_loss import HingeLoss
+from layers.loss.infogain_loss import InfogainLoss
+from layers.loss.multinomial_logistic_loss import MultinomialLogisticLoss
+from layers.loss.sigmoid_cross_entropy_loss import SigmoidCrossEntropyLoss
 from layers.loss.smooth_l1_loss import SmoothL1Loss
 from layers.loss.softmax_loss import SoftmaxWithLoss
 from layers.vision.convolution import Convolution
@@ -33,21 +48,33 @@ from layers.vision.pooling import Pooling
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
+    "AbsVal": AbsVal,
     "Accuracy": Accuracy,
+    "BNLL": BNLL,
+    "Bias": Bias,
+    "Clip": Clip,
     "Concat": Concat,
+    "ContrastiveLoss": ContrastiveLoss,
     "Convolution": Convolution,
     "DeepHandModel": HandModel,  # the released system's name
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
     "Dropout": Dropout,
     "DummyData": DummyData,
+    "ELU": ELU,
     "Eltwise": Eltwise,
     "EuclideanLoss": EuclideanLoss,
+    "Exp": Exp,
     "Flatten": Flatten,
     "HDF5Data": HDF5Data,
     "HandAugment": HandAugment,
     "HandModel": HandModel,
+    "HingeLoss": HingeLoss,
+    "InfogainLoss": InfogainLoss,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "Log": Log,
+    "MultinomialLogisticLoss": MultinomialLogisticLoss,
+    "PReLU": PReLU,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
@@ -55,11 +82,14 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Reshape": Reshape,
     "Scale": Scale,
     "Sigmoid": Sigmoid,
+    "SigmoidCrossEntropyLoss": SigmoidCrossEntropyLoss,
     "Silence": Silence,
     "Slice": Slice,
     "SmoothL1Loss": SmoothL1Loss,
     "Softmax": Softmax,
     "SoftmaxWithLoss": SoftmaxWithLoss,
     "Split": Split,
+    "Swish": Swish,
     "TanH": TanH,
+    "Threshold": Threshold,
 }

@@ -23,6 +23,7 @@ SHARED_BY_LAYERS = {
     "layers.hand.skeleton",
     "layers.hand.skeleton_file",
     "layers.hand.kinematics",
+    "layers.loss.labels",
 }  # mathematics of several layers, no layer types
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 names = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))

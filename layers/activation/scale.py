@@ -64,6 +64,8 @@ class Scale(Layer):
         if x[self.axis : end] != gain:
             raise self.fail(f"gain {gain} does not fit axes {self.axis} to {end} of bottom "
                             f"{self.spec.bottom[0]!r} {x}")  # fmt: skip
+        if self.param.bias_term and self.blobs[-1].shape != gain:
+            raise self.fail(f"gain {self.spec.bottom[1]!r} {gain} does not fit the bias {self.blobs[-1].shape}")
         self.trailing = (1,) * (len(x) - end)
         self.others = tuple(i for i in range(len(x)) if not self.axis <= i < end)
         top[0].reshape(x)

@@ -1,7 +1,7 @@
 """Accuracy: the share of the items whose label is among the best ``top_k`` scores. No gradient.
 
 bottom[0]  x       (..., classes, ...)  scores; the classes stand on ``axis``
-bottom[1]  labels  same shape without that axis; whole numbers
+bottom[1]  labels  as many as the shape without that axis has places; whole numbers
 top[0]     a       scalar
 top[1]     a_c     (classes,) optional: the accuracy of each class; 0 for a class without items
 """
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.loss import labels as labels_of
 from netlib.blob import Blobs
 from netlib.layer import Layer
 from netlib.schema import UInt, numbered
@@ -35,37 +36,30 @@ class Accuracy(Layer):
     in_place = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        x, labels = bottom
+        x = bottom[0]
         self.axis = self.canonical_axis(self.param.axis, x)
-        self.places = x.shape[: self.axis] + x.shape[self.axis + 1 :]
-        classes = x.shape[self.axis]
-        if labels.count != int(np.prod(self.places)):
-            raise self.fail(f"labels {self.spec.bottom[1]!r} {labels.shape} do not fit scores "
-                            f"{self.spec.bottom[0]!r} {x.shape}; expected {self.places}")  # fmt: skip
-        if not 1 <= self.param.top_k <= classes:
-            raise self.fail(f"top_k {self.param.top_k} must be from 1 to the {classes} classes", "top_k")
+        places = x.shape[: self.axis] + x.shape[self.axis + 1 :]
+        labels_of.check_shapes(self, bottom, places, same_items=False)
+        self.classes = x.shape[self.axis]
+        if self.param.top_k > self.classes:
+            raise self.fail(f"top_k {self.param.top_k} is more than the {self.classes} classes", "top_k")
         top[0].reshape(())
         if len(top) > 1:
-            top[1].reshape(classes)
+            top[1].reshape(self.classes)
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         return False
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        scores = np.moveaxis(bottom[0].data, self.axis, -1).reshape(-1, bottom[0].shape[self.axis])
-        labels = bottom[1].data.reshape(-1).astype(np.intp)
-        counts = np.ones(len(labels), bool)
-        if self.param.ignore_label is not None:
-            counts = labels != self.param.ignore_label
+        scores = np.moveaxis(bottom[0].data, self.axis, -1).reshape(-1, self.classes)
+        labels, counts = labels_of.read(self, bottom, self.classes, self.param.ignore_label)
         labels, scores = labels[counts], scores[counts]
-        if len(labels) and not 0 <= labels.min() <= labels.max() < scores.shape[1]:
-            raise self.fail(f"a label in {self.spec.bottom[1]!r} is not from 0 to {scores.shape[1] - 1}")
         own = np.take_along_axis(scores, labels[:, None], 1)
         right = (scores > own).sum(axis=1) + (scores == own).sum(axis=1) - 1 < self.param.top_k  # ties count against
         top[0].data[...] = right.mean() if len(right) else 0
         if len(top) > 1:
-            total = np.bincount(labels, minlength=scores.shape[1])
-            top[1].data[...] = np.bincount(labels, right, scores.shape[1]) / np.maximum(total, 1)
+            total = np.bincount(labels, minlength=self.classes)
+            top[1].data[...] = np.bincount(labels, right, self.classes) / np.maximum(total, 1)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):

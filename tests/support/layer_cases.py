@@ -25,8 +25,17 @@ def different(*shape: int) -> np.ndarray:
 
 # type -> options, makers of the bottoms for N items, number of tops; ``wanted``: bottoms that get a gradient
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
+    "AbsVal": ("", lambda N: [off_zero(N, 3)], {}),
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
+    "BNLL": ("", lambda N: [off_zero(N, 3)], {}),
+    "Bias": ("", lambda N: [off_zero(N, 2, 3)], {}),
+    "Clip": ("clip_param { min: -2 max: 0.1 }", lambda N: [off_zero(N, 3)], {}),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
+    "ContrastiveLoss": (
+        "contrastive_loss_param { margin: 3 legacy_version: true }",
+        lambda N: [off_zero(N, 3), off_zero(N, 3), RNG.integers(0, 2, N)],
+        {"wanted": [True, True, False]},
+    ),
     "Convolution": (
         'convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(N, 2, 3, 4)],
@@ -35,8 +44,10 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "DeepHandModel": ("", lambda N: [off_zero(N, 47)], {}),
     "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
+    "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
     "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
     "EuclideanLoss": ("", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Exp": ("exp_param { base: 2 scale: 3 shift: 1 }", lambda N: [off_zero(N, 3)], {}),
     "Flatten": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "HandAugment": (
         "hand_augment_param { rotation: 20 scale: 0.1 shift: 1 depth: 0.1 }",
@@ -44,11 +55,24 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         {"tops": 2, "wanted": [False, False]},
     ),
     "HandModel": ("", lambda N: [off_zero(N, 47)], {}),
+    "HingeLoss": (
+        "hinge_loss_param { norm: L2 }",
+        lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)],
+        {"wanted": [True, False]},
+    ),
+    "InfogainLoss": (
+        "",
+        lambda N: [off_zero(N, 3), RNG.integers(0, 3, N), off_zero(3, 3)],
+        {"wanted": [True, False, False]},
+    ),
     "InnerProduct": (
         'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(N, 2, 3)],
         {},
     ),
+    "Log": ("log_param { base: 2 scale: 3 shift: 4 }", lambda N: [off_zero(N, 3)], {}),
+    "MultinomialLogisticLoss": ("", lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
+    "PReLU": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
@@ -56,13 +80,16 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
+    "SigmoidCrossEntropyLoss": ("", lambda N: [off_zero(N, 3), abs(off_zero(N, 3))], {"wanted": [True, False]}),
     "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
     "Slice": ("", lambda N: [off_zero(N, 4)], {"tops": 2}),
     "SmoothL1Loss": ("smooth_l1_loss_param { sigma: 1.3 }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
     "Softmax": ("", lambda N: [off_zero(N, 3)], {}),
     "SoftmaxWithLoss": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "Split": ("", lambda N: [off_zero(N, 3)], {"tops": 2}),
+    "Swish": ("swish_param { beta: 1.7 }", lambda N: [off_zero(N, 3)], {}),
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
+    "Threshold": ("", lambda N: [off_zero(N, 3)], {"wanted": [False]}),
 }
 SOURCES = {"DummyData", "HDF5Data", "Input"}  # no bottoms: their own tests say all there is
 

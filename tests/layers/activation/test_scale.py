@@ -61,3 +61,24 @@ def test_mistakes(run, options, bottoms, message):
     """The gain's shape and the bottom's."""
     with pytest.raises(netlib.LayerError, match=message):
         run(text(options), *map(np.zeros, bottoms))
+
+
+def test_another_gain_does_not_fit_the_bias(run):
+    """The bias has the shape of the gain at first; one value would silently be added to all channels."""
+    done = run(text("bias_term: true"), np.zeros((2, 1)), np.zeros(1))
+    done.bottom[0].reshape(2, 4)
+    done.bottom[1].reshape(4)
+    with pytest.raises(netlib.LayerError, match=r"gain 'bottom1' \(4,\) does not fit the bias \(1,\)"):
+        done.layer.reshape(done.bottom, done.top)
+
+
+def test_a_gain_of_no_axes_fits_anywhere(run):
+    """num_axes 0, or a scalar bottom: the axis is not looked at."""
+    assert run(text("num_axes: 0 axis: 5"), [2.0, 3], params=[2]).y.tolist() == [4, 6]
+    assert run(text("axis: 5"), [2.0, 3], 2.0).y.tolist() == [4, 6]
+
+
+def test_num_axes_counts_only_for_a_gain_of_its_own(run, rng):
+    """A second bottom says itself how many axes it has, as in Caffe."""
+    x, gain = rng.normal(size=(2, 3, 4)), rng.normal(size=(3, 4))
+    assert np.array_equal(run(text("num_axes: 9"), x, gain).y, x * gain)

@@ -19,6 +19,19 @@ def test_top_k(run):
     assert run(text, SCORES, [0, 2, 1, 2]).y == 0.75
 
 
+def test_nobody_is_among_the_best_none(run):
+    """top_k 0 is allowed, as in Caffe."""
+    ys = run('type: "Accuracy" accuracy_param { top_k: 0 }', SCORES, [0, 1, 0, 2], tops=2).ys
+    assert ys[0] == 0
+    assert not ys[1].any()
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 1), (1, 4), (2, 2), (1, 4, 1, 1)])
+def test_only_the_number_of_labels_counts(run, shape):
+    """As in Caffe, their shape does not."""
+    assert run('type: "Accuracy"', SCORES, np.reshape([0, 1, 0, 2], shape)).y == 0.5
+
+
 def test_ties_count_against_the_label(run):
     """A net that says nothing is not right by chance."""
     assert run('type: "Accuracy"', np.zeros((2, 3)), [0, 1]).y == 0
@@ -49,10 +62,9 @@ def test_classes_on_another_axis(run, rng):
     ("text", "labels", "message"),
     [
         ("", [0, 1], r"labels 'bottom1' \(2,\) do not fit scores 'bottom0' \(4, 3\); expected \(4,\)"),
-        ("accuracy_param { top_k: 4 }", [0, 1, 0, 1], "top_k 4 must be from 1 to the 3 classes"),
-        ("accuracy_param { top_k: 0 }", [0, 1, 0, 1], "top_k 0 must be"),
-        ("", [0, 1, 0, 3], "a label in 'bottom1' is not from 0 to 2"),
-        ("", [0, 1, 0, -1], "a label in 'bottom1' is not from 0 to 2"),
+        ("accuracy_param { top_k: 4 }", [0, 1, 0, 1], "top_k 4 is more than the 3 classes"),
+        ("", [0, 1, 0, 3], "label 3 in 'bottom1'; expected 0 to 2"),
+        ("", [0, 1, 0, -1], "label -1 in 'bottom1'; expected 0 to 2"),
     ],
 )
 def test_mistakes(run, text, labels, message):

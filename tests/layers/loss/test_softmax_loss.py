@@ -44,6 +44,15 @@ def test_normalization(run, rng, options, divisor):
     assert not dx[1, :, 0].any()
 
 
+@pytest.mark.parametrize("shape", [(2, 4), (2, 1, 2, 2), (2, 2, 2), (2, 4, 1)])
+def test_labels_may_have_other_axes_after_the_first(run, rng, shape):
+    """(2, 3, 2, 2) scores take (2, 1, 2, 2) labels as well as (2, 4); only items and number must agree, as in Caffe."""
+    x, labels = rng.normal(size=(2, 3, 2, 2)), rng.integers(0, 3, (2, 2, 2))
+    done, other = run(text(), x, labels.reshape(shape)), run(text(), x, labels)
+    assert done.y == other.y
+    assert np.array_equal(*(each.backward(1, wanted=[True, False])[0] for each in (done, other)))
+
+
 @pytest.mark.parametrize("options", ["", "ignore_label: 1", "normalization: NONE"])
 def test_gradient(check, rng, options):
     """Of the scores, for one label a pixel."""
@@ -60,6 +69,7 @@ def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
 @pytest.mark.parametrize(
     ("labels", "message"),
     [([0], r"labels 'bottom1' \(1,\) do not fit scores 'bottom0' \(2, 3\); expected \(2,\)"),
+     ([[2, 0]], r"labels 'bottom1' \(1, 2\) do not fit scores"),
      ([0, 3], "label 3 in 'bottom1'; expected 0 to 2"), ([0, -1], "label -1 in 'bottom1'")],
 )  # fmt: skip
 def test_mistakes(run, labels, message):

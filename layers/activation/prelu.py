@@ -1,0 +1,68 @@
+"""PReLU: a ReLU that learns how much of the negative side passes, one slope per channel.
+
+bottom[0]  x      (N, C, ...)
+params[0]  slope  (C,), or one number () with ``channel_shared``; 0.25 at first
+top[0]     y      shape of x, may be the same blob
+
+y      = max(x, 0) + slope min(x, 0)
+dx     = dy where x > 0, slope dy elsewhere
+dslope = sum of dy min(x, 0) over the other axes
+
+Kept for backward: ``x``, because in place the bottom is gone by then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.fillers import Constant, Filler
+from netlib.layer import Layer
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class PReLUParameter:
+    """The ``prelu_param { ... }`` block."""
+
+    filler: Filler = numbered(1, Constant(0.25))  # initial slopes
+    channel_shared: bool = numbered(2, False)  # one slope for all channels
+
+
+class PReLU(Layer):
+    """Rectified linear unit with learned slopes."""
+
+    param_type = PReLUParameter
+    param_name = "prelu_param"
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self._check_axes(bottom)
+        shape = () if self.param.channel_shared else bottom[0].shape[1:2]
+        self.new_param("slope", shape, self.param.filler)
+
+    def _check_axes(self, bottom: Blobs) -> None:
+        if len(bottom[0].shape) < 2:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self._check_axes(bottom)
+        x, slope = bottom[0].shape, self.blobs[0].shape
+        if slope not in ((), x[1:2]):
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has {x[1]} channels {x}, its slopes expect {slope[0]}")
+        self.wide = slope + (1,) * (len(x) - 2)  # (C, 1, ...)
+        self.others = tuple(i for i in range(len(x)) if i != 1 or not slope)
+        top[0].reshape(x)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
+        slope = self.blobs[0].data.reshape(self.wide)
+        top[0].data[...] = np.maximum(self.x, 0) + slope * np.minimum(self.x, 0)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        dy, slope = top[0].diff, self.blobs[0].data.reshape(self.wide)
+        self.blobs[0].diff[...] += (dy * np.minimum(self.x, 0)).sum(axis=self.others)
+        if propagate_down[0]:
+            bottom[0].diff[...] = np.where(self.x > 0, dy, slope * dy)

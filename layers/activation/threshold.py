@@ -1,0 +1,42 @@
+"""Threshold: 1 above a threshold, else 0. No gradient.
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+y = 1 where x > threshold, 0 elsewhere (also at the threshold)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class ThresholdParameter:
+    """The ``threshold_param { ... }`` block."""
+
+    threshold: float = numbered(1, 0.0)
+
+
+class Threshold(Layer):
+    """Yes or no."""
+
+    param_type = ThresholdParameter
+    bottoms = tops = (1, 1)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return False
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = bottom[0].data > self.param.threshold
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if any(propagate_down):
+            raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")

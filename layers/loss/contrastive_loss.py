@@ -1,0 +1,83 @@
+"""ContrastiveLoss: pairs that belong together shall be near, all others at least a margin apart (siamese nets).
+
+bottom[0]  a        (N, C), or with more axes of size 1
+bottom[1]  b        (N, C)
+bottom[2]  similar  (N,): does pair n belong together? 0 (also 0.5: the fraction is cut) is no, anything else yes
+top[0]     L        scalar
+
+d = |a - b|, one distance per pair
+L = 1 / (2 N) sum of  d²                 similar
+                      max(0, margin - d)²   not similar; with ``legacy_version`` max(0, margin - d²)
+
+da = dL / N g (a - b)
+db = -da                                 no gradient for ``similar``
+g  = 1                                   similar
+     -(margin - d) / (d + 1e-4)          not similar, d < margin; Caffe's 1e-4 spares a division by 0
+     -1                                  not similar, d² < margin, ``legacy_version``
+     0                                   not similar, far enough
+
+Kept for backward: ``difference`` = a - b and ``pull`` = g.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class ContrastiveLossParameter:
+    """The ``contrastive_loss_param { ... }`` block."""
+
+    margin: float = numbered(1, 1.0)  # how far apart the others shall be
+    legacy_version: bool = numbered(2, False)  # compare d² with the margin, as the first version did
+
+
+class ContrastiveLoss(Layer):
+    """Squared distance of pairs, or what it lacks."""
+
+    param_type = ContrastiveLossParameter
+    bottoms = (3, 3)
+    tops = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self.shape = self.items_and_values(Blobs(bottom[:2]))
+        N = self.shape[0]
+        for blob, name, values in zip(bottom, self.spec.bottom, (bottom[0].channels, bottom[1].channels, 1)):
+            if blob.shape[:1] != (N,) or blob.count != N * values:
+                wanted = "(N, C), two axes" if blob is not bottom[2] else f"({N},), one value per pair"
+                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {wanted}")
+        top[0].reshape(())
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index != 2
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        a, b = (x.data.reshape(self.shape) for x in bottom[:2])
+        similar = np.trunc(bottom[2].data.reshape(-1)) != 0
+        self.difference = a - b
+        squared, margin = (self.difference**2).sum(axis=1), self.param.margin
+        if self.param.legacy_version:
+            lacking = np.maximum(margin - squared, 0)
+            cost, push = lacking, np.ones_like(squared)
+        else:
+            d = np.sqrt(squared)
+            lacking = np.maximum(margin - d, 0)
+            cost, push = lacking**2, lacking / (d + 1e-4)
+        self.pull = np.where(similar, 1, -push * (lacking > 0))
+        top[0].data[...] = np.where(similar, squared, cost).sum() / (2 * len(a))
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[2]:
+            raise self.fail("has no gradient for its labels; set propagate_down: false for them")
+        gradient = self.pull[:, None] * self.difference * (top[0].diff / self.shape[0])
+        for x, down, sign in zip(bottom, propagate_down, (1, -1)):
+            if down:
+                x.diff[...] = (sign * gradient).reshape(x.shape)

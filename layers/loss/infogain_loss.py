@@ -1,0 +1,88 @@
+"""InfogainLoss: cross-entropy of a softmax, where a matrix says what each class is worth when another one is right.
+
+bottom[0]  x       (..., classes, ...)  scores; the K classes stand on ``axis``
+bottom[1]  labels  same shape without that axis; whole numbers
+bottom[2]  H       K * K values, row = label; optional: else from the file ``source``
+top[0]     L       scalar
+top[1]     p       optional: the probabilities
+
+p  = softmax of x
+L  = - 1 / M sum over labels and k of  H[label, k] log max(p[k], 1e-20)
+dx = dL / M (p[k] sum of H[label] - H[label, k])          0 where the label is ``ignore_label``
+
+M as in SoftmaxWithLoss (``loss_param { normalization }``). With the identity for H this is SoftmaxWithLoss.
+Kept for backward: ``p``, and ``rows``, for each label its row of H.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import softmax
+
+from layers.loss import labels as labels_of
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.messages import LossParameter
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class InfogainLossParameter:
+    """The ``infogain_loss_param { ... }`` block."""
+
+    source: str | None = numbered(1, None)  # a .binaryproto with H
+    axis: int = numbered(2, 1)  # of the classes
+
+
+class InfogainLoss(Layer):
+    """Softmax and a logistic loss that is weighted by pairs of classes."""
+
+    param_type = InfogainLossParameter
+    bottoms = (2, 3)
+    tops = (1, 2)
+    in_place = False
+    loss_weight = 1.0
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.loss_param: LossParameter = self.read_block("loss_param", LossParameter)
+        if self.loss_param.normalize is not None:
+            raise self.fail("normalize is not known to InfogainLoss; say normalization: VALID or BATCH_SIZE")
+        if len(bottom) < 3 and self.param.source is None:
+            raise self.fail("needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }")
+        if len(bottom) < 3:
+            raise self.fail("a source in binaryproto is not yet read; give the matrix H as a third bottom", "source")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x, H = bottom[0], bottom[2]
+        self.axis = self.canonical_axis(self.param.axis, x)
+        self.classes, self.items = x.shape[self.axis], math.prod(x.shape[: self.axis])
+        labels_of.check_shapes(self, bottom, x.shape[: self.axis] + x.shape[self.axis + 1 :])
+        if H.count != self.classes**2:
+            raise self.fail(f"H {self.spec.bottom[2]!r} {H.shape} has {H.count} values, "
+                            f"expected {self.classes} x {self.classes}")  # fmt: skip
+        top[0].reshape(())
+        if len(top) > 1:
+            top[1].reshape(x.shape)
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index == 0
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        labels, counts = labels_of.read(self, bottom, self.classes, self.loss_param.ignore_label)
+        H = bottom[2].data.reshape(self.classes, self.classes)
+        self.p = softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
+        self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for a label that is ignored
+        self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)
+        top[0].data[...] = -(self.rows * np.log(np.maximum(self.p, labels_of.LEAST))).sum() / self.divisor
+        if len(top) > 1:
+            top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if any(propagate_down[1:]):
+            raise self.fail("has no gradient for its labels and for H; set propagate_down: false for them")
+        if propagate_down[0]:
+            dx = self.p * self.rows.sum(axis=-1, keepdims=True) - self.rows
+            bottom[0].diff[...] = np.moveaxis(dx, -1, self.axis) * (top[0].diff / self.divisor)

@@ -1,0 +1,53 @@
+"""MultinomialLogisticLoss: cross-entropy of given probabilities against labels.
+
+Where a softmax makes the probabilities, SoftmaxWithLoss is more exact.
+
+bottom[0]  p       (N, ...)  probabilities; all axes after the first are K classes
+bottom[1]  labels  (N,)      whole numbers from 0 to K - 1
+top[0]     L       scalar
+
+L  = - 1 / N sum of log max(p[label], 1e-20)
+dp = - dL / N / max(p[label], 1e-20) at the label, 0 elsewhere
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from layers.loss import labels as labels_of
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+
+
+class MultinomialLogisticLoss(Layer):
+    """Negative logarithm of the label's probability."""
+
+    bottoms = (2, 2)
+    tops = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self.shape = labels_of.rows(self, bottom)
+        top[0].reshape(())
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index == 0
+
+    def _chosen(self, bottom: Blobs) -> tuple[tuple[Array, Array], Array]:
+        """Where the labels' probabilities stand, and they."""
+        at = np.arange(self.shape[0]), labels_of.read(self, bottom, self.shape[1])[0]
+        return at, np.maximum(bottom[0].data.reshape(self.shape)[at], labels_of.LEAST)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        _, p = self._chosen(bottom)
+        top[0].data[...] = -np.log(p).sum() / len(p)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[1]:
+            raise self.fail("has no gradient for its labels; set propagate_down: false for them")
+        if propagate_down[0]:
+            at, p = self._chosen(bottom)
+            dp = np.zeros(self.shape, self.dtype)
+            dp[at] = -top[0].diff / (len(p) * p)
+            bottom[0].diff[...] = dp.reshape(bottom[0].shape)

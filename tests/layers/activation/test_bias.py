@@ -1,0 +1,67 @@
+"""Bias."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(options=""):
+    """The layer with a random bias."""
+    return f'type: "Bias" bias_param {{ filler {{ type: "gaussian" }} {options} }}'
+
+
+def test_by_hand(run):
+    """One bias a channel."""
+    done = run(text(), [[1, 2], [3, 4]], params=[[10, 20]])
+    assert done.y.tolist() == [[11, 22], [13, 24]]
+    assert done.backward([[1, 2], [3, 5]])[0].tolist() == [[1, 2], [3, 5]]
+    assert done.layer.blobs[0].diff.tolist() == [4, 7]
+
+
+def test_it_starts_as_the_identity(run, rng):
+    """Bias 0."""
+    x = rng.normal(size=(2, 3))
+    assert np.array_equal(run('type: "Bias"', x).y, x)
+
+
+@pytest.mark.parametrize(
+    ("options", "shape"),
+    [("", (3,)), ("axis: 0", (2,)), ("num_axes: 2", (3, 4)), ("axis: 0 num_axes: -1", (2, 3, 4)), ("num_axes: 0", ()),
+     ("axis: -1", (4,))],
+)  # fmt: skip
+@pytest.mark.parametrize("in_place", [False, True])
+def test_gradient_for_every_shape_of_the_bias(run, check, rng, options, shape, in_place):
+    """Of x and of the bias."""
+    x = rng.normal(size=(2, 3, 4))
+    assert run(text(options), x).layer.blobs[0].shape == shape
+    check(text(options), x, in_place=in_place)
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+def test_a_second_bottom_as_bias(run, check, rng, in_place):
+    """No parameter then, whatever num_axes says; gradients of both bottoms, and of each alone."""
+    x, b = rng.normal(size=(2, 3, 4)), rng.normal(size=(3, 4))
+    done = run(text("num_axes: 7"), x, b)
+    assert np.allclose(done.y, x + b)
+    assert not done.layer.blobs
+    for bias in (b, rng.normal(size=()), rng.normal(size=3)):
+        check(text(), x, bias, in_place=in_place)
+    check(text(), x, b, wanted=[False, True])
+    check(text(), x, b, wanted=[True, False])
+
+
+@pytest.mark.parametrize(
+    ("options", "bottoms", "message"),
+    [
+        ("axis: 1 num_axes: 3", [(2, 3, 4)], r"axis 1, num_axes 3 do not fit \(2, 3, 4\)"),
+        ("num_axes: -2", [(2, 3, 4)], "axis 1, num_axes -2 do not fit"),
+        ("axis: 3", [(2, 3, 4)], "axis 3 is out of range"),
+        ("", [(2, 3, 4), (4,)], r"bias \(4,\) does not fit axes 1 to 2 of bottom 'bottom0' \(2, 3, 4\)"),
+        ("axis: 2", [(2, 3, 4), (4, 1)], r"bias \(4, 1\) does not fit axes 2 to 4 of bottom 'bottom0' \(2, 3, 4\)"),
+    ],
+)
+def test_mistakes(run, options, bottoms, message):
+    """The bias's shape and the bottom's."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options), *map(np.zeros, bottoms))

@@ -1,0 +1,87 @@
+"""ContrastiveLoss."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+A = np.array([[3, 4], [3, 4], [0, 1], [1, 1]], np.float64)
+SIMILAR = [1, 0, 0, 0]  # at distances 5, 5, 1 and sqrt 2 from the origin
+
+
+def text(margin=2.0, legacy="false"):
+    """The layer."""
+    return f'type: "ContrastiveLoss" contrastive_loss_param {{ margin: {margin} legacy_version: {legacy} }}'
+
+
+def test_by_hand(run):
+    """A similar pair, one that is far enough, and two that are not: (25 + 0 + 1 + (2 - sqrt 2)²) / (2 * 4)."""
+    done = run(text(), A, np.zeros((4, 2)), SIMILAR)
+    root = np.sqrt(2)
+    assert done.y == pytest.approx((26 + (2 - root) ** 2) / 8)
+    da, db, _ = done.backward(4, wanted=[True, True, False])
+    pushed = [[0, -1 / 1.0001], [-(2 - root) / (root + 1e-4)] * 2]
+    assert np.allclose(da, [[3, 4], [0, 0], *pushed], rtol=1e-12)
+    assert np.array_equal(db, -da)
+
+
+def test_legacy_by_hand(run):
+    """The squared distance against the margin: (25 + 0 + 1 + 0) / (2 * 4)."""
+    done = run(text(legacy="true"), A, np.zeros((4, 2)), SIMILAR)
+    assert done.y == 26 / 8
+    da, db, _ = done.backward(4, wanted=[True, True, False])
+    assert da.tolist() == [[3, 4], [0, 0], [0, -1], [0, 0]]
+    assert np.array_equal(db, -da)
+
+
+def test_equal_points_do_not_divide_by_zero(run):
+    """They cost the whole margin, and nothing says which way to push."""
+    done = run(text(), [[1.0, 1]], [[1.0, 1]], [0])
+    assert done.y == 2
+    assert done.backward(1, wanted=[True, True, False])[0].tolist() == [[0, 0]]
+
+
+def test_the_fraction_of_similar_is_cut(run):
+    """0.9 and -0.9 are 0; -1 is not."""
+    for value, expected in ((0.9, 0), (-0.9, 0), (-1, 12.5), (2, 12.5)):
+        assert run(text(), A[:1], np.zeros((1, 2)), [value]).y == expected
+
+
+def test_axes_of_size_1_do_not_matter(run):
+    """(N, C, 1, 1) against (N, C), and (N, 1, 1, 1) for similar."""
+    done = run(text(), A.reshape(4, 2, 1, 1), np.zeros((4, 2)), np.reshape(SIMILAR, (4, 1, 1, 1)))
+    assert done.y == run(text(), A, np.zeros((4, 2)), SIMILAR).y
+    assert done.backward(1, wanted=[True, True, False])[0].shape == (4, 2, 1, 1)
+
+
+@pytest.mark.parametrize("legacy", ["true", "false"])
+def test_gradient(check, rng, legacy):
+    """Of both bottoms, and of one; Caffe's 1e-4 in the divisor makes the newer version a little wrong."""
+    a, b = rng.normal(size=(2, 6, 3))
+    wrong = 1e-6 if legacy == "true" else 1e-3
+    check(text(3, legacy), a, b, [0, 1, 0, 1, 0, 0], wanted=[True, True, False], tolerance=wrong)
+    check(text(3, legacy), a, b, [0, 1, 0, 1, 0, 0], wanted=[False, True, False], tolerance=wrong)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        ([(2, 3), (2, 4), (2,)], r"'bottom0' \(2, 3\) and 'bottom1' \(2, 4\) must have the same number of items"),
+        ([(2, 3), (3, 3), (2,)], r"'bottom0' \(2, 3\) and 'bottom1' \(3, 3\) must have the same number of items"),
+        ([(2, 3, 2), (2, 3, 2), (2,)], r"bottom 'bottom0' has shape \(2, 3, 2\), expected \(N, C\)"),
+        ([(2, 3), (2, 1, 3), (2,)], r"bottom 'bottom1' has shape \(2, 1, 3\), expected \(N, C\)"),
+        ([(2, 3), (2, 3), (3,)], r"bottom 'bottom2' has shape \(3,\), expected \(2,\), one value per pair"),
+        ([(2, 3), (2, 3), (2, 2)], r"bottom 'bottom2' has shape \(2, 2\), expected \(2,\)"),
+        ([(2, 3), (2, 3), (1, 2)], r"bottom 'bottom2' has shape \(1, 2\), expected \(2,\)"),
+    ],
+)
+def test_mistakes(run, shapes, message):
+    """Shapes."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(), *map(np.zeros, shapes))
+
+
+def test_similar_has_no_gradient(run):
+    """And says so when it is asked for one."""
+    with pytest.raises(netlib.LayerError, match="has no gradient for its labels"):
+        run(text(), A, np.zeros((4, 2)), SIMILAR).backward(1)

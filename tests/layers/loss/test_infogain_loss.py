@@ -1,0 +1,115 @@
+"""InfogainLoss."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
+H = [[1, 0, 0], [0, 1, 0], [0.5, 0, 2]]
+
+
+def text(options="", axis=1):
+    """The layer with these options of loss_param."""
+    return f'type: "InfogainLoss" infogain_loss_param {{ axis: {axis} }} loss_param {{ {options} }}'
+
+
+def by_loops(x, labels, H, ignore=None):
+    """The sum over labels and classes, and its gradient, for x (N, K, places)."""
+    total, dx = 0.0, np.zeros_like(x)
+    for n, place in np.ndindex(labels.shape):
+        p = np.exp(x[n, :, place]) / np.exp(x[n, :, place]).sum()
+        label = int(labels[n, place])
+        for k in range(len(p)) if label != ignore else ():
+            total -= H[label, k] * np.log(p[k])
+            dx[n, :, place] += H[label, k] * (p - np.eye(len(p))[k])
+    return total, dx
+
+
+def test_by_hand(run):
+    """Label 2 pays for classes 0 and 2, label 0 only for its own; the gradient p sum(row) - row over 2."""
+    done = run(text(), X, [2, 0], H)
+    assert done.y == pytest.approx(-(0.5 * np.log(1 / 8) + 2 * np.log(5 / 8) + np.log(1 / 2)) / 2)
+    [dx, _, _] = done.backward(4, wanted=[True, False, False])
+    assert np.allclose(dx, [[2 * (2.5 / 8 - 0.5), 2 * 5 / 8, 2 * (12.5 / 8 - 2)], [-1, 0.5, 0.5]])
+
+
+@pytest.mark.parametrize(
+    "options", ["", "ignore_label: 1", "normalization: NONE", "normalization: FULL ignore_label: 0"]
+)
+def test_the_identity_is_softmax_with_loss(run, rng, options):
+    """Loss, gradient and probabilities."""
+    x, labels = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4))
+    ours = run(text(options), x, labels, np.eye(3), tops=2)
+    other = run(f'type: "SoftmaxWithLoss" loss_param {{ {options} }}', x, labels, tops=2)
+    assert ours.y == pytest.approx(other.y)
+    assert np.allclose(ours.ys[1], other.ys[1])
+    theirs = other.backward(3, wanted=[True, False])[0]
+    assert np.allclose(ours.backward(3, wanted=[True, False, False])[0], theirs)
+
+
+@pytest.mark.parametrize(
+    ("options", "divisor"),
+    [("", 3), ("normalization: VALID", 3), ("normalization: FULL", 4), ("normalization: BATCH_SIZE", 2),
+     ("normalization: NONE", 1)],
+)  # fmt: skip
+def test_against_loops(run, rng, options, divisor):
+    """2 items of 2 places, one of them ignored; H as Caffe writes it, (1, 1, K, K)."""
+    x, labels, H = rng.normal(size=(2, 3, 2)), np.array([[0, 1], [9, 2]]), rng.normal(size=(3, 3))
+    total, gradient = by_loops(x, labels, H, ignore=9)
+    done = run(text(f"ignore_label: 9 {options}"), x, labels, H.reshape(1, 1, 3, 3))
+    assert done.y == pytest.approx(total / divisor)
+    assert np.allclose(done.backward(2, wanted=[True, False, False])[0], 2 * gradient / divisor)
+
+
+def test_classes_on_another_axis(run, rng):
+    """The last one: the same numbers."""
+    x, labels, H = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), rng.normal(size=(3, 3))
+    first = run(text(), x, labels, H, tops=2)
+    last = run(text(axis=-1), np.moveaxis(x, 1, 2), labels, H, tops=2)
+    assert last.y == pytest.approx(first.y)
+    assert np.allclose(last.ys[1], np.moveaxis(first.ys[1], 1, 2))
+    dx, dx_last = (done.backward(1, wanted=[True, False, False])[0] for done in (first, last))
+    assert np.allclose(dx_last, np.moveaxis(dx, 1, 2))
+
+
+def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
+    """The logarithm of 1e-20."""
+    assert run(text(), [[1000.0, 0]], [1], np.eye(2)).y == pytest.approx(-np.log(1e-20))
+
+
+@pytest.mark.parametrize("options", ["", "ignore_label: 1"])
+def test_gradient(check, rng, options):
+    """Of the scores."""
+    bottoms = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), rng.normal(size=(3, 3))
+    check(text(options), *bottoms, wanted=[True, False, False])
+
+
+@pytest.mark.parametrize(
+    ("options", "bottoms", "message"),
+    [
+        ("", [X, [0], H], r"labels 'bottom1' \(1,\) do not fit scores 'bottom0' \(2, 3\); expected \(2,\)"),
+        ("", [X, [0, 3], H], "label 3 in 'bottom1'; expected 0 to 2"),
+        ("", [X, [0, 1], np.eye(2)], r"H 'bottom2' \(2, 2\) has 4 values, expected 3 x 3"),
+        ("loss_param { normalize: true }", [X, [0, 1], H], "normalize is not known to InfogainLoss; say normalization"),
+        ("", [X, [0, 1]], r"needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"),
+        ('infogain_loss_param { source: "H.binaryproto" }', [X, [0, 1]], "binaryproto is not yet read"),
+        ("infogain_loss_param { axis: 2 }", [X, [0, 1], H], r"axis 2 is out of range for a blob of 2 axes \(2, 3\)"),
+    ],
+)
+def test_mistakes(run, options, bottoms, message):
+    """Shapes, labels, and where H comes from."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(f'type: "InfogainLoss" {options}', *bottoms)
+
+
+def test_a_source_is_not_looked_at_where_h_is_a_bottom(run):
+    """As in Caffe."""
+    assert run('type: "InfogainLoss" infogain_loss_param { source: "none" }', X, [2, 0], np.eye(3)).y > 0
+
+
+@pytest.mark.parametrize("wanted", [[True, True, False], [True, False, True]])
+def test_labels_and_h_have_no_gradient(run, wanted):
+    """And the layer says so when it is asked for one."""
+    with pytest.raises(netlib.LayerError, match="has no gradient for its labels and for H"):
+        run(text(), X, [2, 0], H).backward(1, wanted=wanted)
