@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 
 # isort: split
 
@@ -28,6 +28,7 @@ import numpy as np
 
 from handpose.data import parts
 from handpose.experiments.solver_text import with_fields
+from handpose.predicting import nets
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import workers
 from handpose.synthetic.flesh_prior import FleshPrior
@@ -36,7 +37,6 @@ from handpose.synthetic.many import generate
 from handpose.synthetic.pose_prior import PosePrior
 from layers.hand import skeleton
 from netlib import atomic, engine
-from netlib.net import Net
 from tools import training
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded
@@ -185,7 +185,7 @@ def run(args: argparse.Namespace) -> int:
             status, weights, net = trained(study, data, test, seed, args)
             if status != DONE:
                 return status
-            figures = figures_of(predict_all(Net(net, weights, netlib.TEST)), skeleton.load())
+            figures = figures_of(predict_all(nets.trained(net, weights)), skeleton.load())
             errors.append(figures["error_14_mm"])
         rows.append(f"| {study.title} | {np.mean(errors):.1f} | {', '.join(f'{e:.1f}' for e in errors)} |")
         print(rows[-1], file=sys.stderr, flush=True)

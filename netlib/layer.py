@@ -143,8 +143,10 @@ class Layer:
         """The number of items and of values per item, which all bottoms must share. Raises LayerError."""
         first = bottom[0]
         items = first.shape[0] if first.shape else 0
+        if items == 0:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {first.shape} has no items")
         for other, name in zip(bottom[1:], self.spec.bottom[1:]):
-            if items == 0 or other.count != first.count or other.shape[:1] != first.shape[:1]:
+            if other.count != first.count or other.shape[:1] != first.shape[:1]:
                 raise self.fail(
                     f"bottoms {self.spec.bottom[0]!r} {first.shape} and {name!r} {other.shape} must have "
                     "the same number of items and of values per item"

@@ -5,6 +5,7 @@ The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,14 @@ from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.layer import PHASES, Layer
 from netlib.messages import LayerParameter, NetParameter, NetState
-from netlib.net_parameter import load_parameter, select_layers
+from netlib.net_parameter import distinct, load_parameter, select_layers
 from netlib.plain import Connection, guarded
 from netlib.prototxt import Message
 from netlib.sharing import Parameters
 from netlib.splits import insert_splits
+
+log = logging.getLogger("netlib")
+AUTOMATIC = "(automatic)"  # Caffe's name for the top that a loss layer has without a name
 
 _seed: int | None = None
 
@@ -87,7 +91,9 @@ class Net:
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside)
         if weights is not None:
-            self.copy_from(weights, strict=True)
+            _, missing = self.copy_from(weights)
+            if missing:
+                log.warning("%s has no weights for %s; they keep their initial values", weights, ", ".join(missing))
 
     # ------------------------------------------------------------------------------------------ building
 
@@ -104,17 +110,16 @@ class Net:
         writers: dict[str, str] = {}  # blob name -> the layer that made it
         unread: dict[str, None] = {}
         needs: dict[int, bool] = {}  # blob id -> does somebody below want its gradient
-        for spec, seed in zip(specs, seeds):
-            if spec.name in self.layer_dict:
-                raise LayerError(f"{schema.position_of(spec)}: error: two layers are called {spec.name!r}")
-            _check_name(spec)
+        for spec, seed, key in zip(specs, seeds, distinct([spec.name for spec in specs])):
             rng = np.random.Generator(np.random.SFC64(seed))
             layer = create.create(spec, spec.phase or self.state.phase, rng, self.dtype, self.engine.twin)
+            layer.name = key
             _check_counts(layer)
             bottom = Blobs(self._bottom(layer, i) for i in range(len(spec.bottom)))
             for name in spec.bottom:
                 unread.pop(name, None)
-            top = Blobs(self._top(layer, name, writers) for name in spec.top)
+            top = Blobs(self._top(layer, i, writers) for i in range(len(spec.top)))
+            top += [self.engine.blob(self.dtype) for _ in range(_automatic_tops(layer))]
             unread.update(dict.fromkeys(spec.top))
             guarded(layer, "setup", bottom, top)
             guarded(layer, "reshape", bottom, top)
@@ -131,6 +136,9 @@ class Net:
             self.layer_dict[layer.name] = layer
             if layer.blobs:
                 self.params[layer.name] = layer.blobs
+                if layer.name != spec.name:
+                    log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
+                                "of the first are loaded twice", schema.position_of(spec), spec.name, key)  # fmt: skip
             self._weigh(layer, top)
         self.layers = list(self.layer_dict.values())
         self.learnable = parameters.learnable
@@ -144,11 +152,12 @@ class Net:
             raise LayerError(f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}{later}")
         return self.blobs[name]
 
-    def _top(self, layer: Layer, name: str, writers: dict[str, str]) -> Blob:
-        if name in self.blobs and name not in layer.spec.bottom:
+    def _top(self, layer: Layer, index: int, writers: dict[str, str]) -> Blob:
+        name, bottom = layer.spec.top[index], layer.spec.bottom
+        if name in self.blobs and name != (bottom[index] if index < len(bottom) else None):
             raise layer.fail(
-                f"top blob {name!r} is already written by layer {writers[name]!r}; "
-                "give it another name, or the same one as the bottom to run in place"
+                f"top blob {name!r} is already written by layer {writers[name]!r}; give it another name, or that of "
+                f"the bottom in the same place ({index}) to run in place"
             )
         if name not in self.blobs:
             self.blobs[name] = self.engine.blob(self.dtype)
@@ -165,7 +174,7 @@ class Net:
         for i, blob in enumerate(top):
             weight = weights[i] if weights else (layer.loss_weight if i == 0 else 0.0)
             if weight:
-                self.losses.append((blob, weight, layer.spec.top[i]))
+                self.losses.append((blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC))
 
     def _decide_backward(self, force: bool) -> None:
         """Caffe's rules: gradients flow only where something below learns and something above is a loss.
@@ -321,15 +330,9 @@ class Net:
                 self.layer_dict[name].restore(state)
 
 
-def _check_name(spec: LayerParameter) -> None:
-    """A layer's name becomes a group of the HDF5 snapshots. Raises LayerError for one that cannot."""
-    parts = spec.name.split("/")
-    if any(part in ("", ".", "..") for part in parts) or not spec.name.isprintable():
-        raise LayerError(f"{schema.position_of(spec, 'name')}: error: a layer of type {spec.type!r} has the name "
-                         f"{spec.name!r}; expected a name that a snapshot can store")  # fmt: skip
-    if parts[-1].isdigit() and len(parts) > 1:
-        raise LayerError(f"{schema.position_of(spec, 'name')}: error: layer {spec.name!r}: the part after the last "
-                         "slash must not be a number, or snapshots could not tell it from a parameter")  # fmt: skip
+def _automatic_tops(layer: Layer) -> int:
+    """How many tops a loss layer has that the prototxt does not name."""
+    return max(0, layer.tops[0] - len(layer.spec.top)) if layer.loss_weight else 0
 
 
 def _check_counts(layer: Layer) -> None:
@@ -338,7 +341,8 @@ def _check_counts(layer: Layer) -> None:
         ("bottom", layer.spec.bottom, layer.bottoms),
         ("top", layer.spec.top, layer.tops),
     ):
-        if len(names) < least or (most is not None and len(names) > most):
+        given = len(names) + (_automatic_tops(layer) if what == "top" else 0)
+        if given < least or (most is not None and len(names) > most):
             wanted = f"{least}" if most == least else f"at least {least}" if most is None else f"{least} to {most}"
             raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
     if not layer.in_place:

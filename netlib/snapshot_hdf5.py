@@ -24,11 +24,31 @@ from netlib.saved import SolverState, Weights
 MAGIC = b"\x89HDF\r\n\x1a\n"  # how every such file begins
 
 
+def check_names(weights: Weights) -> None:
+    """Raise WeightsError if a layer with parameters has a name that cannot be a group."""
+    for name, arrays in weights.items():
+        if arrays and (fault := name_fault(name)):
+            raise WeightsError(f"layer {name!r}: {fault}; expected another name, or snapshot_format: BINARYPROTO")
+
+
+def name_fault(name: str) -> str:
+    """What is wrong with a layer's name as the name of an HDF5 group; empty if nothing."""
+    parts = name.split("/")
+    if any(part in ("", ".", "..") for part in parts) or not name.isprintable():
+        return "HDF5 cannot store this name"
+    if parts[-1].isdigit() and len(parts) > 1:
+        return "in HDF5 the part after the last slash must not be a number, it could not be told from a parameter"
+    return ""
+
+
 def weights_image(weights: Weights) -> bytes:
-    """The HDF5 file of a net's weights, as bytes."""
+    """The HDF5 file of a net's weights, as bytes. Raises WeightsError for names that HDF5 cannot store."""
+    check_names(weights)
     with _in_memory() as (file, image):
         data = file.create_group("data")
         for layer, arrays in weights.items():
+            if not arrays and name_fault(layer):
+                continue
             group = data.require_group(layer)
             for i, array in arrays.items():
                 group[str(i)] = array

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from netlib import engine as engines
-from netlib import report, schema, snapshot, solver_parameter, weights
+from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
 from netlib.blob import Array
 from netlib.errors import DivergenceError
 from netlib.messages import NetParameter, NetState, SolverParameter
@@ -106,6 +106,8 @@ class Solver:
         log.info("Learning Rate Policy: %s", p.lr_policy)
         if p.snapshot or p.snapshot_after_train:
             snapshot.probe_directory(self.prefix)
+            if p.snapshot_format == "HDF5":
+                snapshot_hdf5.check_names(weights.owned(self.net))
             extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
         if resume is not None:
             self.restore(resume)

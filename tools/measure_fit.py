@@ -25,7 +25,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 
 # isort: split
 
@@ -38,11 +38,10 @@ from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import GOOD_MM, read_errors
 from handpose.fitting.depth.objective import Weights
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import skeleton_to_fit
+from handpose.predicting.nets import skeleton_to_fit, trained
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic.generator import RECIPES, Generator
 from netlib.blob import Array
-from netlib.net import Net
 from tools.arguments import add_engine, natural, parser_of, positive
 from tools.console import DONE, aligned, guarded
 from tools.progress import ProgressBar
@@ -85,7 +84,7 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Measure as the parsed arguments say. Raises NetlibError."""
     weights = Path(args.weights) if args.weights else checked_weights(read_card(SYNTHETIC_HAND))
-    net = Net(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, netlib.TEST, engine=args.engine)
+    net = trained(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, args.engine)
     model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
     errors = read_errors(weights, model)
     terms = TERMS if args.terms else {"nothing": Weights()}

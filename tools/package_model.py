@@ -19,7 +19,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
 
 # isort: split
 
@@ -31,7 +31,7 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import hand_layer, skeleton_to_fit
+from handpose.predicting.nets import hand_layer, skeleton_to_fit, trained
 from handpose.synthetic.generator import RECIPES, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure and write as the parsed arguments say. Raises NetlibError."""
     if not args.out.parent.is_dir():
         raise NetlibError(f"{args.out}: no folder {args.out.parent}")
-    net = Net(args.model, args.snapshot, netlib.TEST)
+    net = trained(args.model, args.snapshot)
     if hand_layer(net) is None:
         _round(net, args.bits)
         write_model(net, None, args.out)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import netlib
 
 # isort: split
 
@@ -32,7 +32,7 @@ from handpose.experiments.networks import NETWORKS
 from handpose.experiments.results import Answers, angles_of, result_of
 from handpose.experiments.trainings import data_name, training_of
 from handpose.experiments.true_angles import fit_true_angles
-from handpose.predicting.nets import crops_of
+from handpose.predicting.nets import crops_of, trained
 from handpose.scoring.held_out import predict_all
 from handpose.scoring.published_predictions import nyu_benchmark, score_on
 from layers.hand import skeleton as skeletons
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             status = training.train(planned.solver, snapshot=planned.snapshot, weights=weights, log_file=planned.log)
             if status != DONE:
                 return status
-        predictions = predict_all(Net(network.model, planned.final, netlib.TEST))
+        predictions = predict_all(trained(network.model, planned.final))
         if predictions.dof is None:
             _say(f"{network.title}: fitting the hand to {len(predictions.joints)} frames of predicted joints")
         found.append(Answers(network, predictions, angles_of(predictions, skeleton)))

@@ -26,7 +26,7 @@ import netlib  # before NumPy: it chooses BLAS kernels
 from handpose.data.examples import spread
 from handpose.drawing import comparisons
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import crops_of, data_layer, hand_layer
+from handpose.predicting.nets import crops_of, data_layer, hand_layer, trained
 from handpose.scoring.held_out import Predictions, figures_of, predict_all
 from handpose.scoring.held_out_fits import fit_all
 from handpose.scoring.metrics import joint_errors
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
             predictions = predict_all(net, progress=progress.reach)
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})
         if args.fit:
-            deploy = Net(args.deploy, snapshot, netlib.TEST, engine=args.engine)
+            deploy = trained(args.deploy, snapshot, args.engine)
             with ProgressBar(data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}") as progress:
                 joints = fit_all(net, deploy, snapshot, args.fit, progress.reach)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)

@@ -17,6 +17,16 @@ from netlib.layer import TEST
 from netlib.net import Net
 
 
+def trained(model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
+    """A test net whose layers all have their weights: a hand from half of them would look like an answer.
+
+    Raises NetlibError.
+    """
+    net = Net(model, TEST, engine=engine)
+    net.copy_from(weights, strict=True)
+    return net
+
+
 def data_layer(net: Net) -> HDF5Data:
     """The layer that feeds a test net. Raises NetlibError if there is none."""
     for layer in net.layers:

@@ -16,11 +16,9 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.locator import Locator
-from handpose.predicting.nets import hand_layer
+from handpose.predicting.nets import hand_layer, trained
 from handpose.predicting.predictor import Fit, Hand, Predictor
 from netlib.errors import NetlibError, WeightsError, reason_of
-from netlib.layer import TEST
-from netlib.net import Net
 from netlib.paths import ROOT
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
@@ -71,7 +69,7 @@ def checked_weights(card: Card) -> Path:
 
 def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
     """The packaged locator. Raises NetlibError."""
-    return Locator(Net(folder / "deploy.prototxt", checked_weights(read_card(folder)), TEST, engine=engine))
+    return Locator(trained(folder / "deploy.prototxt", checked_weights(read_card(folder)), engine))
 
 
 def load_predictor(
@@ -89,7 +87,7 @@ def predictor_of(
     engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with any net and its weights. Raises NetlibError."""
-    net = Net(model, weights, TEST, engine=engine)
+    net = trained(model, weights, engine)
     layer = hand_layer(net)
     errors = None
     if fit != "no" and layer is not None:

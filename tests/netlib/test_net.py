@@ -529,7 +529,11 @@ def test_shared_weights_are_saved_and_loaded(net_of: MakeNet, tmp_path: Path) ->
         (ip("a", "nothing", "a"), r"net.prototxt:1:\d+: error: layer 'a': unknown bottom blob 'nothing'; known here"),
         (ip("a", "xx", "a"), r"unknown bottom blob 'xx' \(did you mean 'x'\?\)"),
         (ip("a", "x", "a") + ip("b", "x", "a"), "layer 'b': top blob 'a' is already written by layer 'a'"),
-        (ip("a", "x", "a") + ip("a", "a", "b"), "two layers are called 'a'"),
+        (
+            'layer { name: "g" type: "Input" top: "g" input_param { shape { dim: 2 dim: 3 } } }'
+            'layer { name: "s" type: "Scale" bottom: "x" bottom: "g" top: "g" }',
+            r"top blob 'g' is already written by layer 'g'; .* of the bottom in the same place \(0\) to run in place",
+        ),
         (ip("a", "x", "x"), "InnerProduct cannot run in place, but 'x' is both bottom and top"),
         (ip("a", "x", "a", 'bottom: "x"'), "layer 'a': has 2 bottoms, InnerProduct takes 1"),
         (ip("a", "x", "a", 'top: "b"'), "layer 'a': has 2 tops, InnerProduct takes 1"),
@@ -568,6 +572,49 @@ def test_mistakes_in_the_text_of_a_net(net_of: MakeNet, text: str, message: str)
     """Unknown types and fields come with the nearest known one."""
     with pytest.raises(netlib.PrototxtError, match=message):
         net_of(text)
+
+
+def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """As in Caffe both run; here, unlike there, both also keep their weights, under names of their own."""
+    text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
+    net = net_of(text + 'layer { name: "r" type: "ReLU" bottom: "b" top: "b" }')
+    assert list(net.layer_dict) == ["x", "a", "r", "a (2)", "r (2)"]
+    assert [message.split(": a second")[1] for message in caplog.messages] == [
+        " layer is called 'a'; its parameters are those of 'a (2)' here, in Caffe those of the first are loaded twice"
+    ]
+    net.params["a (2)"][0].data[...] = 7
+    for name in ("w.caffemodel", "w.caffemodel.h5"):
+        net.save(tmp_path / name)
+        again = net_of(text)
+        again.copy_from(tmp_path / name, strict=True)
+        assert (again.params["a (2)"][0].data == 7).all()
+        assert np.array_equal(again.params["a"][0].data, net.params["a"][0].data)
+
+
+def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
+    """Caffe calls it "(automatic)"; it counts, and is no output."""
+    net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
+    named = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }')
+    for one in (net, named):
+        one.blobs["x"].data[...] = 1
+        one.params["a"][0].data[...] = 2
+        one.run_forward()
+        one.run_backward()
+    assert net.loss() == named.loss() > 0
+    assert np.array_equal(net.params["a"][0].diff, named.params["a"][0].diff)
+    assert (net.outputs, named.outputs) == ([], ["l"])
+    assert [name for _, _, name in net.losses] == ["(automatic)"]
+
+
+def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The layer keeps its initial values, as in pycaffe; here it is said."""
+    small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
+    small.save(tmp_path / "w.caffemodel")
+    path = tmp_path / "net.prototxt"
+    path.write_text(text)
+    net = netlib.Net(path, tmp_path / "w.caffemodel", netlib.TEST)
+    assert np.array_equal(net.params["a"][0].data, small.params["a"][0].data)
+    assert caplog.messages == [f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"]
 
 
 def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:

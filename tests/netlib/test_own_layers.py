@@ -150,10 +150,16 @@ def test_a_python_layer_that_is_not_there(squares: None, layer: str, message: st
 
 
 @pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
-def test_a_name_that_no_snapshot_can_hold(name: str) -> None:
-    """Found when the net is built, not at the first snapshot after hours."""
-    with pytest.raises(netlib.LayerError, match=r"^f:1:\d+: error: .*(name|slash)"):
-        net_with(f'layer {{ name: "{name}" type: "ReLU" bottom: "x" top: "y" }}')
+def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
+    """Caffe takes any name, and so does its binary format; HDF5 says which layer, unless that has no parameters."""
+    options = "inner_product_param { num_output: 1 axis: 0 }"
+    layer = f'layer {{ name: "{name}" type: "%s" bottom: "x" top: "y" {options} }}'
+    net = net_with(layer % "InnerProduct")
+    net.save(tmp_path / "w.caffemodel")
+    net.copy_from(tmp_path / "w.caffemodel")
+    with pytest.raises(netlib.WeightsError, match=r"^layer '.*': .*HDF5.*; expected another name, or snapshot_format"):
+        net.save(tmp_path / "w.caffemodel.h5")
+    net_with(layer % "ReLU").save(tmp_path / "w.caffemodel.h5")
 
 
 def test_a_missing_options_block() -> None:

@@ -105,7 +105,7 @@ def test_default_floats_have_32_bits_too() -> None:
         ("needed: 2", "f:1:11: error: field 'needed' is given twice, but is not a repeated field"),
         ("pool: MAXX", "f:1:17: error: unknown value MAXX of 'pool' (did you mean 'MAX'?)"),
         ("pool: 7", "unknown value 7 of 'pool'; known values: MAX, AVE"),
-        ('pool: "MAX"', "unknown value \"MAX\" of 'pool'"),
+        ('pool: "MAX"', "'pool' expects MAX or AVE, found \"MAX\""),
         ("inner: 1", "'inner' is a message: expected inner { ... }, found 1"),
         ("ratio { }", "'ratio' is not a message: expected 'ratio: a number'"),
         ("pool { }", "'pool' is not a message: expected 'pool: MAX or AVE'"),
