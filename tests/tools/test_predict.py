@@ -15,6 +15,7 @@ from handpose.data.images import pack_depth, read_crop, read_frame
 from handpose.facts.cameras import KINECT2, NYU, SR305
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.predicting import finding, packaged
+from handpose.predicting import nets as nets_of_hands
 from handpose.synthetic.pose_prior import HandSampler
 from netlib import engine
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
@@ -52,7 +53,7 @@ def test_engine(snapshot, capsys, monkeypatch):
         nets.append(netlib.Net(*args, **options))
         return nets[-1]
 
-    monkeypatch.setattr(packaged, "Net", built)
+    monkeypatch.setattr(nets_of_hands, "Net", built)
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
     for chosen in ([], *(["--engine", name] for name in names)):
         assert predict.main([*OWN, "crop.png", "--out", "p", "--json", *chosen]) == 0
