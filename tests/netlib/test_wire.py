@@ -182,7 +182,7 @@ def protobuf_class(root: Any) -> Any:
             return f".x.{name}"
         done.add(name)
         message = file.message_type.add(name=name)
-        for known in wire._fields_of(cls):
+        for known in wire.fields_of(cls):
             hint = schema.hints_of(cls).get(known.name)
             _, repeated = schema.kind_of(hint) if hint is not None else (None, False)
             field = message.field.add(name=known.name, number=known.number, label=3 if repeated else 1)
