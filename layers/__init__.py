@@ -1,6 +1,7 @@
 """The layers, and the table that gives each type name its class.
 
-They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for our own.
+They stand in the rooms of Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss;
+and hand, for our own.
 """
 
 from layers.activation.power import Power
@@ -28,12 +29,16 @@ from layers.loss.accuracy import Accuracy
 from layers.loss.euclidean_loss import EuclideanLoss
 from layers.loss.smooth_l1_loss import SmoothL1Loss
 from layers.loss.softmax_loss import SoftmaxWithLoss
+from layers.normalization.batch_norm import BatchNorm
+from layers.normalization.lrn import LRN
+from layers.normalization.mvn import MVN
 from layers.vision.convolution import Convolution
 from layers.vision.pooling import Pooling
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
     "Accuracy": Accuracy,
+    "BatchNorm": BatchNorm,
     "Concat": Concat,
     "Convolution": Convolution,
     "DeepHandModel": HandModel,  # the released system's name
@@ -48,6 +53,8 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "HandModel": HandModel,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "LRN": LRN,
+    "MVN": MVN,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,

@@ -26,6 +26,7 @@ def different(*shape: int) -> np.ndarray:
 # type -> options, makers of the bottoms for N items, number of tops; ``wanted``: bottoms that get a gradient
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
+    "BatchNorm": ("", lambda N: [off_zero(N, 3, 2, 4)], {}),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
     "Convolution": (
         'convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "gaussian" } }',
@@ -49,6 +50,8 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3)],
         {},
     ),
+    "LRN": ("", lambda N: [off_zero(N, 7, 2, 3)], {}),
+    "MVN": ("", lambda N: [off_zero(N, 2, 3, 4)], {}),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
