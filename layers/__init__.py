@@ -33,6 +33,8 @@ from layers.normalization.batch_norm import BatchNorm
 from layers.normalization.lrn import LRN
 from layers.normalization.mvn import MVN
 from layers.vision.convolution import Convolution
+from layers.vision.deconvolution import Deconvolution
+from layers.vision.im2col import Im2col
 from layers.vision.pooling import Pooling
 from netlib.layer import Layer
 
@@ -41,6 +43,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "BatchNorm": BatchNorm,
     "Concat": Concat,
     "Convolution": Convolution,
+    "Deconvolution": Deconvolution,
     "DeepHandModel": HandModel,  # the released system's name
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
     "Dropout": Dropout,
@@ -51,6 +54,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "HDF5Data": HDF5Data,
     "HandAugment": HandAugment,
     "HandModel": HandModel,
+    "Im2col": Im2col,
     "InnerProduct": InnerProduct,
     "Input": Input,
     "LRN": LRN,

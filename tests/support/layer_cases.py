@@ -33,6 +33,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3, 4)],
         {},
     ),
+    "Deconvolution": (
+        'convolution_param { num_output: 2 kernel_size: 3 stride: 2 pad: 1 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 2, 3, 2)],
+        {},
+    ),
     "DeepHandModel": ("", lambda N: [off_zero(N, 47)], {}),
     "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
@@ -45,6 +50,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         {"tops": 2, "wanted": [False, False]},
     ),
     "HandModel": ("", lambda N: [off_zero(N, 47)], {}),
+    "Im2col": ("convolution_param { kernel_size: 2 pad: 1 }", lambda N: [off_zero(N, 2, 3, 2)], {}),
     "InnerProduct": (
         'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(N, 2, 3)],
