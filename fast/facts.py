@@ -51,7 +51,8 @@ def _convolution(layer: Convolution) -> Facts:
 
 def _pooling(layer: Pooling) -> Facts:
     full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no window without values
-    return Facts(batchwise=True, takes_maximum=layer.is_max and full, reads_bottom=False, reads_top=False)
+    alone = len(layer.spec.top) == 1  # a mask is that of the values before a layer that would be moved behind
+    return Facts(batchwise=True, takes_maximum=layer.is_max and full and alone, reads_bottom=False, reads_top=False)
 
 
 TABLE: dict[type[Layer], Facts | Callable[..., Facts]] = {  # a type, or a function of the layer where options matter
