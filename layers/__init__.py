@@ -9,6 +9,7 @@ from layers.activation.relu import ReLU
 from layers.activation.scale import Scale
 from layers.activation.sigmoid import Sigmoid
 from layers.activation.tanh import TanH
+from layers.common.axpy import Axpy
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
@@ -33,16 +34,21 @@ from layers.normalization.batch_norm import BatchNorm
 from layers.normalization.lrn import LRN
 from layers.normalization.mvn import MVN
 from layers.vision.convolution import Convolution
+from layers.vision.crop import Crop
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.im2col import Im2col
 from layers.vision.pooling import Pooling
+from layers.vision.roi_pooling import ROIPooling
+from layers.vision.spp import SPP
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
     "Accuracy": Accuracy,
+    "Axpy": Axpy,  # SENet's
     "BatchNorm": BatchNorm,
     "Concat": Concat,
     "Convolution": Convolution,
+    "Crop": Crop,
     "Deconvolution": Deconvolution,
     "DeepHandModel": HandModel,  # the released system's name
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
@@ -62,8 +68,10 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
+    "ROIPooling": ROIPooling,  # Fast R-CNN's
     "ReLU": ReLU,
     "Reshape": Reshape,
+    "SPP": SPP,
     "Scale": Scale,
     "Sigmoid": Sigmoid,
     "Silence": Silence,

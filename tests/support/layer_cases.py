@@ -26,6 +26,7 @@ def different(*shape: int) -> np.ndarray:
 # type -> options, makers of the bottoms for N items, number of tops; ``wanted``: bottoms that get a gradient
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
+    "Axpy": ("", lambda N: [off_zero(N, 2), off_zero(N, 2, 3, 2), off_zero(N, 2, 3, 2)], {}),
     "BatchNorm": ("", lambda N: [off_zero(N, 3, 2, 4)], {}),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
     "Convolution": (
@@ -33,6 +34,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3, 4)],
         {},
     ),
+    "Crop": ("crop_param { offset: 1 }", lambda N: [off_zero(N, 2, 4, 5), off_zero(N, 2, 2, 3)], {}),
     "Deconvolution": (
         'convolution_param { num_output: 2 kernel_size: 3 stride: 2 pad: 1 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(N, 2, 3, 2)],
@@ -61,8 +63,14 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
+    "ROIPooling": (
+        "roi_pooling_param { pooled_h: 2 pooled_w: 3 spatial_scale: 0.5 }",
+        lambda N: [different(N, 2, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]])],
+        {"wanted": [True, False]},
+    ),
     "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
+    "SPP": ("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
     "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
