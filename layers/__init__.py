@@ -33,6 +33,8 @@ from layers.loss.softmax_loss import SoftmaxWithLoss
 from layers.normalization.batch_norm import BatchNorm
 from layers.normalization.lrn import LRN
 from layers.normalization.mvn import MVN
+from layers.recurrent.lstm import LSTM
+from layers.recurrent.rnn import RNN
 from layers.vision.convolution import Convolution
 from layers.vision.crop import Crop
 from layers.vision.deconvolution import Deconvolution
@@ -64,10 +66,12 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "InnerProduct": InnerProduct,
     "Input": Input,
     "LRN": LRN,
+    "LSTM": LSTM,
     "MVN": MVN,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
+    "RNN": RNN,
     "ROIPooling": ROIPooling,  # Fast R-CNN's
     "ReLU": ReLU,
     "Reshape": Reshape,

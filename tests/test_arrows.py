@@ -23,6 +23,7 @@ SHARED_BY_LAYERS = {
     "layers.hand.skeleton",
     "layers.hand.skeleton_file",
     "layers.hand.kinematics",
+    "layers.recurrent.recurrent",
     "layers.vision.convolution",
 }  # mathematics of several layers, no layer types; but Deconvolution and Im2col are parts of a Convolution
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))

@@ -59,10 +59,20 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         {},
     ),
     "LRN": ("", lambda N: [off_zero(N, 7, 2, 3)], {}),
+    "LSTM": (
+        'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N))],
+        {"wanted": [True, False]},
+    ),
     "MVN": ("", lambda N: [off_zero(N, 2, 3, 4)], {}),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
+    "RNN": (
+        'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N)), off_zero(N, 2)],
+        {"wanted": [True, False, True]},
+    ),
     "ROIPooling": (
         "roi_pooling_param { pooled_h: 2 pooled_w: 3 spatial_scale: 0.5 }",
         lambda N: [different(N, 2, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]])],
