@@ -1,6 +1,7 @@
 """The layers, and the table that gives each type name its class.
 
-They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for our own.
+They stand in the rooms of Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss;
+and hand, for our own.
 """
 
 from layers.activation.absval import AbsVal
@@ -18,6 +19,7 @@ from layers.activation.sigmoid import Sigmoid
 from layers.activation.swish import Swish
 from layers.activation.tanh import TanH
 from layers.activation.threshold import Threshold
+from layers.common.axpy import Axpy
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
@@ -43,19 +45,33 @@ from layers.loss.multinomial_logistic_loss import MultinomialLogisticLoss
 from layers.loss.sigmoid_cross_entropy_loss import SigmoidCrossEntropyLoss
 from layers.loss.smooth_l1_loss import SmoothL1Loss
 from layers.loss.softmax_loss import SoftmaxWithLoss
+from layers.normalization.batch_norm import BatchNorm
+from layers.normalization.lrn import LRN
+from layers.normalization.mvn import MVN
+from layers.recurrent.lstm import LSTM
+from layers.recurrent.rnn import RNN
 from layers.vision.convolution import Convolution
+from layers.vision.crop import Crop
+from layers.vision.deconvolution import Deconvolution
+from layers.vision.im2col import Im2col
 from layers.vision.pooling import Pooling
+from layers.vision.roi_pooling import ROIPooling
+from layers.vision.spp import SPP
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
     "AbsVal": AbsVal,
     "Accuracy": Accuracy,
+    "Axpy": Axpy,  # SENet's
     "BNLL": BNLL,
+    "BatchNorm": BatchNorm,
     "Bias": Bias,
     "Clip": Clip,
     "Concat": Concat,
     "ContrastiveLoss": ContrastiveLoss,
     "Convolution": Convolution,
+    "Crop": Crop,
+    "Deconvolution": Deconvolution,
     "DeepHandModel": HandModel,  # the released system's name
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
     "Dropout": Dropout,
@@ -69,17 +85,24 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "HandAugment": HandAugment,
     "HandModel": HandModel,
     "HingeLoss": HingeLoss,
+    "Im2col": Im2col,
     "InfogainLoss": InfogainLoss,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "LRN": LRN,
+    "LSTM": LSTM,
     "Log": Log,
+    "MVN": MVN,
     "MultinomialLogisticLoss": MultinomialLogisticLoss,
     "PReLU": PReLU,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
+    "RNN": RNN,
+    "ROIPooling": ROIPooling,  # Fast R-CNN's
     "ReLU": ReLU,
     "Reshape": Reshape,
+    "SPP": SPP,
     "Scale": Scale,
     "Sigmoid": Sigmoid,
     "SigmoidCrossEntropyLoss": SigmoidCrossEntropyLoss,
