@@ -8,16 +8,23 @@ from layers.activation.relu import ReLU
 from layers.activation.scale import Scale
 from layers.activation.sigmoid import Sigmoid
 from layers.activation.tanh import TanH
+from layers.common.argmax import ArgMax
+from layers.common.batch_reindex import BatchReindex
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
+from layers.common.embed import Embed
+from layers.common.filter import Filter
 from layers.common.flatten import Flatten
 from layers.common.inner_product import InnerProduct
+from layers.common.parameter import Parameter
+from layers.common.reduction import Reduction
 from layers.common.reshape import Reshape
 from layers.common.silence import Silence
 from layers.common.slice import Slice
 from layers.common.softmax import Softmax
 from layers.common.split import Split
+from layers.common.tile import Tile
 from layers.data.dummy_data import DummyData
 from layers.data.hdf5_data import HDF5Data
 from layers.data.input import Input
@@ -34,6 +41,8 @@ from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
     "Accuracy": Accuracy,
+    "ArgMax": ArgMax,
+    "BatchReindex": BatchReindex,
     "Concat": Concat,
     "Convolution": Convolution,
     "DeepHandModel": HandModel,  # the released system's name
@@ -41,17 +50,21 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Dropout": Dropout,
     "DummyData": DummyData,
     "Eltwise": Eltwise,
+    "Embed": Embed,
     "EuclideanLoss": EuclideanLoss,
+    "Filter": Filter,
     "Flatten": Flatten,
     "HDF5Data": HDF5Data,
     "HandAugment": HandAugment,
     "HandModel": HandModel,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "Parameter": Parameter,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
     "ReLU": ReLU,
+    "Reduction": Reduction,
     "Reshape": Reshape,
     "Scale": Scale,
     "Sigmoid": Sigmoid,
@@ -62,4 +75,5 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "SoftmaxWithLoss": SoftmaxWithLoss,
     "Split": Split,
     "TanH": TanH,
+    "Tile": Tile,
 }

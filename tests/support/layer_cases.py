@@ -26,6 +26,8 @@ def different(*shape: int) -> np.ndarray:
 # type -> options, makers of the bottoms for N items, number of tops; ``wanted``: bottoms that get a gradient
 CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Accuracy": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [False, False]}),
+    "ArgMax": ("argmax_param { top_k: 2 }", lambda N: [different(N, 3)], {"wanted": [False]}),
+    "BatchReindex": ("", lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
     "Convolution": (
         'convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "gaussian" } }',
@@ -36,7 +38,13 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
     "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Embed": (
+        'embed_param { num_output: 2 input_dim: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [RNG.integers(0, 3, N)],
+        {"wanted": [False]},
+    ),
     "EuclideanLoss": ("", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Filter": ("", lambda N: [off_zero(N, 3), np.arange(N) % 2 == 0], {"wanted": [True, False]}),
     "Flatten": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "HandAugment": (
         "hand_augment_param { rotation: 20 scale: 0.1 shift: 1 depth: 0.1 }",
@@ -53,6 +61,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
     "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
+    "Reduction": ("reduction_param { operation: SUMSQ axis: 1 coeff: 2 }", lambda N: [off_zero(N, 2, 3)], {}),
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
@@ -63,8 +72,9 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "SoftmaxWithLoss": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "Split": ("", lambda N: [off_zero(N, 3)], {"tops": 2}),
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
+    "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
 }
-SOURCES = {"DummyData", "HDF5Data", "Input"}  # no bottoms: their own tests say all there is
+SOURCES = {"DummyData", "HDF5Data", "Input", "Parameter"}  # no bottoms: their own tests say all there is
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:
