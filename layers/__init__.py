@@ -25,9 +25,14 @@ from layers.common.slice import Slice
 from layers.common.softmax import Softmax
 from layers.common.split import Split
 from layers.common.tile import Tile
+from layers.data.data import Data
 from layers.data.dummy_data import DummyData
 from layers.data.hdf5_data import HDF5Data
+from layers.data.hdf5_output import HDF5Output
+from layers.data.image_data import ImageData
 from layers.data.input import Input
+from layers.data.memory_data import MemoryData
+from layers.data.window_data import WindowData
 from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.phys_limit import PhysLimit, ReleasedPhysLimit
@@ -45,6 +50,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "BatchReindex": BatchReindex,
     "Concat": Concat,
     "Convolution": Convolution,
+    "Data": Data,
     "DeepHandModel": HandModel,  # the released system's name
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
     "Dropout": Dropout,
@@ -55,10 +61,13 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Filter": Filter,
     "Flatten": Flatten,
     "HDF5Data": HDF5Data,
+    "HDF5Output": HDF5Output,
     "HandAugment": HandAugment,
     "HandModel": HandModel,
+    "ImageData": ImageData,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "MemoryData": MemoryData,
     "Parameter": Parameter,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
@@ -76,4 +85,5 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Split": Split,
     "TanH": TanH,
     "Tile": Tile,
+    "WindowData": WindowData,
 }

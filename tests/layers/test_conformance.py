@@ -21,6 +21,7 @@ EXTRAS = {
     "HandModel": {"kinematics_type"},
     "HandAugment": {"move_crops", "move_joints"},
     "InnerProduct": {"output_first", "rows"},
+    "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "places", "windows"},
 }  # documented: the parts of a longer computation, or for tools
 

@@ -74,7 +74,8 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
     "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
 }
-SOURCES = {"DummyData", "HDF5Data", "Input", "Parameter"}  # no bottoms: their own tests say all there is
+# No bottoms, or a file that is written once: their own tests say all there is.
+SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter", "WindowData"}
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:
