@@ -203,7 +203,7 @@ def _read_windows(path: Path) -> list[tuple[Window, float]]:
     channels, images = 0, 0
     for word in words:
         if word != "#":
-            raise DataError(f"{path}: after image {images - 1} comes {word!r}, expected '#' and the next image")
+            raise DataError(f"{path}: found {word!r}, expected '#' and image {images}")
         what = f"{path}: image {images}"
         number = _next(words, int, f"{what}: its number")
         if number != images:
