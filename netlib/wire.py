@@ -55,6 +55,7 @@ class Known:
     number: int
     name: str
     kind: Any  # of one value (schema.kind_of); for a nested message its dataclass
+    repeated: bool
     packed: bool
 
     @property
@@ -74,13 +75,13 @@ def fields_of(cls: type) -> tuple[Known, ...]:
     for field in dataclasses.fields(cls):
         if field.name == "blocks":
             options = create.option_blocks()
-            known += [Known(n, name, options[name], False) for name, n in field.metadata["numbers"].items()
+            known += [Known(n, name, options[name], False, False) for name, n in field.metadata["numbers"].items()
                       if name in options]  # fmt: skip
         else:
             name = schema.written_name(field.name)
-            kind, _ = schema.kind_of(hints[name])
+            kind, repeated = schema.kind_of(hints[name])
             kind = NetParameter if kind is Message else kind  # all messages that are left as trees are nets
-            known.append(Known(field.metadata["number"], name, kind, field.metadata["packed"]))
+            known.append(Known(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
     return tuple(known)
 
 
@@ -103,6 +104,7 @@ class _Decoder:
     def message(self, cls: type, begin: int, end: int) -> Message:
         known = _by_number(cls)
         fields: list[Field] = []
+        single: dict[str, int] = {}  # where a field that is not repeated stands: a later value takes its place
         at = begin
         while at < end:
             self.count += 1
@@ -116,7 +118,11 @@ class _Decoder:
                 stop, array = self.row(ARRAYS[spec.kind], at, value, end)
                 fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
             elif spec is not None:
-                fields += self.values(spec, wire_type, at, value, stop)
+                for field in self.values(spec, wire_type, at, value, stop):
+                    place = len(fields)
+                    if not spec.repeated and not schema.is_message(spec.kind):
+                        place = single.setdefault(spec.name, place)
+                    fields[place : place + 1] = [field]
             at = stop
         return Message(fields, Offset(self.source, begin))
 

@@ -24,6 +24,7 @@ EXTRAS = {
     "HandAugment": {"move_crops", "move_joints"},
     "Im2col": WINDOWS,
     "InnerProduct": {"output_first", "rows"},
+    "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "places", "windows"},
 }  # documented: the parts of a longer computation, or for tools
 

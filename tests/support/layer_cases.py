@@ -32,6 +32,8 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Clip": ("clip_param { min: -2 max: 0.1 }", lambda N: [off_zero(N, 3)], {}),
     "Axpy": ("", lambda N: [off_zero(N, 2), off_zero(N, 2, 3, 2), off_zero(N, 2, 3, 2)], {}),
     "BatchNorm": ("", lambda N: [off_zero(N, 3, 2, 4)], {}),
+    "ArgMax": ("argmax_param { top_k: 2 }", lambda N: [different(N, 3)], {"wanted": [False]}),
+    "BatchReindex": ("", lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
     "ContrastiveLoss": (
         "contrastive_loss_param { margin: 3 legacy_version: true }",
@@ -54,8 +56,14 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
     "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
     "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Embed": (
+        'embed_param { num_output: 2 input_dim: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [RNG.integers(0, 3, N)],
+        {"wanted": [False]},
+    ),
     "EuclideanLoss": ("", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
     "Exp": ("exp_param { base: 2 scale: 3 shift: 1 }", lambda N: [off_zero(N, 3)], {}),
+    "Filter": ("", lambda N: [off_zero(N, 3), np.arange(N) % 2 == 0], {"wanted": [True, False]}),
     "Flatten": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "HandAugment": (
         "hand_augment_param { rotation: 20 scale: 0.1 shift: 1 depth: 0.1 }",
@@ -103,6 +111,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         {"wanted": [True, False]},
     ),
     "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
+    "Reduction": ("reduction_param { operation: SUMSQ axis: 1 coeff: 2 }", lambda N: [off_zero(N, 2, 3)], {}),
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
     "SPP": ("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
@@ -117,8 +126,10 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Swish": ("swish_param { beta: 1.7 }", lambda N: [off_zero(N, 3)], {}),
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
     "Threshold": ("", lambda N: [off_zero(N, 3)], {"wanted": [False]}),
+    "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
 }
-SOURCES = {"DummyData", "HDF5Data", "Input"}  # no bottoms: their own tests say all there is
+# No bottoms, or a file that is written once: their own tests say all there is.
+SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter", "WindowData"}
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:
