@@ -63,7 +63,7 @@ class Classifier(Net):
         self.image_dims: io.Size = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
         if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
             raise io.ShapeError(
-                f"image_dims {tuple(self.image_dims)} are smaller than the net's input, {tuple(self.crop_dims)}; "
+                f"image_dims {io.plain(self.image_dims)} are smaller than the net's input, {io.plain(self.crop_dims)}; "
                 "expected a height and a width"
             )
 

@@ -27,6 +27,11 @@ class ShapeError(DataError, ValueError):
     """An array whose shape does not fit; also a ValueError, which scripts for pycaffe catch."""
 
 
+def plain(numbers: Sequence[float] | Array) -> tuple[float, ...]:
+    """Numbers as a message shows them, NumPy's like others: ``(2, 3)``."""
+    return tuple(np.asarray(numbers).tolist())
+
+
 # ---------------------------------------------------------------------------------------------- messages
 
 
@@ -167,7 +172,7 @@ class Transformer:
         if sorted(order) != list(range(axes)):
             raise ShapeError(
                 f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes each of "
-                f"{', '.join(map(str, range(axes)))} once, found {tuple(order)}"
+                f"{', '.join(map(str, range(axes)))} once, found {plain(order)}"
             )
         self.transpose[in_] = order
 
@@ -177,7 +182,7 @@ class Transformer:
         if len(order) != channels or not set(order) <= set(range(channels)):
             raise ShapeError(
                 f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} has "
-                f"{', '.join(map(str, range(channels)))}, found {tuple(order)}"
+                f"{', '.join(map(str, range(channels)))}, found {plain(order)}"
             )
         self.channel_swap[in_] = order
 
@@ -272,7 +277,7 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     if im.ndim != 3 or not im.size or height < 1 or width < 1 or interp_order not in range(6):
         raise ShapeError(
             "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, "
-            f"found an array of shape {im.shape}, {tuple(new_dims)} and {interp_order}"
+            f"found an array of shape {im.shape}, {plain(new_dims)} and {interp_order}"
         )
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
