@@ -74,9 +74,7 @@ def test_a_resumed_training_adds_to_its_log(work):
     """The first part is not lost; another training begins the file anew."""
     assert train.main(["solver.prototxt", "--max-iter", "3", "--log", "train.log"]) == 0
     first = (work / "train.log").read_text()
-    assert (
-        train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log"]) == 0
-    )
+    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log"]) == 0
     both = (work / "train.log").read_text()
     assert both.startswith(first) and both.count("Optimization Done.") == 2
     assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "train.log"]) == 0
