@@ -61,6 +61,7 @@ from layers.normalization.batch_norm import BatchNorm
 from layers.normalization.lrn import LRN
 from layers.normalization.mvn import MVN
 from layers.recurrent.lstm import LSTM
+from layers.recurrent.lstm_unit import LSTMUnit
 from layers.recurrent.rnn import RNN
 from layers.vision.convolution import Convolution
 from layers.vision.crop import Crop
@@ -110,6 +111,7 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Input": Input,
     "LRN": LRN,
     "LSTM": LSTM,
+    "LSTMUnit": LSTMUnit,
     "Log": Log,
     "MVN": MVN,
     "MemoryData": MemoryData,

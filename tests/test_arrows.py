@@ -25,12 +25,14 @@ SHARED_BY_LAYERS = {
     "layers.hand.skeleton_file",
     "layers.hand.kinematics",
     "layers.loss.labels",
+    "layers.recurrent.lstm_unit",
     "layers.recurrent.recurrent",
     "layers.vision.convolution",
     "layers.data.transform",
     "layers.data.images",
     "layers.data.datum",
-}  # what several layers compute or read, no layer types; but Deconvolution and Im2col are parts of a Convolution
+}  # what several layers compute or read, no layer types; but Deconvolution and Im2col are parts of a Convolution, and
+# an LSTM is a row of LSTMUnits
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 names = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 

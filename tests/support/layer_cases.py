@@ -96,6 +96,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N))],
         {"wanted": [True, False]},
     ),
+    "LSTMUnit": (
+        "",
+        lambda N: [off_zero(1, N, 3), off_zero(1, N, 12), RNG.integers(0, 2, (1, N))],
+        {"tops": 2, "wanted": [True, True, False]},
+    ),
     "MVN": ("", lambda N: [off_zero(N, 2, 3, 4)], {}),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
