@@ -19,7 +19,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import struct
 import types
 import typing
 from collections.abc import Sequence
@@ -59,27 +58,23 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
     hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
     takes_blocks = hints.pop("blocks", None) is not None
     found: dict[str, list[Field]] = {}
-    blocks: dict[str, Message] = {}
+    blocks: dict[str, list[Message]] = {}
     for item in message.fields:
         if item.name in hints:
             found.setdefault(item.name, []).append(item)
         elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
-            blocks[item.name] = (
-                Message(blocks[item.name].fields + item.value.fields, item.value.position)
-                if item.name in blocks
-                else item.value
-            )
+            blocks.setdefault(item.name, []).append(item.value)
         else:
             raise unknown_field(item, hints)
     values: dict[str, Any] = {name: _field_value(items, hints[name]) for name, items in found.items()}
     for name, spec in fields.items():
         if hints.get(name) is float and name not in values and isinstance(spec.default, float):
-            values[name] = _round_to_32_bits(spec.default)
+            values[name] = round_to_32_bits(spec.default)
         required = spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
         if required and name not in values:
             raise PrototxtError(message.position, f"missing required field {name!r} in {what or cls.__name__}")
     if takes_blocks:
-        values["blocks"] = blocks
+        values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
     result = cls(**{fields[name].name: value for name, value in values.items()})
     object.__setattr__(result, "_tree", message)
     return result
@@ -170,13 +165,17 @@ def _field_value(items: Sequence[Field], hint: Any) -> Any:
         return array_of(items, kind)
     if repeated:
         return tuple(value_of(item, kind) for item in items)
-    if len(items) > 1 and not (isinstance(items[0].value, Message) and dataclasses.is_dataclass(kind)):
-        raise PrototxtError(items[1].position, f"field {items[1].name!r} is given twice, but is not a repeated field")
-    if len(items) > 1:  # protobuf merges a message that is written in parts
-        parts = [item.value for item in items if isinstance(item.value, Message)]
-        merged = Message([f for part in parts for f in part.fields], parts[0].position)
-        return read(merged, typing.cast(type[Any], kind), items[0].name)
-    return value_of(items[0], kind)
+    first, *others = items
+    if others and not is_message(kind):
+        raise PrototxtError(others[0].position, f"field {first.name!r} is given twice, but is not a repeated field")
+    if others:
+        first = Field(first.name, _merged([message_of(item) for item in items]), first.position)
+    return value_of(first, kind)
+
+
+def _merged(parts: Sequence[Message]) -> Message:
+    """A message that is written in parts, which protobuf takes together."""
+    return Message([field for part in parts for field in part.fields], parts[0].position)
 
 
 def array_of(items: Sequence[Field], kind: Any) -> NDArray[Any]:
@@ -243,17 +242,15 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
         return _float(value)
     if kind is float:
         double = _float(value)
-        return None if double is None else _round_to_32_bits(double)
+        return None if double is None else round_to_32_bits(double)
     number = _integer(value)
     return None if kind is UInt and number is not None and number < 0 else number
 
 
-def _round_to_32_bits(number: float) -> float:
-    try:
-        rounded: float = struct.unpack("f", struct.pack("f", number))[0]
-    except OverflowError:
-        return math.copysign(math.inf, number)
-    return rounded
+def round_to_32_bits(number: float) -> float:
+    """The number as protobuf's float holds it; infinite if that is too small for it."""
+    with np.errstate(over="ignore"):
+        return float(np.float32(number))
 
 
 def _integer(value: Scalar) -> int | None:

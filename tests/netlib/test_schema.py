@@ -107,6 +107,7 @@ def test_default_floats_have_32_bits_too() -> None:
         ("pool: 7", "unknown value 7 of 'pool'; known values: MAX, AVE"),
         ('pool: "MAX"', "'pool' expects MAX or AVE, found \"MAX\""),
         ("inner: 1", "'inner' is a message: expected inner { ... }, found 1"),
+        ("inner { x: 5 } inner: 1", "f:1:26: error: 'inner' is a message: expected inner { ... }, found 1"),
         ("ratio { }", "'ratio' is not a message: expected 'ratio: a number'"),
         ("pool { }", "'pool' is not a message: expected 'pool: MAX or AVE'"),
         ("inner {\n y: 1 }", "f:2:2: error: unknown field 'y'; known fields: x, names"),

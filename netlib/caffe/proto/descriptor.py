@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from netlib import schema
+from netlib.wire import Known
 
 # protobuf's numbers: FieldDescriptor.TYPE_* and CPPTYPE_*
 _TYPES = {float: (2, 6), schema.Double: (1, 5), schema.Floats: (2, 6), schema.Doubles: (1, 5), int: (3, 2),
@@ -74,6 +75,7 @@ class FieldDescriptor:
     """A field of a message.
 
     kind           as in netlib/schema.py; for a nested message its dataclass
+    default_value  what it reads as where it is not set
     message_class  the class of a nested message
     """
 
@@ -84,29 +86,20 @@ class FieldDescriptor:
     has_options = False
     is_required = False
 
-    def __init__(
-        self, name: str, number: int, kind: Any, repeated: bool, enum: EnumType | None, class_of: Callable[[Any], Any]
-    ) -> None:
-        self.name = self.full_name = self.camelcase_name = self.json_name = name
-        self.number, self.kind, self.is_repeated, self.enum_type = number, kind, repeated, enum
-        self.label = self.LABEL_REPEATED if repeated else self.LABEL_OPTIONAL
-        self.has_presence = not repeated
+    def __init__(self, known: Known, enum: EnumType | None, default: Any, class_of: Callable[[Any], Any]) -> None:
+        self.name = self.full_name = self.camelcase_name = self.json_name = known.name
+        self.number, self.kind, self.is_repeated, self.enum_type = known.number, known.kind, known.repeated, enum
+        self.label = self.LABEL_REPEATED if self.is_repeated else self.LABEL_OPTIONAL
+        self.has_presence = not self.is_repeated
         self._class_of = class_of
-        types = _MESSAGE if schema.is_message(kind) else _ENUM if enum is not None else _TYPES[kind]
-        self.type, self.cpp_type = types
-        self.default_value: Any = None
-        self.has_default_value = False
-
-    def set_default(self, default: Any) -> None:
-        """What an unset field reads as."""
-        if self.is_repeated or schema.is_message(self.kind):
-            self.default_value = []
-            return
-        self.has_default_value = default not in (None, dataclasses.MISSING)
-        if self.enum_type is not None:
-            first = next(iter(self.enum_type.numbers.values()))
-            self.default_value = self.enum_type.numbers[default] if self.has_default_value else first
-        else:
+        is_message = schema.is_message(self.kind)
+        self.type, self.cpp_type = _MESSAGE if is_message else _ENUM if enum is not None else _TYPES[self.kind]
+        is_scalar = not self.is_repeated and not is_message
+        self.has_default_value = is_scalar and default not in (None, dataclasses.MISSING)
+        self.default_value: Any = []
+        if is_scalar and enum is not None:  # without a default an enum reads as its first value
+            self.default_value = enum.numbers[default] if self.has_default_value else min(enum.names)
+        elif is_scalar:
             self.default_value = default if self.has_default_value else _DEFAULTS[self.kind]
 
     @property

@@ -7,22 +7,18 @@ is set, repeated fields are lists that check their elements, what is put into a 
 
 from __future__ import annotations
 
-import array
 import dataclasses
-import numbers
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableSequence
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
-
-import numpy as np
 
 from netlib import prototxt, schema, wire
 from netlib.caffe.proto.descriptor import Descriptor, EnumType, FieldDescriptor
+from netlib.caffe.proto.values import FloatList, checked, container
 from netlib.errors import WireError
 from netlib.prototxt import Field, Numbers, Position, Scalar
-from netlib.schema import ARRAYS, UInt
+from netlib.schema import ARRAYS
 
 BUILT = Position("<built in code>", 1, 1)
-Touch = Callable[[], None]
 
 
 class Message:
@@ -60,7 +56,7 @@ class Message:
         field = self._field(name)
         if name not in self._values:
             if field.is_repeated:
-                self._values[name] = _container(field, self._touch)
+                self._values[name] = container(field, self._touch)
             elif field.message_type is not None:
                 self._values[name] = field.message_class()
                 object.__setattr__(self._values[name], "_owner", self._touch)
@@ -250,199 +246,6 @@ def _as_node(field: FieldDescriptor, value: Any) -> Scalar | prototxt.Message:
     return node
 
 
-# ---------------------------------------------------------------------------------------------- values
-
-
-def checked(field: FieldDescriptor, value: Any) -> Any:
-    """A value for a scalar field, as it is kept. Raises TypeError or ValueError."""
-    kind = field.kind
-    if field.enum_type is not None:
-        number = field.enum_type.numbers.get(value) if isinstance(value, str) else value
-        if not isinstance(number, numbers.Integral) or int(number) not in field.enum_type.names:
-            raise ValueError(f"{field.name!r} is one of {', '.join(field.enum_type.numbers)}, found {value!r}")
-        return int(number)
-    if kind is str and isinstance(value, (str, bytes)):
-        return value if isinstance(value, str) else value.decode("utf-8")
-    if kind is bytes and isinstance(value, (bytes, bytearray)):
-        return bytes(value)
-    if kind is bool and isinstance(value, (numbers.Integral, np.bool_)):
-        return bool(value)
-    if kind in (int, UInt) and isinstance(value, numbers.Integral):
-        low, high = (0, 2**32) if kind is UInt else (-(2**63), 2**63)
-        if not low <= int(value) < high:
-            raise ValueError(f"{field.name!r} is from {low} to {high - 1}, found {value}")
-        return int(value)
-    if kind in (float, schema.Double) and isinstance(value, numbers.Real):
-        with np.errstate(over="ignore"):
-            return float(np.float32(value)) if kind is float else float(value)
-    raise TypeError(f"{field.name!r} is {schema.expected(kind)}, found {value!r} ({type(value).__name__})")
-
-
-class RepeatedScalars(MutableSequence[Any]):
-    """A list of scalars of one field."""
-
-    def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
-        self._field, self._touch = field, touch
-        self._list: list[Any] = []
-
-    def __len__(self) -> int:
-        return len(self._list)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self._list[index]
-
-    def __setitem__(self, index: Any, value: Any) -> None:
-        if isinstance(index, slice):
-            self._list[index] = [checked(self._field, one) for one in value]
-        else:
-            self._list[index] = checked(self._field, value)
-        self._touch()
-
-    def __delitem__(self, index: Any) -> None:
-        del self._list[index]
-        self._touch()
-
-    def insert(self, index: int, value: Any) -> None:
-        """As of a list."""
-        self._list.insert(index, checked(self._field, value))
-        self._touch()
-
-    def extend(self, values: Iterable[Any]) -> None:
-        """As of a list; None is nothing."""
-        self._list.extend([checked(self._field, value) for value in (() if values is None else values)])
-        self._touch()
-
-    MergeFrom = extend
-
-    def __eq__(self, other: object) -> bool:
-        return self._list == (other._list if isinstance(other, RepeatedScalars) else other)
-
-    def __repr__(self) -> str:
-        return repr(self._list)
-
-
-class FloatList(MutableSequence[float]):
-    """A list of numbers of one field, kept in one piece: a blob may have millions."""
-
-    def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
-        self._code = "f" if ARRAYS[field.kind].itemsize == 4 else "d"
-        self._touch = touch
-        self._items: Any = array.array(self._code)
-
-    @property
-    def array(self) -> np.ndarray[Any, Any]:
-        """All of them."""
-        return np.frombuffer(self._items, f"<{self._code}{self._items.itemsize}") if self._items else np.zeros(0)
-
-    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray[Any, Any]:
-        found = np.array(self._items, dtype=self._code)  # a copy: who looks at an array must not hold the list fast
-        return found if dtype is None else found.astype(dtype)
-
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def __getitem__(self, index: Any) -> Any:
-        found = self._items[index]
-        return found.tolist() if isinstance(index, slice) else found
-
-    def __setitem__(self, index: Any, value: Any) -> None:
-        self._items[index] = array.array(self._code, value) if isinstance(index, slice) else value
-        self._touch()
-
-    def __delitem__(self, index: Any) -> None:
-        del self._items[index]
-        self._touch()
-
-    def insert(self, index: int, value: float) -> None:
-        """As of a list."""
-        self._items.insert(index, value)
-        self._touch()
-
-    def extend(self, values: Iterable[float]) -> None:
-        """As of a list; arrays are taken as they are."""
-        if isinstance(values, FloatList):
-            self._items.extend(array.array(self._code, values._items))
-        elif isinstance(values, np.ndarray):
-            self._items.frombytes(np.ascontiguousarray(values, self._code).tobytes())
-        else:
-            self._items.extend(array.array(self._code, list(values)))
-        self._touch()
-
-    MergeFrom = extend
-
-    def __eq__(self, other: object) -> bool:
-        return self._items.tolist() == (list(other) if isinstance(other, (FloatList, list, tuple)) else other)
-
-    def __repr__(self) -> str:
-        return repr(self._items.tolist())
-
-
-class RepeatedMessages(MutableSequence[Message]):
-    """A list of messages of one field; what is put in is copied."""
-
-    def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
-        self._field, self._touch = field, touch
-        self._list: list[Message] = []
-
-    def add(self, **fields: Any) -> Message:
-        """Append a new message and return it."""
-        made: Message = self._field.message_class(**fields)
-        object.__setattr__(made, "_owner", self._touch)
-        self._list.append(made)
-        self._touch()
-        return made
-
-    def _copy(self, message: Message) -> Message:
-        made: Message = self._field.message_class()
-        made.MergeFrom(message)
-        object.__setattr__(made, "_owner", self._touch)
-        return made
-
-    def __len__(self) -> int:
-        return len(self._list)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self._list[index]
-
-    def __setitem__(self, index: Any, value: Any) -> None:
-        raise TypeError(f"{self._field.name!r} is a repeated message: use add(), append() or CopyFrom()")
-
-    def __delitem__(self, index: Any) -> None:
-        del self._list[index]
-        self._touch()
-
-    def insert(self, index: int, value: Message) -> None:
-        """Insert a copy."""
-        self._list.insert(index, self._copy(value))
-        self._touch()
-
-    def extend(self, values: Iterable[Message]) -> None:
-        """Append copies."""
-        self._list.extend([self._copy(value) for value in values])
-        self._touch()
-
-    MergeFrom = extend
-
-    def sort(self, **options: Any) -> None:
-        """As of a list."""
-        self._list.sort(**options)
-
-    def __iter__(self) -> Iterator[Message]:
-        return iter(list(self._list))
-
-    def __eq__(self, other: object) -> bool:
-        return self._list == (other._list if isinstance(other, RepeatedMessages) else other)
-
-    def __repr__(self) -> str:
-        return repr(self._list)
-
-
-def _container(field: FieldDescriptor, touch: Touch) -> Any:
-    if field.message_type is not None:
-        return RepeatedMessages(field, touch)
-    return FloatList(field, touch) if field.kind in ARRAYS else RepeatedScalars(field, touch)
-
-
 # ---------------------------------------------------------------------------------------------- classes
 
 
@@ -452,15 +255,12 @@ def make_class(cls: type, name: str, enum_names: Mapping[str, str], class_of: Ca
     ``enum_names``: field -> the name of its enum. ``class_of`` gives the class for a nested dataclass; it is asked
     when such a field is used.
     """
-    hints, fields = schema.hints_of(cls), []
-    for known in wire.fields_of(cls):
-        kind, repeated = schema.kind_of(hints[known.name]) if known.name in hints else (known.kind, False)
-        values = schema.enum_of(kind)
-        enum = EnumType(enum_names.get(known.name, known.name), values) if values else None
-        fields.append(FieldDescriptor(known.name, known.number, known.kind, repeated, enum, class_of))
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
-    for field in fields:
-        field.set_default(defaults.get(field.name, dataclasses.MISSING))
+    fields: list[FieldDescriptor] = []
+    for known in wire.fields_of(cls):
+        values = schema.enum_of(known.kind)
+        enum = EnumType(enum_names.get(known.name, known.name), values) if values else None
+        fields.append(FieldDescriptor(known, enum, defaults.get(known.name), class_of))
     made = type(
         name, (Message,), {"dataclass": cls, "__doc__": cls.__doc__, "__module__": "netlib.caffe.proto.caffe_pb2"}
     )

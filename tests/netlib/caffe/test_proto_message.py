@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import io
 import pickle
 
 import numpy as np
@@ -42,6 +43,8 @@ def test_text_and_bytes() -> None:
     assert str(made) == TEXT
     assert caffe_pb2.LayerParameter.FromString(made.SerializeToString()) == made
     assert text_format.Merge(TEXT, caffe_pb2.LayerParameter()) == made
+    text_format.PrintMessage(made, out := io.StringIO())
+    assert out.getvalue() == text_format.MessageToString(made) == TEXT
     assert made.ByteSize() == len(made.SerializeToString())
     assert pickle.loads(pickle.dumps(made)) == copy.deepcopy(made) == made
 
@@ -62,6 +65,40 @@ def test_what_is_not_set_reads_as_its_default() -> None:
     assert str(made) == ""
     made.relu_param.SetInParent()
     assert str(made) == "relu_param {\n}\n"
+
+
+def test_what_is_forgotten_reads_as_its_default_again() -> None:
+    """One field, or all; and a message becomes that of other bytes without what it was."""
+    made = layer()
+    del made.name
+    made.ClearField("pooling_param")
+    assert (made.name, made.HasField("pooling_param"), made.bottom) == ("", False, ["x"])
+    made.Clear()
+    assert made == caffe_pb2.LayerParameter()
+    made.name = "before"
+    size = made.ParseFromString(layer().SerializeToString())
+    assert (made, size) == (layer(), layer().ByteSize())
+
+
+def test_what_caffe_has_nothing_of() -> None:
+    """Required fields, unknown fields, oneofs: protobuf's text_format asks."""
+    made = layer()
+    assert made.IsInitialized()
+    assert made.FindInitializationErrors() == made.UnknownFields() == []
+    with pytest.raises(ValueError, match="LayerParameter has no oneof 'x'"):
+        made.WhichOneof("x")
+
+
+def test_fields_say_what_they_are() -> None:
+    """Numbers as protobuf's descriptors have them; a list or a message has no default."""
+    fields = caffe_pb2.ConvolutionParameter.DESCRIPTOR.fields_by_name
+    pad, bias, engine, filler = (fields[name] for name in ("pad", "bias_term", "engine", "weight_filler"))
+    assert (pad.number, pad.type, pad.label, pad.default_value) == (3, 13, pad.LABEL_REPEATED, [])
+    assert (bias.type, bias.label, bias.has_default_value, bias.default_value) == (8, bias.LABEL_OPTIONAL, True, True)
+    assert (engine.type, engine.default_value, engine.enum_type.Name(2)) == (14, 0, "CUDNN")
+    assert (filler.type, filler.has_default_value, filler.message_type.name) == (11, False, "FillerParameter")
+    norm = caffe_pb2.HingeLossParameter.DESCRIPTOR.fields_by_name["norm"]
+    assert (norm.default_value, norm.enum_type.values()) == (1, [1, 2])
 
 
 def test_copies_are_copies() -> None:
@@ -102,36 +139,6 @@ def test_what_cannot_be_assigned(name: str, value: object, error: type[Exception
     """One line with the field."""
     with pytest.raises(error, match=name):
         setattr(layer(), name, value)
-
-
-def test_what_repeated_fields_take() -> None:
-    """Elements are checked one by one."""
-    made = layer()
-    for wrong, error in (("3", TypeError), (-1, ValueError), (1.5, TypeError), (2**32, ValueError)):
-        with pytest.raises(error, match="kernel_size"):
-            made.convolution_param.kernel_size.append(wrong)
-    made.convolution_param.kernel_size[0] = np.int64(7)
-    made.convolution_param.kernel_size.insert(1, 6)
-    assert made.convolution_param.kernel_size == [7, 6, 5]
-    made.bottom[:] = ["a", "b"]
-    made.bottom.remove("a")
-    assert list(made.bottom) == ["b"]
-
-
-def test_blobs_hold_arrays() -> None:
-    """A blob may have millions of numbers: they go in and out in one piece."""
-    blob = caffe_pb2.BlobProto()
-    values = np.random.default_rng(0).normal(size=1000).astype(np.float32)
-    blob.data.extend(values)
-    blob.data.append(0.5)
-    blob.shape.dim.extend([7, 143])
-    again = caffe_pb2.BlobProto.FromString(blob.SerializeToString())
-    assert np.array_equal(np.array(again.data)[:-1], values)
-    assert (len(again.data), again.data[-1], again.data[-1:]) == (1001, 0.5, [0.5])
-    assert list(again.shape.dim) == [7, 143]
-    again.data[0] = 2
-    del again.data[1:]
-    assert again.data == [2]
 
 
 def test_a_datum_holds_bytes() -> None:

@@ -1,0 +1,79 @@
+"""What the fields of caffe_pb2's messages take and give: lists of scalars, of numbers, of messages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from netlib.caffe.proto import caffe_pb2
+
+
+def layer() -> caffe_pb2.Message:
+    made = caffe_pb2.LayerParameter(bottom=["x"])
+    made.convolution_param.kernel_size.extend([3, 5])
+    return made
+
+
+def test_what_repeated_fields_take() -> None:
+    """Elements are checked one by one."""
+    made = layer()
+    for wrong, error in (("3", TypeError), (-1, ValueError), (1.5, TypeError), (2**32, ValueError)):
+        with pytest.raises(error, match="kernel_size"):
+            made.convolution_param.kernel_size.append(wrong)
+    made.convolution_param.kernel_size[0] = np.int64(7)
+    made.convolution_param.kernel_size.insert(1, 6)
+    assert made.convolution_param.kernel_size == [7, 6, 5]
+    made.bottom[:] = ["a", "b"]
+    made.bottom.remove("a")
+    assert list(made.bottom) == ["b"]
+
+
+def test_blobs_hold_arrays() -> None:
+    """A blob may have millions of numbers: they go in and out in one piece."""
+    blob = caffe_pb2.BlobProto()
+    values = np.random.default_rng(0).normal(size=1000).astype(np.float32)
+    blob.data.extend(values)
+    blob.data.append(0.5)
+    blob.shape.dim.extend([7, 143])
+    again = caffe_pb2.BlobProto.FromString(blob.SerializeToString())
+    assert np.array_equal(np.array(again.data)[:-1], values)
+    assert (len(again.data), again.data[-1], again.data[-1:]) == (1001, 0.5, [0.5])
+    assert list(again.shape.dim) == [7, 143]
+    again.data[0] = 2
+    del again.data[1:]
+    assert again.data == [2]
+
+
+def test_lists_say_what_they_hold() -> None:
+    """And are equal to lists of the same."""
+    made, blob = layer(), caffe_pb2.BlobProto(data=[1, 2.5])
+    assert (repr(made.bottom), repr(made.convolution_param.kernel_size), repr(blob.data)) == (
+        "['x']",
+        "[3, 5]",
+        "[1.0, 2.5]",
+    )
+    assert blob.data == [1, 2.5] != [1, 2]
+    blob.data.extend(blob.data)
+    blob.data.insert(0, 7)
+    blob.data[1:3] = [0, 0]
+    assert blob.data == [7, 0, 0, 1, 2.5]
+
+
+def test_numbers_as_their_field_holds_them() -> None:
+    """float in 32 bits, too large is infinite; double in 64."""
+    filler = caffe_pb2.FillerParameter(value=0.1, std=1e39)
+    assert (filler.value, filler.std) == (float(np.float32(0.1)), float("inf"))
+    assert list(caffe_pb2.BlobProto(double_data=[0.1]).double_data) == [0.1]
+
+
+def test_lists_of_messages() -> None:
+    """Added, inserted, sorted, deleted; not replaced."""
+    net = caffe_pb2.NetParameter()
+    net.layer.add(name="b")
+    net.layer.insert(0, caffe_pb2.LayerParameter(name="c"))
+    net.layer.sort(key=lambda layer: layer.name)
+    assert [each.name for each in net.layer] == ["b", "c"]
+    with pytest.raises(TypeError, match=r"'layer' is a repeated message: use add\(\), append\(\) or CopyFrom\(\)"):
+        net.layer[0] = caffe_pb2.LayerParameter()
+    del net.layer[0]
+    assert [each.name for each in net.layer] == ["c"]
