@@ -23,6 +23,7 @@ from netlib.schema import UInt, numbered
 
 log = logging.getLogger("netlib")
 
+# The enum of layer types, in the order of its numbers, and what each is called today
 V1_TYPES = {
     "NONE": "", "ACCURACY": "Accuracy", "BNLL": "BNLL", "CONCAT": "Concat", "CONVOLUTION": "Convolution",
     "DATA": "Data", "DROPOUT": "Dropout", "EUCLIDEAN_LOSS": "EuclideanLoss", "FLATTEN": "Flatten",
@@ -37,7 +38,7 @@ V1_TYPES = {
     "DECONVOLUTION": "Deconvolution",
 }  # fmt: skip
 V1Type = Annotated[str, tuple(V1_TYPES)]  # an enum
-V1_BLOCKS = {
+V1_BLOCKS = {  # the numbers of the options blocks in a V1 layer
     "accuracy_param": 27, "argmax_param": 23, "concat_param": 9, "contrastive_loss_param": 40, "convolution_param": 10,
     "data_param": 11, "dropout_param": 12, "dummy_data_param": 26, "eltwise_param": 24, "exp_param": 41,
     "hdf5_data_param": 13, "hdf5_output_param": 14, "hinge_loss_param": 29, "image_data_param": 15,
@@ -46,7 +47,7 @@ V1_BLOCKS = {
     "slice_param": 31, "tanh_param": 37, "threshold_param": 25, "window_data_param": 20, "transform_param": 36,
     "loss_param": 42,
 }  # fmt: skip
-V0_TYPES = {
+V0_TYPES = {  # what each type of V0 is called in V1
     "accuracy": "ACCURACY", "bnll": "BNLL", "concat": "CONCAT", "conv": "CONVOLUTION", "data": "DATA",
     "dropout": "DROPOUT", "euclidean_loss": "EUCLIDEAN_LOSS", "flatten": "FLATTEN", "hdf5_data": "HDF5_DATA",
     "hdf5_output": "HDF5_OUTPUT", "im2col": "IM2COL", "images": "IMAGE_DATA", "infogain_loss": "INFOGAIN_LOSS",
@@ -64,9 +65,12 @@ V0_RENAMED = {  # options of V0 that have another name in their block
     "det_fg_threshold": "fg_threshold", "det_bg_threshold": "bg_threshold", "det_fg_fraction": "fg_fraction",
     "det_context_pad": "context_pad", "det_crop_mode": "crop_mode",
 }  # fmt: skip
+# options of V0 that are in transform_param today, and what they are called there
 V0_TRANSFORM = {"scale": "scale", "meanfile": "mean_file", "cropsize": "crop_size", "mirror": "mirror"}
 V0_LAYER = {"name", "blobs", "blobs_lr", "weight_decay", "hdf5_output_param"}  # the same in V1, beside the options
+# V1 types whose own block says what is in transform_param today
 TRANSFORMED = {"DATA": "data_param", "IMAGE_DATA": "image_data_param", "WINDOW_DATA": "window_data_param"}
+# fields of V1 with one value for each parameter, and what they are called in today's ``param { ... }``
 PER_PARAMETER = {"param": "name", "blob_share_mode": "share_mode", "blobs_lr": "lr_mult", "weight_decay": "decay_mult"}
 
 
@@ -164,7 +168,7 @@ def upgraded(net: Message) -> Message:
 
 def _layer(old: Message) -> Message:
     """A V1 layer as a layer."""
-    (*_, type_name) = ["NONE", *(_enum_name(v) for v in old.values("type"))]
+    type_name = ["NONE", *(_enum_name(v) for v in old.values("type"))][-1]
     old = _with_transform(old, TRANSFORMED.get(type_name))
     fields: list[Field] = []
     specs: list[list[Field]] = []  # one for each parameter
@@ -255,21 +259,23 @@ def _without_padding(connections: Iterable[Message]) -> list[Message]:
         if read and (kind not in ("conv", "pool") or len(bottoms) != 1):
             raise PrototxtError(connection.position, f"a layer of type {kind!r} reads {read[0]!r} of a padding layer; "
                                                      "expected a conv or pool layer with one bottom")  # fmt: skip
-        if read:
-            below, pad = padding[read[0]]
-            fields = [
-                Field("layer", Message([*inner.fields, *([pad] if pad else [])], inner.position), f.position)
-                if f.name == "layer"
-                else Field("bottom", Scalar("string", below, f.position), f.position)
-                if f.name == "bottom"
-                else f
-                for f in connection.fields
-            ]
-            connection = Message(fields, connection.position)
-        for name in tops:
+        result.append(_padded(connection, *padding[read[0]]) if read else connection)
+        for name in tops:  # written anew: no longer what was padded
             padding.pop(name, None)
-        result.append(connection)
     return result
+
+
+def _padded(connection: Message, below: str, pad: Field | None) -> Message:
+    """A layer that pads by itself what it reads from ``below``."""
+    fields = []
+    for item in connection.fields:
+        if item.name == "layer":
+            inner = _inner(connection)
+            item = Field("layer", Message([*inner.fields, *([pad] if pad else [])], inner.position), item.position)
+        elif item.name == "bottom":
+            item = Field("bottom", Scalar("string", below, item.position), item.position)
+        fields.append(item)
+    return Message(fields, connection.position)
 
 
 def _v1_layer(connection: Message) -> Message:

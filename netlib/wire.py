@@ -94,31 +94,41 @@ def decode(data: bytes, cls: type, source: str = "<bytes>") -> Message:
 
 
 class _Decoder:
+    """Reads one file. ``at`` is the byte where a field begins, ``start`` and ``stop`` are those of its value.
+
+    ``end`` is that of the message. Every method raises WireError where the bytes are wrong.
+    """
+
     def __init__(self, data: bytes, source: str) -> None:
         self.data, self.source = data, source
-        self.count = 0  # of all fields
+        self.count = 0
 
     def fail(self, at: int, message: str) -> WireError:
         return WireError(f"{Offset(self.source, at)}: {message}")
 
+    def one_more(self, at: int) -> None:
+        """Count a field, or a number in a packed one: each takes more memory than it has bytes."""
+        self.count += 1
+        if self.count > MAX_FIELDS:
+            raise self.fail(at, f"more than {MAX_FIELDS} fields and numbers; that is no file of Caffe's")
+
     def message(self, cls: type, begin: int, end: int) -> Message:
+        """The fields from ``begin`` on that ``cls`` knows."""
         known = _by_number(cls)
         fields: list[Field] = []
         single: dict[str, int] = {}  # where a field that is not repeated stands: a later value takes its place
         at = begin
         while at < end:
-            self.count += 1
-            if self.count > MAX_FIELDS:
-                raise self.fail(at, f"more than {MAX_FIELDS} fields; that is no file of Caffe's")
-            key, value = self.varint(at, end)
+            self.one_more(at)
+            key, start = self.varint(at, end)
             number, wire_type = key >> 3, key & 7
-            stop = self.end_of(wire_type, number, value, end, at)
+            stop = self.end_of(wire_type, number, start, end, at)
             spec = known.get(number)
             if spec is not None and spec.kind in ARRAYS and wire_type == spec.wire_type:
-                stop, array = self.row(ARRAYS[spec.kind], at, value, end)
+                stop, array = self.row(ARRAYS[spec.kind], at, start, end)
                 fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
             elif spec is not None:
-                for field in self.values(spec, wire_type, at, value, stop):
+                for field in self.values(spec, wire_type, at, start, stop):
                     place = len(fields)
                     if not spec.repeated and not schema.is_message(spec.kind):
                         place = single.setdefault(spec.name, place)
@@ -138,25 +148,26 @@ class _Decoder:
                 return value & 0xFFFFFFFFFFFFFFFF, at + place + 1
         raise self.fail(at, "malformed: a number of more than ten bytes")
 
-    def end_of(self, wire_type: int, number: int, value: int, end: int, at: int) -> int:
-        """Where the value that begins at ``value`` ends."""
+    def end_of(self, wire_type: int, number: int, start: int, end: int, at: int) -> int:
+        """Where the value that begins at ``start`` stops."""
         if number == 0:
             raise self.fail(at, "malformed: a field of the number 0")
         if wire_type == VARINT:
-            return self.varint(value, end)[1]
+            return self.varint(start, end)[1]
         if wire_type == BEGIN_GROUP:
-            return self.end_of_group(value, end)
+            return self.end_of_group(start, end)
         if wire_type == LENGTH:
-            size, value = self.varint(value, end)
+            size, start = self.varint(start, end)
         elif wire_type in (EIGHT_BYTES, FOUR_BYTES):
             size = 8 if wire_type == EIGHT_BYTES else 4
         else:
             raise self.fail(at, f"malformed: wire type {wire_type}")
-        if value + size > end:
-            raise self.fail(at, f"truncated: field {number} has {size} bytes, but {end - value} are left")
-        return value + size
+        if start + size > end:
+            raise self.fail(at, f"truncated: field {number} has {size} bytes, but {end - start} are left")
+        return start + size
 
     def end_of_group(self, at: int, end: int) -> int:
+        """Where the group whose first field begins at ``at`` stops."""
         depth = 1
         while depth:
             begin = at
@@ -172,14 +183,14 @@ class _Decoder:
                 raise self.fail(begin, f"groups are nested more than {MAX_GROUPS} deep")
         return at
 
-    def row(self, dtype: np.dtype[Any], at: int, value: int, end: int) -> tuple[int, Any]:
+    def row(self, dtype: np.dtype[Any], at: int, start: int, end: int) -> tuple[int, NDArray[Any]]:
         """Numbers written one by one, each with the same key: where they end, and an array of them.
 
         Some old files have millions of them. A block of bytes is looked at as rows of key and number, twice as many
         each time.
         """
-        key, width = self.data[at:value], value - at + dtype.itemsize
-        count, block = 1, 64
+        key, width = self.data[at:start], start - at + dtype.itemsize
+        block = 64
         while True:
             rows = np.frombuffer(self.data, np.uint8, min(block, (end - at) // width) * width, at).reshape(-1, width)
             same = (rows[:, : len(key)] == np.frombuffer(key, np.uint8)).all(axis=1)
@@ -189,41 +200,39 @@ class _Decoder:
             block *= 2
         return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(dtype).ravel()
 
-    def values(self, spec: Known, wire_type: int, at: int, value: int, stop: int) -> Iterator[Field]:
+    def values(self, spec: Known, wire_type: int, at: int, start: int, stop: int) -> Iterator[Field]:
         """The field, or the fields that a packed one stands for; nothing if it is of another type, as in protobuf."""
         place = Offset(self.source, at)
         if wire_type == LENGTH:
-            value = self.varint(value, stop)[1]
+            start = self.varint(start, stop)[1]
             if spec.kind in ARRAYS:
                 dtype = ARRAYS[spec.kind]
-                if (stop - value) % dtype.itemsize:
-                    raise self.fail(at, f"malformed: {stop - value} bytes of {spec.name!r} are no {dtype.name} numbers")
-                array = np.frombuffer(self.data, dtype, (stop - value) // dtype.itemsize, value)
+                if (stop - start) % dtype.itemsize:
+                    raise self.fail(at, f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} numbers")
+                array = np.frombuffer(self.data, dtype, (stop - start) // dtype.itemsize, start)
                 yield Field(spec.name, Numbers(array, place), place)
             elif schema.is_message(spec.kind):
-                yield Field(spec.name, self.message(spec.kind, value, stop), place)
+                yield Field(spec.name, self.message(spec.kind, start, stop), place)
             elif spec.wire_type == LENGTH:
-                text = self.data[value:stop].decode("utf-8", "surrogateescape")
+                text = self.data[start:stop].decode("utf-8", "surrogateescape")
                 yield Field(spec.name, Scalar("string", text, place), place)
             else:
-                while value < stop:
-                    self.count += 1
-                    if self.count > MAX_FIELDS:
-                        raise self.fail(at, f"more than {MAX_FIELDS} numbers; that is no file of Caffe's")
-                    begin, value = value, self.end_of(spec.wire_type, spec.number, value, stop, value)
-                    yield Field(spec.name, self.number(spec, begin, value), place)
+                while start < stop:
+                    self.one_more(at)
+                    begin, start = start, self.end_of(spec.wire_type, spec.number, start, stop, start)
+                    yield Field(spec.name, self.number(spec, begin, start), place)
         elif wire_type == spec.wire_type:
-            yield Field(spec.name, self.number(spec, value, stop), place)
+            yield Field(spec.name, self.number(spec, start, stop), place)
 
-    def number(self, spec: Known, begin: int, end: int) -> Scalar:
+    def number(self, spec: Known, start: int, stop: int) -> Scalar:
         """One number."""
-        place = Offset(self.source, begin)
+        place = Offset(self.source, start)
         if spec.wire_type == VARINT:
-            value = self.varint(begin, end)[0]
+            value = self.varint(start, stop)[0]
             if spec.kind is bool:
                 return Scalar("word", "true" if value else "false", place)
             return Scalar("number", str(value - 2**64 if value >= 2**63 else value), place)
-        [number] = np.frombuffer(self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, begin)
+        [number] = np.frombuffer(self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, start)
         return Scalar("number" if np.isfinite(number) else "word", str(number), place)
 
 
@@ -261,18 +270,23 @@ def _parts(message: Message, cls: type) -> list[Bytes]:
                 parts += [_key(spec.number, spec.wire_type) + number.tobytes() for number in array]
         elif spec.packed:
             parts += _with_length(spec.number, [_one(spec, field) for field in found[name]])
-        elif schema.is_message(spec.kind):
-            for field in found[name]:
-                parts += _with_length(spec.number, _parts(schema.message_of(field), spec.kind))
-        elif spec.wire_type == LENGTH:
-            for field in found[name]:
-                parts += _with_length(spec.number, [_one(spec, field)])
         else:
-            parts += [_key(spec.number, spec.wire_type) + _one(spec, field) for field in found[name]]
+            for field in found[name]:
+                parts += _with_key(spec, field)
     return parts
 
 
+def _with_key(spec: Known, field: Field) -> list[Bytes]:
+    """One value of a field that is not packed."""
+    if schema.is_message(spec.kind):
+        return _with_length(spec.number, _parts(schema.message_of(field), spec.kind))
+    if spec.wire_type == LENGTH:
+        return _with_length(spec.number, [_one(spec, field)])
+    return [_key(spec.number, spec.wire_type) + _one(spec, field)]
+
+
 def _with_length(number: int, parts: list[Bytes]) -> list[Bytes]:
+    """Key and length, then the parts."""
     return [_key(number, LENGTH) + _varint(sum(map(len, parts))), *parts]
 
 

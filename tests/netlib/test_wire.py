@@ -136,9 +136,9 @@ def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
 def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bytes of a file could otherwise cost hundreds of memory; a packed row counts as well."""
     monkeypatch.setattr(wire, "MAX_FIELDS", 100)
-    with pytest.raises(WireError, match="x: byte 200: more than 100 fields; that is no file of Caffe's"):
+    with pytest.raises(WireError, match="x: byte 200: more than 100 fields and numbers; that is no file of Caffe's"):
         tree_of(b"\x1a\x00" * 101)
-    with pytest.raises(WireError, match="more than 100 numbers"):
+    with pytest.raises(WireError, match="x: byte 0: more than 100 fields and numbers"):
         tree_of(b"\x0a\x65" + b"\x01" * 101, messages.BlobShape)
 
 
