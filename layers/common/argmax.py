@@ -12,6 +12,7 @@ Of equal values the last one comes first, as in Caffe. There is no gradient.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +47,7 @@ class ArgMax(Layer):
             shape = [*x.shape[: self.axis], p.top_k, *x.shape[self.axis + 1 :]]
         else:
             items = x.shape[self.canonical_axis(0, x, "first axis")]
-            values = int(np.prod(x.shape[1:]))
+            values = math.prod(x.shape[1:])
             what = f"the {values} values of an item"
             shape = [items, 2 if p.out_max_val else 1, p.top_k] + [1] * (len(x.shape) - 3)
         if not 1 <= p.top_k <= values:
@@ -70,4 +71,4 @@ class ArgMax(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down):
-            raise self.fail("ArgMax has no gradient; set propagate_down: false, or leave it out of training")
+            raise self.fail("has no gradient; set propagate_down: false, or leave it out of training")

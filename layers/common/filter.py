@@ -12,6 +12,8 @@ layers behind can be set up. Kept for backward: ``passed``, the numbers of the i
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from netlib.blob import Blobs
@@ -32,7 +34,7 @@ class Filter(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         selector, name = bottom[-1].shape, self.spec.bottom[-1]
-        if not selector or int(np.prod(selector[1:])) != 1:
+        if not selector or math.prod(selector[1:]) != 1:
             raise self.fail(f"the selector {name!r} {selector} must have one value for each item, (N,) or (N, 1, ...)")
         for i, (x, y) in enumerate(zip(bottom, top)):
             if x.shape[:1] != selector[:1]:

@@ -9,9 +9,8 @@ y = x,  dx = dy, in the other shape
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -39,7 +38,7 @@ class Flatten(Layer):
         last = self.canonical_axis(self.param.end_axis, x, "end_axis")
         if last < first - 1:
             raise self.fail(f"end_axis {self.param.end_axis} comes before axis {self.param.axis}", "end_axis")
-        joined = int(np.prod(x.shape[first : last + 1]))
+        joined = math.prod(x.shape[first : last + 1])
         top[0].reshape(*x.shape[:first], joined, *x.shape[last + 1 :])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

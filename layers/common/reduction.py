@@ -13,6 +13,7 @@ with c = ``coeff``. As a loss, give the layer a ``loss_weight``.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -43,7 +44,7 @@ class Reduction(Layer):
         self.axis = self.canonical_axis(self.param.axis, bottom[0])
         self.coeff = self.dtype.type(self.param.coeff)
         if self.param.operation == "MEAN":
-            count = int(np.prod(bottom[0].shape[self.axis :]))
+            count = math.prod(bottom[0].shape[self.axis :])
             if count == 0:
                 raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values to take a mean of")
             self.coeff /= self.dtype.type(count)

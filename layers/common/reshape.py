@@ -9,9 +9,8 @@ y = x,  dx = dy, in the other shape
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -52,9 +51,9 @@ class Reshape(Layer):
                 dims[i] = x.shape[first + i]
         shape = [*x.shape[:first], *dims, *x.shape[last:]]
         if -1 in shape:
-            known = int(np.prod([s for s in shape if s != -1]))
+            known = math.prod(s for s in shape if s != -1)
             shape[shape.index(-1)] = x.count // known if known else 0
-        if int(np.prod(shape)) != x.count:
+        if math.prod(shape) != x.count:
             raise self.fail(f"cannot give {x.count} values {x.shape} the shape {tuple(shape)}", "shape")
         top[0].reshape(shape)
 
