@@ -44,14 +44,15 @@ def own_package(name: str) -> ModuleType:
 
     A module of this name that was imported before netlib was stays what it is.
     """
+    return load_module(name, ROOT / name / "__init__.py")
+
+
+def load_module(name: str, path: Path) -> ModuleType:
+    """The module in a file, imported under this name, once; what its code raises is raised."""
     if name not in sys.modules:
-        folder = ROOT / name
-        spec = importlib.util.spec_from_file_location(
-            name, folder / "__init__.py", submodule_search_locations=[str(folder)]
-        )
+        spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
+        sys.modules[name] = module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
         except BaseException:

@@ -9,7 +9,6 @@ netlib.caffe, unless a Caffe is installed.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +18,7 @@ from netlib.errors import PrototxtError
 from netlib.install import install_if_missing
 from netlib.layer import Layer, PythonParameter
 from netlib.messages import LayerParameter
-from netlib.paths import ROOT
+from netlib.paths import ROOT, load_module
 
 OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2's, which old layers use
 
@@ -88,15 +87,5 @@ def _own_file(name: str) -> ModuleType | None:
     for folder in _folders():
         for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):
             if path.is_file():
-                alias = f"{name} of {path.resolve()}"
-                if alias not in sys.modules:
-                    spec = importlib.util.spec_from_file_location(alias, path.resolve())
-                    assert spec is not None and spec.loader is not None
-                    sys.modules[alias] = module = importlib.util.module_from_spec(spec)
-                    try:
-                        spec.loader.exec_module(module)
-                    except BaseException:
-                        del sys.modules[alias]
-                        raise
-                return sys.modules[alias]
+                return load_module(f"{name} of {path.resolve()}", path.resolve())
     return None
