@@ -28,18 +28,15 @@ def array_of(proto: BlobProto) -> Array:
     return values.reshape(shape)
 
 
-def proto_of(array: Array, diff: Array | None = None) -> BlobProto:
-    """An array as a BlobProto: float64 in double precision, all else in single."""
-    flat, slope = np.ravel(array), None if diff is None else np.ravel(diff)
-    shape = BlobShape(array.shape)
-    if array.dtype == np.float64:
-        return BlobProto(shape, double_data=flat, double_diff=slope)
-    return BlobProto(shape, flat.astype(np.float32, copy=False), None if slope is None else slope.astype(np.float32))
-
-
 def tree_of(array: Array, diff: Array | None = None) -> Message:
-    """The tree of ``proto_of``."""
-    return schema.to_tree(proto_of(array, diff))
+    """An array, with its gradient if given, as the tree of a BlobProto: float64 in double precision, else in single."""
+    shape, flat, slope = BlobShape(array.shape), np.ravel(array), None if diff is None else np.ravel(diff)
+    if array.dtype == np.float64:
+        proto = BlobProto(shape, double_data=flat, double_diff=slope)
+    else:
+        slope = None if slope is None else slope.astype(np.float32, copy=False)
+        proto = BlobProto(shape, flat.astype(np.float32, copy=False), slope)
+    return schema.to_tree(proto)
 
 
 def read_blob(path: str | Path) -> Array:

@@ -35,11 +35,10 @@ class Net(core.Net):
     """
 
     def __init__(self, network_file: Any, *args: Any, **options: Any) -> None:
+        names: tuple[str, ...] = ("phase", "level", "stages", "weights")
         if args and isinstance(args[0], (str, Path)):
             names = ("weights", "phase")
             log.warning("Net(file, weights, phase) is pycaffe's older form; expected Net(file, phase, weights=...)")
-        else:
-            names = ("phase", "level", "stages", "weights")  # type: ignore[assignment]
         super().__init__(network_file, **dict(zip(names, args)), **options)
         self._hooks: dict[str, list[Hook]] = {}
 
