@@ -125,11 +125,7 @@ class Net:
             guarded(layer, "setup", bottom, top)
             guarded(layer, "reshape", bottom, top)
             trains = any(p.spec.lr_mult != 0 for p in parameters.enter(layer))
-            down = [needs.get(id(b), False) for b in bottom]
-            if spec.propagate_down:
-                if len(spec.propagate_down) != len(bottom):
-                    raise layer.fail(f"has {len(bottom)} bottoms, but {len(spec.propagate_down)} propagate_down")
-                down = list(spec.propagate_down)
+            down = _propagate_down(layer, [needs.get(id(blob), False) for blob in bottom])
             at = Connection(layer, bottom, top, down, any(down) or trains)
             for blob in top:
                 needs[id(blob)] = needs.get(id(blob), False) or at.needs_backward
@@ -137,9 +133,9 @@ class Net:
             self.layer_dict[layer.name] = layer
             if layer.blobs:
                 self.params[layer.name] = layer.blobs
-                if layer.name != spec.name:
-                    log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
-                                "of the first are loaded twice", schema.position_of(spec), spec.name, key)  # fmt: skip
+            if layer.blobs and layer.name != spec.name:
+                log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
+                            "of the first are loaded twice", schema.position_of(spec), spec.name, key)  # fmt: skip
             self._weigh(layer, top)
         self.layers = list(self.layer_dict.values())
         self.learnable = parameters.learnable
@@ -342,6 +338,14 @@ class Net:
 def _automatic_tops(layer: Layer) -> int:
     """How many tops a loss layer has that the prototxt does not name."""
     return max(0, layer.tops[0] - len(layer.spec.top)) if layer.loss_weight else 0
+
+
+def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:
+    """Which bottoms get a gradient: those for which it is wanted, unless the prototxt says. Raises LayerError."""
+    given = list(layer.spec.propagate_down)
+    if given and len(given) != len(wanted):
+        raise layer.fail(f"has {len(wanted)} bottoms, but {len(given)} propagate_down")
+    return given or wanted
 
 
 def _check_counts(layer: Layer) -> None:

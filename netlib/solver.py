@@ -43,7 +43,6 @@ class Solver:
     test_nets   nets for testing; they share the parameters of ``net``
     iter        number of updates made
     history     per parameter, the arrays of the update rule
-
     callbacks   pairs of functions: one is called before each iteration, one when its gradients are there
 
     ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread: the

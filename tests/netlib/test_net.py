@@ -619,8 +619,9 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
 
 
 def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
-    """As in Caffe."""
-    net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { } }')
+    """As in Caffe; also if they make no sense."""
+    net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
+    assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
 
 
 def test_a_reshape_that_no_longer_fits_the_weights(net_of: MakeNet) -> None:
