@@ -75,11 +75,9 @@ def read_state(data: bytes, path: str) -> SolverState:
     """The state. Raises WeightsError if it is none."""
     try:
         state = _state(data, path)
-        extra = json.loads(state.netlib or "{}")
-        if not isinstance(extra, dict) or min(state.iter, state.current_step) < 0:
-            raise ValueError("the state makes no sense")
         if state.history or state.learned_net:
             history = [binaryproto.array_of(blob) for blob in state.history]
+            extra = json.loads(state.netlib or "{}")
             return SolverState(state.iter, state.current_step, state.learned_net, history, extra)
         problem = f"{path}: no history in it"
     except NetlibError as error:

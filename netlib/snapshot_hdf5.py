@@ -136,15 +136,12 @@ def read_state(path: str | Path) -> SolverState:
             hint = "this is a weights file; pass it as --weights, or its pair *.solverstate.h5 here"
             raise WeightsError(f"{path}: {hint if 'data' in file else 'not a solver state'}")
         group = file["history"]
-        extra = json.loads(file["netlib"][()]) if "netlib" in file else {}
-        if not isinstance(extra, dict) or int(np.ravel(file["iter"][()])[0]) < 0:
-            raise ValueError("the state makes no sense")
         return SolverState(
             iter=int(np.ravel(file["iter"][()])[0]),
             current_step=int(np.ravel(file["current_step"][()])[0]) if "current_step" in file else 0,
             learned_net=_learned_net(file),
             history=[group[str(i)][...] for i in range(len(group))],
-            extra=extra,
+            extra=json.loads(file["netlib"][()]) if "netlib" in file else {},
         )
 
 

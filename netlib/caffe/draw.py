@@ -65,7 +65,7 @@ def get_layer_label(layer: Any, rankdir: str, display_lrm: bool = False) -> str:
     kind = layer.type
     if kind == "Pooling":
         kind += f" {get_pooling_types_dict()[layer.pooling_param.pool]}"
-    parts = [layer.name.replace("\\", "\\\\").replace('"', '\\"'), f"({kind})"]
+    parts = [_escaped(layer.name), f"({kind})"]
     if layer.type == "Pooling":
         param = layer.pooling_param
         parts += _kernel(param.kernel_size, param.stride, param.pad)
@@ -136,8 +136,12 @@ def _quoted(name: str) -> str:
     """A name as Graphviz reads it: in quotes, unless it is a plain word."""
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and name.lower() not in _WORDS:
         return name
-    escaped = name.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+    return f'"{_escaped(name)}"'
+
+
+def _escaped(name: str) -> str:
+    """A name as it stands between quotes."""
+    return name.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def draw_net(

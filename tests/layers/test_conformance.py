@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from layer_cases import CASES, SOURCES, forward, made
 from layers import LAYER_TYPES
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, block_name
 
 WINDOWS = {"by_group", "col2im", "im2col", "images", "places"}  # of Convolution and what is derived from it
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
@@ -82,6 +84,16 @@ def test_no_public_method_outside_the_contract(name: str) -> None:
     cls = LAYER_TYPES[name]
     public = {n for n, value in inspect.getmembers(cls) if callable(value) and not n.startswith("_")}
     assert public - CONTRACT - {"param_type"} <= EXTRAS.get(name, set())
+
+
+def test_types_that_share_a_block_read_the_same_in_it() -> None:
+    """Each declares it in its own file, as Softmax and SoftmaxWithLoss do; binary files have one number for a field."""
+    blocks: dict[str, list[Any]] = {}
+    for name, cls in LAYER_TYPES.items():
+        fields = [(f.name, f.type, f.metadata.get("number")) for f in dataclasses.fields(cls.param_type)]
+        blocks.setdefault(block_name(cls, name), []).append(fields)
+    assert len(blocks["softmax_param"]) == 2
+    assert all(fields == each[0] for each in blocks.values() for fields in each)
 
 
 @pytest.mark.parametrize("name", list(LAYER_TYPES))

@@ -18,7 +18,7 @@ def Merge(text: str | bytes, message: M, **options: Any) -> M:
 
 
 def Parse(text: str | bytes, message: M, **options: Any) -> M:
-    """The same: a field given twice takes its last value in neither."""
+    """The same; a field given twice takes its last value here, where protobuf's Parse refuses it."""
     return Merge(text, message)
 
 
