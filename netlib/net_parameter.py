@@ -36,7 +36,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
     """The layers that a net in this state has; old-style inputs become an Input layer."""
-    chosen = [_input_layer(param)] if param.input else []
+    chosen = [input_layer(param)] if param.input else []
     for spec in param.layer:
         if spec.include and spec.exclude:
             raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")
@@ -60,7 +60,7 @@ def meets(state: NetState, rule: NetStateRule) -> bool:
     )
 
 
-def _input_layer(param: NetParameter) -> LayerParameter:
+def input_layer(param: NetParameter) -> LayerParameter:
     """``input: "x" input_dim: 1 ...`` or ``input_shape { ... }`` as the Input layer it stands for."""
     where = schema.position_of(param, "input")
     dims: list[Sequence[int]]
