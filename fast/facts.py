@@ -45,13 +45,18 @@ def _relu(layer: ReLU) -> Facts:
     return Facts(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
 
 
+def _convolution(layer: Convolution) -> Facts:
+    return Facts(batchwise=layer.axis > 0, reads_top=False)
+
+
 def _pooling(layer: Pooling) -> Facts:
     full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no window without values
-    return Facts(batchwise=True, takes_maximum=layer.is_max and full, reads_bottom=False, reads_top=False)
+    alone = len(layer.spec.top) == 1  # a mask is that of the values before a layer that would be moved behind
+    return Facts(batchwise=True, takes_maximum=layer.is_max and full and alone, reads_bottom=False, reads_top=False)
 
 
 TABLE: dict[type[Layer], Facts | Callable[..., Facts]] = {  # a type, or a function of the layer where options matter
-    Convolution: Facts(batchwise=True, reads_top=False),
+    Convolution: _convolution,
     InnerProduct: Facts(reads_top=False),  # not batchwise: one product for the whole batch beats many small ones
     Pooling: _pooling,
     Power: Facts(batchwise=True, reads_bottom=False, reads_top=False),

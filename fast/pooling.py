@@ -21,7 +21,8 @@ class FastPooling(Twin, Pooling):
         super().setup(bottom, top)
         k = self.kernel[0]
         side_by_side = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and self.param.round_mode == "CEIL"
-        self.tile = k if self.is_max and side_by_side and 1 < k <= LARGEST_TILE else None
+        self.fits = self.is_max and len(top) == 1  # the plain layer writes a mask
+        self.tile = k if self.fits and side_by_side and 1 < k <= LARGEST_TILE else None
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
         """One tile is one window."""
@@ -45,7 +46,7 @@ class FastPooling(Twin, Pooling):
         """Maximum and winners."""
         if self.tile:
             self.tiles.forward(bottom[0], top[0])
-        elif self.is_max and self.kernel == bottom[0].shape[2:] and top[0].shape[2:] == (1, 1) and self.pad == (0, 0):
+        elif self.fits and self.kernel == bottom[0].shape[2:] and top[0].shape[2:] == (1, 1) and self.pad == (0, 0):
             flat = bottom[0].data.reshape(*bottom[0].shape[:2], -1)
             self.winners = flat.argmax(axis=2)[..., None, None]
             top[0].data[...] = flat.max(axis=2)[..., None, None]

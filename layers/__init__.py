@@ -1,6 +1,7 @@
 """The layers, and the table that gives each type name its class.
 
-They stand in the rooms of Caffe's layer catalogue: data, vision, activation, common, loss; and hand, for our own.
+They stand in the rooms of Caffe's layer catalogue: data, vision, activation, normalization, recurrent, common, loss;
+and hand, for our own.
 """
 
 from layers.activation.absval import AbsVal
@@ -18,19 +19,32 @@ from layers.activation.sigmoid import Sigmoid
 from layers.activation.swish import Swish
 from layers.activation.tanh import TanH
 from layers.activation.threshold import Threshold
+from layers.common.argmax import ArgMax
+from layers.common.axpy import Axpy
+from layers.common.batch_reindex import BatchReindex
 from layers.common.concat import Concat
 from layers.common.dropout import Dropout
 from layers.common.eltwise import Eltwise
+from layers.common.embed import Embed
+from layers.common.filter import Filter
 from layers.common.flatten import Flatten
 from layers.common.inner_product import InnerProduct
+from layers.common.parameter import Parameter
+from layers.common.reduction import Reduction
 from layers.common.reshape import Reshape
 from layers.common.silence import Silence
 from layers.common.slice import Slice
 from layers.common.softmax import Softmax
 from layers.common.split import Split
+from layers.common.tile import Tile
+from layers.data.data import Data
 from layers.data.dummy_data import DummyData
 from layers.data.hdf5_data import HDF5Data
+from layers.data.hdf5_output import HDF5Output
+from layers.data.image_data import ImageData
 from layers.data.input import Input
+from layers.data.memory_data import MemoryData
+from layers.data.window_data import WindowData
 from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.phys_limit import PhysLimit, ReleasedPhysLimit
@@ -43,43 +57,74 @@ from layers.loss.multinomial_logistic_loss import MultinomialLogisticLoss
 from layers.loss.sigmoid_cross_entropy_loss import SigmoidCrossEntropyLoss
 from layers.loss.smooth_l1_loss import SmoothL1Loss
 from layers.loss.softmax_loss import SoftmaxWithLoss
+from layers.normalization.batch_norm import BatchNorm
+from layers.normalization.lrn import LRN
+from layers.normalization.mvn import MVN
+from layers.recurrent.lstm import LSTM
+from layers.recurrent.rnn import RNN
 from layers.vision.convolution import Convolution
+from layers.vision.crop import Crop
+from layers.vision.deconvolution import Deconvolution
+from layers.vision.im2col import Im2col
 from layers.vision.pooling import Pooling
+from layers.vision.roi_pooling import ROIPooling
+from layers.vision.spp import SPP
 from netlib.layer import Layer
 
 LAYER_TYPES: dict[str, type[Layer]] = {
     "AbsVal": AbsVal,
     "Accuracy": Accuracy,
+    "ArgMax": ArgMax,
+    "Axpy": Axpy,  # SENet's
     "BNLL": BNLL,
+    "BatchNorm": BatchNorm,
+    "BatchReindex": BatchReindex,
     "Bias": Bias,
     "Clip": Clip,
     "Concat": Concat,
     "ContrastiveLoss": ContrastiveLoss,
     "Convolution": Convolution,
+    "Crop": Crop,
+    "Data": Data,
+    "Deconvolution": Deconvolution,
     "DeepHandModel": HandModel,  # the released system's name
     "DeepHandModelDofConstraintLoss": ReleasedPhysLimit,  # the released system's name
     "Dropout": Dropout,
     "DummyData": DummyData,
     "ELU": ELU,
     "Eltwise": Eltwise,
+    "Embed": Embed,
     "EuclideanLoss": EuclideanLoss,
     "Exp": Exp,
+    "Filter": Filter,
     "Flatten": Flatten,
     "HDF5Data": HDF5Data,
+    "HDF5Output": HDF5Output,
     "HandAugment": HandAugment,
     "HandModel": HandModel,
     "HingeLoss": HingeLoss,
+    "Im2col": Im2col,
+    "ImageData": ImageData,
     "InfogainLoss": InfogainLoss,
     "InnerProduct": InnerProduct,
     "Input": Input,
+    "LRN": LRN,
+    "LSTM": LSTM,
     "Log": Log,
+    "MVN": MVN,
+    "MemoryData": MemoryData,
     "MultinomialLogisticLoss": MultinomialLogisticLoss,
     "PReLU": PReLU,
+    "Parameter": Parameter,
     "PhysLimit": PhysLimit,
     "Pooling": Pooling,
     "Power": Power,
+    "RNN": RNN,
+    "ROIPooling": ROIPooling,  # Fast R-CNN's
     "ReLU": ReLU,
+    "Reduction": Reduction,
     "Reshape": Reshape,
+    "SPP": SPP,
     "Scale": Scale,
     "Sigmoid": Sigmoid,
     "SigmoidCrossEntropyLoss": SigmoidCrossEntropyLoss,
@@ -92,4 +137,6 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Swish": Swish,
     "TanH": TanH,
     "Threshold": Threshold,
+    "Tile": Tile,
+    "WindowData": WindowData,
 }

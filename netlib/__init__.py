@@ -22,14 +22,15 @@ from netlib.errors import (  # noqa: E402
     PrototxtError,
     WeightsError,
 )
+from netlib.install import install_as_caffe  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.solver import Solver, get_solver  # noqa: E402
 
 __all__ = [
     "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
-    "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "gradcheck", "layer_type_list",
-    "set_mode_cpu", "set_mode_gpu", "set_random_seed", "set_threads", "threads",
+    "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "gradcheck", "install_as_caffe",
+    "layer_type_list", "set_mode_cpu", "set_mode_gpu", "set_random_seed", "set_threads", "threads",
 ]  # fmt: skip
 
 

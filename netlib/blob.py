@@ -60,15 +60,19 @@ class Blob:
         return self._diff
 
     def reshape(self, *shape: Any) -> None:
-        """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. A new shape forgets the values."""
+        """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. Another number of values forgets them."""
         if len(shape) == 1 and not np.isscalar(shape[0]):
             shape = tuple(shape[0])
         shape = tuple(int(n) for n in shape)
         if shape != self._shape:
             if min(shape, default=0) < 0:
                 raise ValueError(f"a blob cannot have the shape {shape}")
+            keep = math.prod(shape) == self.count
+            self._data, self._diff = (
+                array.reshape(shape) if keep and array is not None and array.shape == self._shape else None
+                for array in (self._data, self._diff)
+            )
             self._shape = shape
-            self._data = self._diff = None
 
     def share(self, owner: Blob) -> None:
         """Use the memory of ``owner``, data and diff, in this blob's own shape (of the same count)."""

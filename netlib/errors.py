@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable
 
 
-class NetlibError(Exception):
+class NetlibError(RuntimeError):  # which is what pycaffe raises
     """Base of every error that a user's input can cause."""
 
 

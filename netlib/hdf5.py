@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of
 from netlib.paths import exists, find
 
 
@@ -45,6 +45,8 @@ class File:
                 self.arrays = [self._array(file[name]) for name in names]
                 self.names = tuple(file)
                 self.made_from = str(file.attrs.get("made_from", "an unknown source"))
+        except NetlibError:
+            raise
         except (OSError, ValueError, RuntimeError) as error:
             raise DataError(f"{path}: cannot read the HDF5 file: {reason_of(error)}") from error
         counts = {name: a.shape[0] if a.ndim else 0 for name, a in zip(names, self.arrays)}

@@ -64,7 +64,7 @@ class Net:
         weights: str | Path | None = None,
         dtype: DTypeLike = np.float32,
         level: int = 0,
-        stages: Sequence[str] = (),
+        stages: Sequence[str] | None = None,
         state: NetState | None = None,
         seed: int | None = None,
         engine: str | None = None,
@@ -80,7 +80,7 @@ class Net:
         self.source = str(model) if isinstance(model, (str, Path)) else "<net>"
         param = load_parameter(model)
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
-        self.state = state or NetState(phase_name, level or param.state.level, tuple(stages) or param.state.stage)
+        self.state = state or NetState(phase_name, level or param.state.level, tuple(stages or ()) or param.state.stage)
         self.phase = PHASES[self.state.phase]
         self.name = param.name
         self.seed = _seed if seed is None else seed
@@ -104,6 +104,7 @@ class Net:
         self.connections: list[Connection] = []
         self.losses: list[tuple[Blob, float, str]] = []
         self.inputs: list[str] = []
+        self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff that has its weight
         parameters = Parameters()
         seeds = np.random.SeedSequence(self.seed).spawn(len(specs))
         self.layer_dict: dict[str, Layer] = {}
@@ -142,7 +143,7 @@ class Net:
             self._weigh(layer, top)
         self.layers = list(self.layer_dict.values())
         self.learnable = parameters.learnable
-        self.outputs = list(unread)
+        self.outputs = sorted(unread)  # Caffe's order
 
     def _bottom(self, layer: Layer, index: int) -> Blob:
         name = layer.spec.bottom[index]
@@ -204,13 +205,14 @@ class Net:
     def forward(
         self, blobs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **inputs: Any
     ) -> dict[str, NDArray[Any]]:
-        """Run the layers ``start`` to ``end`` (both included; default all) and return the outputs.
+        """Run the layers ``start`` to ``end`` (both included; default all); returns the tops of the last one.
 
-        ``inputs`` are arrays for input blobs; a new shape reshapes the net. ``blobs`` names more blobs to return.
+        Those of a whole net are its outputs. ``inputs`` are arrays for input blobs; a new shape reshapes the net.
+        ``blobs`` names more blobs to return.
         """
         self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
         self.executor.forward(*self._part(start, end))
-        names = [end] if end in self.blobs else self.outputs
+        names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
     def run_forward(self) -> float:
@@ -225,16 +227,18 @@ class Net:
     def backward(
         self, diffs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **tops: Any
     ) -> dict[str, NDArray[Any]]:
-        """Run the layers backwards from ``start`` to ``end``; returns the diffs of the inputs.
+        """Run the layers backwards from ``start`` to ``end``; returns the diffs of the last one's bottoms.
 
-        ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more blobs whose diff to return.
+        Those of a whole net are its inputs. ``tops`` are arrays for the diffs of output blobs; ``diffs`` names more
+        blobs whose diff to return.
         """
         part = self._part(end, start)
         self._seed_losses()
         for name, array in tops.items():
             self._blob(name).diff[...] = array
         self.executor.backward(*part)
-        return {name: self._blob(name).diff for name in [*self.inputs, *(diffs or [])]}
+        names = self.inputs if end is None else self.layer_dict[end].spec.bottom
+        return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
     def run_backward(self) -> None:
         """Run all layers backwards; the diffs of the parameters are added to."""
@@ -242,9 +246,14 @@ class Net:
         self.executor.backward()
 
     def _seed_losses(self) -> None:
-        """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight."""
-        for blob, weight, _ in self.losses:
-            blob.diff[...] = weight
+        """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.
+
+        It is written once into each array, as in Caffe: what a user writes over it counts.
+        """
+        for i, (blob, weight, _) in enumerate(self.losses):
+            if self._seeded.get(i) is not blob.diff:
+                blob.diff[...] = weight
+                self._seeded[i] = blob.diff
 
     def _part(self, first: str | None, last: str | None) -> tuple[int, int | None]:
         """Where the layers from ``first`` to ``last`` stand."""

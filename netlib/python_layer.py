@@ -1,8 +1,9 @@
 """Layers of type Python: the user's own classes, found as pycaffe finds them.
 
 A module is looked for in the working directory and on PYTHONPATH. Public nets like to call theirs ``layers`` or
-``tools``, which are packages here as well. Such a module is looked for again among the user's own files: a package of
-that name adds its folder to ours, and a single file is loaded under another name.
+``tools``, which are packages here as well. Such a module is looked for among the user's own files first: it is loaded
+under another name, and a package of that name adds its folder to ours. What the module imports as ``caffe`` is
+netlib.caffe, unless a Caffe is installed.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from types import ModuleType
 
 from netlib import schema
 from netlib.errors import PrototxtError
+from netlib.install import install_if_missing
 from netlib.layer import Layer, PythonParameter
 from netlib.messages import LayerParameter
 from netlib.paths import ROOT
@@ -47,14 +49,16 @@ def find_class(spec: LayerParameter) -> type[Layer]:
 
 
 def _import(name: str, wanted: str) -> ModuleType:
-    """The module ``name``, the user's own where ours of the same name lacks the class ``wanted``."""
+    """The module ``name``; where a package here has this name, too, the user's own if it has the class ``wanted``."""
+    install_if_missing()
     top, _, inner = name.partition(".")
-    if inner and _is_ours(top):
-        _add_folders(importlib.import_module(top))
-    module = importlib.import_module(name)
-    if not inner and _is_ours(top) and not hasattr(module, wanted):
-        return _own_file(top) or module
-    return module
+    if _is_ours(top):
+        if inner:
+            _add_folders(importlib.import_module(top))
+        own = _own_file(name)
+        if own is not None and hasattr(own, wanted):
+            return own
+    return importlib.import_module(name)
 
 
 def _is_ours(top: str) -> bool:
@@ -76,12 +80,19 @@ def _add_folders(package: ModuleType) -> None:
 
 def _own_file(name: str) -> ModuleType | None:
     """The user's own ``name.py`` or ``name/__init__.py``, loaded beside our package of that name."""
+    inner = Path(*name.split("."))
     for folder in _folders():
-        for path in (folder / f"{name}.py", folder / name / "__init__.py"):
+        for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):
             if path.is_file():
-                spec = importlib.util.spec_from_file_location(f"{name} of the net", path.resolve())
-                assert spec is not None and spec.loader is not None
-                module = importlib.util.module_from_spec(spec)
-                spec.loader.exec_module(module)
-                return module
+                alias = f"{name} of {path.resolve()}"
+                if alias not in sys.modules:
+                    spec = importlib.util.spec_from_file_location(alias, path.resolve())
+                    assert spec is not None and spec.loader is not None
+                    sys.modules[alias] = module = importlib.util.module_from_spec(spec)
+                    try:
+                        spec.loader.exec_module(module)
+                    except BaseException:
+                        del sys.modules[alias]
+                        raise
+                return sys.modules[alias]
     return None

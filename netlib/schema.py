@@ -199,7 +199,7 @@ def value_of(item: Field, kind: Any) -> Any:
     if is_message(kind):
         return message_of(item) if kind is Message else read(message_of(item), kind, item.name)
     if not isinstance(value, Scalar):
-        raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {_expected(kind)}'")
+        raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {expected(kind)}'")
     result = scalar_value(value, kind)
     if result is None:
         where = value.position
@@ -207,11 +207,12 @@ def value_of(item: Field, kind: Any) -> Any:
         if names and value.kind != "string":
             advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
-        raise PrototxtError(where, f"{item.name!r} expects {_expected(kind)}, found {value}")
+        raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
     return result
 
 
-def _expected(kind: Any) -> str:
+def expected(kind: Any) -> str:
+    """What a value of this kind is, in words."""
     if names := enum_of(kind):
         return " or ".join(names)
     if kind is UInt:
@@ -302,6 +303,11 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
         return value
     if is_message(kind):
         return to_tree(value)
+    return scalar_node(value, kind, place)
+
+
+def scalar_node(value: Any, kind: Any, place: Place) -> Scalar:
+    """A scalar of a tree from its Python value."""
     if kind is bytes:
         return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
     if kind is str:

@@ -18,7 +18,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netlib.errors import WeightsError
+from netlib.errors import NetlibError, WeightsError
 from netlib.saved import SolverState, Weights
 
 MAGIC = b"\x89HDF\r\n\x1a\n"  # how every such file begins
@@ -161,5 +161,7 @@ def _open(path: str | Path, what: str) -> Iterator[h5py.File]:
     try:
         with h5py.File(path, "r") as file:
             yield file
+    except NetlibError:
+        raise
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise WeightsError(f"{path}: damaged or truncated ({' '.join(str(error).split())}); expected {what}") from error

@@ -44,9 +44,13 @@ class Solver:
     iter        number of updates made
     history     per parameter, the arrays of the update rule
 
+    callbacks   pairs of functions: one is called before each iteration, one when its gradients are there
+
     ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread: the
     iteration is finished first.
     """
+
+    net_class: type[Net] = Net  # of all its nets
 
     def __init__(
         self, param: SolverParameter, source: str = "<solver>", seed: int | None = None, engine: str | None = None
@@ -57,6 +61,7 @@ class Solver:
         self.iter = 0
         self.requested: str | None = None
         self.on_iteration: Callable[[Solver], None] | None = None
+        self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
         self.rule, histories = self.engine.rules[self.param.type]
@@ -75,7 +80,7 @@ class Solver:
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
         merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
-        net = Net(param, state=merged, seed=self.seed + number, engine=self.engine.name)
+        net = self.net_class(param, state=merged, seed=self.seed + number, engine=self.engine.name)
         net.source = name
         return net
 
@@ -139,11 +144,15 @@ class Solver:
                 self.test_all()
                 if self.requested == "stop":
                     return self._stop()
+            for on_start, _ in self.callbacks:
+                on_start()
             loss = self._forward_backward()
             self.smoothed.append(loss)
             if self._display_is_due():
                 self._display()
-            self._update()
+            for _, on_gradients_ready in self.callbacks:
+                on_gradients_ready()
+            self.apply_update()
             self.iter += 1
             if self.on_iteration is not None:
                 self.on_iteration(self)
@@ -181,8 +190,8 @@ class Solver:
         """The mean loss of the last average_loss iterations."""
         return float(np.mean(self.smoothed)) if self.smoothed else float("nan")
 
-    def _update(self) -> None:
-        """Clip, divide by iter_size, decay, apply the rule: Caffe's order."""
+    def apply_update(self) -> None:
+        """Change the weights by the gradients: clip, divide by iter_size, decay, apply the rule, in Caffe's order."""
         p = self.param
         rate = learning_rate(p, self.iter)
         if self._display_is_due():

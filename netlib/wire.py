@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from netlib import create, schema
 from netlib.errors import WireError
+from netlib.messages import NetParameter
 from netlib.prototxt import Field, Message, Numbers, Place, Scalar
 from netlib.schema import ARRAYS, Double
 
@@ -48,12 +49,13 @@ class Offset(Place):
 
 
 @dataclass(frozen=True)
-class _Known:
+class Known:
     """What is known of one field of a message."""
 
     number: int
     name: str
-    kind: Any  # schema.kind_of; for a nested message its dataclass
+    kind: Any  # of one value (schema.kind_of); for a nested message its dataclass
+    repeated: bool
     packed: bool
 
     @property
@@ -67,18 +69,19 @@ class _Known:
 
 
 @functools.cache
-def _fields_of(cls: type) -> tuple[_Known, ...]:
+def fields_of(cls: type) -> tuple[Known, ...]:
     """The fields of a message, with the options of all layer types if it is a layer."""
     hints, known = schema.hints_of(cls), []
     for field in dataclasses.fields(cls):
         if field.name == "blocks":
             options = create.option_blocks()
-            known += [_Known(n, name, options[name], False) for name, n in field.metadata["numbers"].items()
+            known += [Known(n, name, options[name], False, False) for name, n in field.metadata["numbers"].items()
                       if name in options]  # fmt: skip
         else:
             name = schema.written_name(field.name)
-            kind, _ = schema.kind_of(hints[name])
-            known.append(_Known(field.metadata["number"], name, kind, field.metadata["packed"]))
+            kind, repeated = schema.kind_of(hints[name])
+            kind = NetParameter if kind is Message else kind  # all messages that are left as trees are nets
+            known.append(Known(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
     return tuple(known)
 
 
@@ -101,6 +104,7 @@ class _Decoder:
     def message(self, cls: type, begin: int, end: int) -> Message:
         known = _by_number(cls)
         fields: list[Field] = []
+        single: dict[str, int] = {}  # where a field that is not repeated stands: a later value takes its place
         at = begin
         while at < end:
             self.count += 1
@@ -114,7 +118,11 @@ class _Decoder:
                 stop, array = self.row(ARRAYS[spec.kind], at, value, end)
                 fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
             elif spec is not None:
-                fields += self.values(spec, wire_type, at, value, stop)
+                for field in self.values(spec, wire_type, at, value, stop):
+                    place = len(fields)
+                    if not spec.repeated and not schema.is_message(spec.kind):
+                        place = single.setdefault(spec.name, place)
+                    fields[place : place + 1] = [field]
             at = stop
         return Message(fields, Offset(self.source, begin))
 
@@ -181,7 +189,7 @@ class _Decoder:
             block *= 2
         return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(dtype).ravel()
 
-    def values(self, spec: _Known, wire_type: int, at: int, value: int, stop: int) -> Iterator[Field]:
+    def values(self, spec: Known, wire_type: int, at: int, value: int, stop: int) -> Iterator[Field]:
         """The field, or the fields that a packed one stands for; nothing if it is of another type, as in protobuf."""
         place = Offset(self.source, at)
         if wire_type == LENGTH:
@@ -207,7 +215,7 @@ class _Decoder:
         elif wire_type == spec.wire_type:
             yield Field(spec.name, self.number(spec, value, stop), place)
 
-    def number(self, spec: _Known, begin: int, end: int) -> Scalar:
+    def number(self, spec: Known, begin: int, end: int) -> Scalar:
         """One number."""
         place = Offset(self.source, begin)
         if spec.wire_type == VARINT:
@@ -220,8 +228,8 @@ class _Decoder:
 
 
 @functools.cache
-def _by_number(cls: type) -> dict[int, _Known]:
-    return {known.number: known for known in _fields_of(cls)}
+def _by_number(cls: type) -> dict[int, Known]:
+    return {known.number: known for known in fields_of(cls)}
 
 
 # ---------------------------------------------------------------------------------------------- writing
@@ -236,7 +244,7 @@ def encode(message: Message, cls: type) -> bytes:
 
 
 def _parts(message: Message, cls: type) -> list[Bytes]:
-    known = {spec.name: spec for spec in _fields_of(cls)}
+    known = {spec.name: spec for spec in fields_of(cls)}
     found: dict[str, list[Field]] = {}
     for field in message.fields:
         if field.name not in known:
@@ -272,7 +280,7 @@ def _key(number: int, wire_type: int) -> bytes:
     return _varint(number << 3 | wire_type)
 
 
-def _one(spec: _Known, field: Field) -> bytes:
+def _one(spec: Known, field: Field) -> bytes:
     """One value without its key."""
     value = schema.value_of(field, spec.kind)
     if spec.kind is str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netlib import schema
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 from netlib.schema import UInt, numbered
@@ -32,6 +33,10 @@ class Concat(Layer):
     bottoms = (1, None)
     tops = (1, 1)
     in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if self.param.concat_dim is not None and schema.gives(self.param, "axis"):
+            raise self.fail("axis and concat_dim are one thing; give only one of them", "concat_dim")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, first = self.param, bottom[0].shape

@@ -8,7 +8,7 @@ SUM   y = sum of coeff_i x_i           dx_i = coeff_i dy
 MAX   y = largest of x_i               dx_i = dy for the largest x_i, else 0
 
 Equal values in MAX: as in Caffe, x_1 wins over x_0, and any earlier one over a later one.
-``stable_prod_grad: false`` computes the product of the others as y / x_i, faster, but not where x_i is 0.
+``stable_prod_grad: false`` computes the product of the others as y / x_i, faster, but NaN where x_i is 0.
 Kept for backward: ``winner``, the index of the largest bottom.
 """
 
@@ -30,7 +30,7 @@ class EltwiseParameter:
     """The ``eltwise_param { ... }`` block."""
 
     operation: Literal["PROD", "SUM", "MAX"] = numbered(1, "SUM")
-    coeff: tuple[float, ...] = numbered(2, ())  # SUM: one per bottom; 1 by default
+    coeff: tuple[float, ...] = numbered(2, ())  # SUM: one per bottom, 1 by default; accepted and ignored in MAX
     stable_prod_grad: bool = numbered(3, True)
 
 
@@ -44,7 +44,7 @@ class Eltwise(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         coeff = self.param.coeff
-        if coeff and self.param.operation != "SUM":
+        if coeff and self.param.operation == "PROD":
             raise self.fail("coeff is for operation SUM only", "coeff")
         if coeff and len(coeff) != len(bottom):
             raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
@@ -84,4 +84,5 @@ class Eltwise(Layer):
             elif self.param.stable_prod_grad:
                 x.diff[...] = dy * reduce(np.multiply, [o.data for k, o in enumerate(bottom) if k != i])
             else:
-                x.diff[...] = dy * (top[0].data / x.data)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    x.diff[...] = dy * (top[0].data / x.data)

@@ -1,7 +1,8 @@
 """Flatten: several axes become one.
 
 bottom[0]  x  any shape
-top[0]     y  axes ``axis`` to ``end_axis`` (both included) joined, by default all but the first
+top[0]     y  axes ``axis`` to ``end_axis`` (both included) joined, by default all but the first; with the axis before
+              ``axis`` as ``end_axis`` none are joined, and an axis of size 1 is put there
 
 y = x,  dx = dy, in the other shape
 """
@@ -36,7 +37,7 @@ class Flatten(Layer):
         x = bottom[0]
         first = self.canonical_axis(self.param.axis, x)
         last = self.canonical_axis(self.param.end_axis, x, "end_axis")
-        if last < first:
+        if last < first - 1:
             raise self.fail(f"end_axis {self.param.end_axis} comes before axis {self.param.axis}", "end_axis")
         joined = int(np.prod(x.shape[first : last + 1]))
         top[0].reshape(*x.shape[:first], joined, *x.shape[last + 1 :])

@@ -40,7 +40,7 @@ class Reshape(Layer):
         axes = len(x.shape)
         first = p.axis if p.axis >= 0 else axes + p.axis + 1
         last = axes if p.num_axes < 0 else first + p.num_axes
-        if not 0 <= first <= last <= axes:
+        if p.num_axes < -1 or not 0 <= first <= last <= axes:
             raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit a bottom of shape {x.shape}", "axis")
         dims = list(p.shape.dim)
         if dims.count(-1) > 1 or min(dims, default=0) < -1:

@@ -1,7 +1,7 @@
 """Slice: cut a blob along an axis.
 
 bottom[0]  x    any shape
-top[i]     y_i  the parts between the ``slice_point``s; without them, equal parts
+top[i]     y_i  the parts between the ``slice_point``s, of which the last may be empty; without them, equal parts
 
 dx = the dy_i one after the other
 """
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netlib import schema
 from netlib.blob import Blobs
 from netlib.layer import Layer
 from netlib.schema import UInt, numbered
@@ -34,6 +35,10 @@ class Slice(Layer):
     tops = (1, None)
     in_place = False
 
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if self.param.slice_dim is not None and schema.gives(self.param, "axis"):
+            raise self.fail("axis and slice_dim are one thing; give only one of them", "slice_dim")
+
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, x = self.param, bottom[0]
         axis = self.axis = self.canonical_axis(p.axis if p.slice_dim is None else p.slice_dim, x)
@@ -42,9 +47,10 @@ class Slice(Layer):
             raise self.fail(f"axis {axis} of {x.shape} cannot be cut into {len(top)} equal parts")
         self.points = list(p.slice_point) or [part * i for i in range(1, len(top))]
         ends = [0, *self.points, size]
-        if len(ends) != len(top) + 1 or min(np.diff(ends)) < 1:
-            raise self.fail(f"slice_point {self.points} must be {len(top) - 1} increasing numbers between 0 and {size}",
-                            "slice_point")  # fmt: skip
+        parts = np.diff(ends)
+        if p.slice_point and (len(parts) != len(top) or min(parts[:-1]) < 1 or parts[-1] < 0 or len(top) > size):
+            raise self.fail(f"slice_point {self.points} must be {len(top) - 1} increasing numbers from 1 to {size}, "
+                            f"and {len(top)} tops at most {size}", "slice_point")  # fmt: skip
         for y, a, b in zip(top, ends, ends[1:]):
             y.reshape(*x.shape[:axis], b - a, *x.shape[axis + 1 :])
 

@@ -23,9 +23,11 @@ import numpy as np
 from scipy.special import softmax
 
 from layers.loss import labels as labels_of
-from netlib.blob import Blobs
+from netlib.binaryproto import read_blob
+from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 from netlib.messages import LossParameter
+from netlib.paths import find
 from netlib.schema import numbered
 
 
@@ -52,27 +54,32 @@ class InfogainLoss(Layer):
             raise self.fail("normalize is not known to InfogainLoss; say normalization: VALID or BATCH_SIZE")
         if len(bottom) < 3 and self.param.source is None:
             raise self.fail("needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }")
-        if len(bottom) < 3:
-            raise self.fail("a source in binaryproto is not yet read; give the matrix H as a third bottom", "source")
+        self.from_file = read_blob(find(self.param.source, self.source)) if len(bottom) < 3 else None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        x, H = bottom[0], bottom[2]
+        x = bottom[0]
         self.axis = self.canonical_axis(self.param.axis, x)
         self.classes, self.items = x.shape[self.axis], math.prod(x.shape[: self.axis])
         labels_of.check_shapes(self, bottom, x.shape[: self.axis] + x.shape[self.axis + 1 :])
-        if H.count != self.classes**2:
-            raise self.fail(f"H {self.spec.bottom[2]!r} {H.shape} has {H.count} values, "
-                            f"expected {self.classes} x {self.classes}")  # fmt: skip
+        what, H = self._matrix(bottom)
+        if H.size != self.classes**2:
+            raise self.fail(f"H {what!r} {H.shape} has {H.size} values, expected {self.classes} x {self.classes}")
         top[0].reshape(())
         if len(top) > 1:
             top[1].reshape(x.shape)
+
+    def _matrix(self, bottom: Blobs) -> tuple[str, Array]:
+        """H, and where it comes from."""
+        if self.from_file is not None:
+            return str(self.param.source), self.from_file
+        return self.spec.bottom[2], bottom[2].data
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         return bottom_index == 0
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         labels, counts = labels_of.read(self, bottom, self.classes, self.loss_param.ignore_label)
-        H = bottom[2].data.reshape(self.classes, self.classes)
+        H = self._matrix(bottom)[1].reshape(self.classes, self.classes)
         self.p = softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
         self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for a label that is ignored
         self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)

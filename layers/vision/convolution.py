@@ -5,6 +5,9 @@ params[0]  w  (O, C / group, kh, kw)
 params[1]  b  (O,)            unless ``bias_term: false``
 top[i]     y  (N, O, Ho, Wo)  Ho = floor((H + 2 pad - dilation (kh - 1) - 1) / stride) + 1, same for Wo
 
+What follows ``axis``, the channels, is spatial: H and W of an image, or any other number of axes, each with its own
+kernel size. What stands before ``axis`` counts items.
+
 y[n, o, h, w]  = b[o] + sum over c, i, j of  w[o, c, i, j] x[n, c, h stride + i dilation - pad, w stride + ...]
 dw[o, c, i, j] = sum over n, h, w of  dy[n, o, h, w] x[n, c, h stride + i dilation - pad, w stride + ...]
 dx             = every dy[n, o, h, w] w[o, c, i, j], added where its x came from
@@ -22,8 +25,10 @@ and dx adds every column of dcolumns back to where its patch came from (col2im).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,13 +42,13 @@ from netlib.schema import Engine, UInt, numbered
 class ConvolutionParameter:
     """The ``convolution_param { ... }`` block."""
 
-    num_output: UInt = numbered(1)
+    num_output: UInt = numbered(1, 0)
     bias_term: bool = numbered(2, True)
-    pad: tuple[UInt, ...] = numbered(3, ())  # one number for both axes, or two
+    pad: tuple[UInt, ...] = numbered(3, ())  # one number for all spatial axes, or one each
     kernel_size: tuple[UInt, ...] = numbered(4, ())
     stride: tuple[UInt, ...] = numbered(6, ())
     dilation: tuple[UInt, ...] = numbered(18, ())
-    pad_h: UInt | None = numbered(9, None)
+    pad_h: UInt | None = numbered(9, None)  # those with _h and _w: of two spatial axes
     pad_w: UInt | None = numbered(10, None)
     kernel_h: UInt | None = numbered(11, None)
     kernel_w: UInt | None = numbered(12, None)
@@ -58,116 +63,132 @@ class ConvolutionParameter:
 
 
 class Convolution(Layer):
-    """2-D convolution (cross-correlation, as everywhere in deep learning)."""
+    """Convolution (cross-correlation, as everywhere in deep learning)."""
 
     param_type = ConvolutionParameter
-    bottoms = tops = (1, None)
+    bottoms: ClassVar[tuple[int, int | None]] = (1, None)
+    tops: ClassVar[tuple[int, int | None]] = (1, None)
     in_place = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) != len(top):
             raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected as many of both")
-        self._check_bottom(bottom[0])
-        p = self.param
-        spatial = len(bottom[0].shape) - 1 - self.canonical_axis(p.axis, bottom[0])
-        if spatial != 2:
-            raise self.fail(f"{spatial} spatial axes after axis {p.axis} of {bottom[0].shape}; expected 2", "axis")
-        kernel = self._pair("kernel", p.kernel_size, (p.kernel_h, p.kernel_w), None)
-        stride = self._pair("stride", p.stride, (p.stride_h, p.stride_w), 1)
-        pad = self._pair("pad", p.pad, (p.pad_h, p.pad_w), 0)
-        dilation = self._pair("dilation", p.dilation, (None, None), 1)
-        channels = bottom[0].shape[-3]
-        if min(*kernel, *stride, *dilation, p.num_output, p.group) < 1:
-            raise self.fail("num_output, kernel, stride, dilation and group must be at least 1")
+        self._read_windows(bottom[0])
+        p, channels = self.param, self.channels
+        if min(p.num_output, p.group) < 1:
+            raise self.fail("num_output and group must be at least 1", "num_output" if p.group else "group")
         if channels % p.group or p.num_output % p.group:
             raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
-        self.channels = channels
-        self.new_param("weight", (p.num_output, channels // p.group, *kernel), p.weight_filler)
+        self.new_param("weight", self._weight_shape(), p.weight_filler)
         if p.bias_term:
             self.new_param("bias", (p.num_output,), p.bias_filler)
-        self.kernel, self.stride, self.pad, self.dilation = kernel, stride, pad, dilation
 
-    def _pair(
-        self, name: str, both: tuple[int, ...], each: tuple[int | None, int | None], default: int | None
-    ) -> tuple[int, int]:
-        """(vertical, horizontal) of an option that is given for both axes, for each, or not at all."""
+    def _read_windows(self, bottom: Blob) -> None:
+        """Read ``axis``, and how the kernel lies: one number per spatial axis."""
+        p = self.param
+        self.axis = self.canonical_axis(p.axis, bottom)
+        self.channels, *sizes = bottom.shape[self.axis :]
+        self.kernel = self._each("kernel", p.kernel_size, (p.kernel_h, p.kernel_w), 0, len(sizes))
+        self.stride = self._each("stride", p.stride, (p.stride_h, p.stride_w), 1, len(sizes))
+        self.pad = self._each("pad", p.pad, (p.pad_h, p.pad_w), 0, len(sizes))
+        self.dilation = self._each("dilation", p.dilation, (None, None), 1, len(sizes))
+        if 0 in self.kernel:
+            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
+        if 0 in self.stride + self.dilation:
+            raise self.fail("stride and dilation must be at least 1")
+
+    def _each(
+        self, name: str, given: tuple[int, ...], h_w: tuple[int | None, int | None], default: int, axes: int
+    ) -> tuple[int, ...]:
+        """An option for each of the spatial axes: it is given for all together, for each, or not at all."""
         option = "kernel_size" if name == "kernel" else name
-        if both and each != (None, None):
-            raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
-        if len(both) > 2:
-            raise self.fail(f"{len(both)} values of {option} for 2 spatial axes", option)
-        if both:
-            return both[0], both[-1]
-        height, width = each[0], each[1]
-        if default is None and (height is None or width is None):
-            raise self.fail(f"needs {option}, or {name}_h and {name}_w", option)
-        return (default if height is None else height) or 0, (default if width is None else width) or 0
+        if h_w != (None, None):
+            if given:
+                raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
+            if axes != 2:
+                raise self.fail(f"{name}_h and {name}_w are for 2 spatial axes, not {axes}; give {option}")
+            given = tuple(default if value is None else value for value in h_w)
+        if len(given) > 1 and len(given) != axes:
+            raise self.fail(f"{len(given)} values of {option} for {axes} spatial axes", option)
+        return given if len(given) > 1 else (given or (default,)) * axes
 
-    def _check_bottom(self, blob: Blob) -> None:
-        if len(blob.shape) < 4:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {blob.shape}, expected (N, C, H, W)")
+    def _weight_shape(self) -> tuple[int, ...]:
+        """Of w: outputs first."""
+        return (self.param.num_output, self.channels // self.param.group, *self.kernel)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        reach = tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
         for i, (x, y) in enumerate(zip(bottom, top)):
-            self._check_bottom(x)
-            *items, C, H, W = x.shape
-            if self.channels != C:
-                raise self.fail(f"bottom {self.spec.bottom[i]!r} has {C} channels {x.shape}, "
+            self._check_axes(i, x)
+            if x.shape[self.axis] != self.channels:
+                raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
                                 f"its weights {self.blobs[0].shape} expect {self.channels}")  # fmt: skip
-            out = [(n + 2 * pad - r) // s + 1 for n, pad, r, s in zip((H, W), self.pad, reach, self.stride)]
-            if min(out) < 1:
-                raise self.fail(f"kernel {reach} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}")
-            y.reshape(*items, self.param.num_output, *out)
+            y.reshape(*x.shape[: self.axis], self.param.num_output, *self._outputs(i, x))
+
+    def _check_axes(self, i: int, x: Blob) -> None:
+        """As many spatial axes as at setup. Raises LayerError."""
+        if len(x.shape) != self.axis + 1 + len(self.kernel):
+            raise self.fail(f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
+                            f"expected {len(self.kernel)} spatial axes after axis {self.axis}")  # fmt: skip
+
+    def _reach(self) -> tuple[int, ...]:
+        """How far the kernel reaches, from its first to its last element."""
+        return tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
+
+    def _outputs(self, i: int, x: Blob) -> list[int]:
+        """Ho, Wo. Raises LayerError if the kernel fits nowhere."""
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
+        out = [(n + 2 * pad - reach) // stride + 1 for n, pad, reach, stride in sizes]
+        if min(out, default=1) < 1:
+            raise self.fail(
+                f"kernel {self._reach()} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}"
+            )
+        return out
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         w = self.by_group(self.blobs[0].data)
         for x, y in zip(bottom, top):
-            for image, out in zip(images(x.data), images(y.data)):
-                out[...] = (w @ self.im2col(image, out.shape)).reshape(out.shape)
+            for image, out in zip(self.images(x.data), self.images(y.data)):
+                out[...] = (w @ self.by_group(self.im2col(image, out.shape))).reshape(out.shape)
                 if self.param.bias_term:
-                    out += self.blobs[1].data[:, None, None]
+                    out += self.blobs[1].data.reshape(-1, *(1,) * len(self.kernel))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         w, dw = self.by_group(self.blobs[0].data), self.by_group(self.blobs[0].diff)
         for x, y, down in zip(bottom, top, propagate_down):
-            for n, (image, gradient) in enumerate(zip(images(x.data), images(y.diff))):
-                dy = gradient.reshape(self.param.group, w.shape[1], -1)
-                dw += dy @ self.im2col(image, gradient.shape).swapaxes(1, 2)
+            for n, (image, gradient) in enumerate(zip(self.images(x.data), self.images(y.diff))):
+                dy = self.by_group(gradient)
+                dw += dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)
                 if self.param.bias_term:
-                    self.blobs[1].diff[...] += gradient.sum(axis=(1, 2))
+                    self.blobs[1].diff[...] += dy.sum(axis=2).reshape(-1)
                 if down:
-                    images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
+                    self.images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
 
-    def by_group(self, w: Array) -> Array:
-        """w or dw as (group, O / group, K): a view."""
-        return w.reshape(self.param.group, self.param.num_output // self.param.group, -1)
+    def images(self, array: Array) -> Array:
+        """(N, C, H, W) of an array that may have more axes in front: a view."""
+        return array.reshape(-1, *array.shape[self.axis :])
+
+    def by_group(self, rows: Array) -> Array:
+        """w, an image or columns as (group, rows of the group, ...), the other axes flattened: a view."""
+        return rows.reshape(self.param.group, len(rows) // self.param.group, -1)
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
-        """(C, H, W) → columns (group, K, L): row (c, i, j) is what kernel element (i, j) of channel c meets."""
+        """(C, H, W) → columns (K group, L): row (c, i, j) is what kernel element (i, j) of channel c meets."""
         padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)])
-        met = np.stack([padded[:, rows, across] for rows, across in self.places(y_shape)], axis=1)  # (C, kh kw, Ho, Wo)
-        return met.reshape(self.param.group, -1, y_shape[1] * y_shape[2])
+        met = np.stack([padded[part] for part in self.places(y_shape)], axis=1)  # (C, kh kw, Ho, Wo)
+        return met.reshape(-1, math.prod(y_shape[1:]))
 
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
-        """The adjoint of ``im2col``, (group, K, L) → (C, H, W): what several columns share is summed."""
-        (C, H, W), (top, left) = x_shape, self.pad
-        padded = np.zeros((C, H + 2 * top, W + 2 * left), columns.dtype)
+        """The adjoint of ``im2col``, columns → (C, H, W): what several columns share is summed."""
+        C, *sizes = x_shape
+        padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
         met = columns.reshape(C, -1, *y_shape[1:])
-        for place, (rows, across) in enumerate(self.places(y_shape)):
-            padded[:, rows, across] += met[:, place]
-        return padded[:, top : top + H, left : left + W]
+        for element, part in enumerate(self.places(y_shape)):
+            padded[part] += met[:, element]
+        inside = (slice(None), *(slice(p, p + n) for n, p in zip(sizes, self.pad)))
+        return padded[inside]
 
-    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
-        """For each kernel element, row by row, the rows and columns of the padded image that it meets."""
-        (sh, sw), (dh, dw), (_, Ho, Wo) = self.stride, self.dilation, y_shape
-        for i, j in np.ndindex(self.kernel):
-            yield (
-                slice(i * dh, i * dh + (Ho - 1) * sh + 1, sh),
-                slice(j * dw, j * dw + (Wo - 1) * sw + 1, sw),
-            )
-
-
-def images(array: Array) -> Array:
-    """(N, C, H, W) of an array that may have more axes in front: a view."""
-    return array.reshape(-1, *array.shape[-3:])
+    def places(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+        """For each kernel element, row by row, the part of the padded image that it meets: all channels, rows, ..."""
+        for element in np.ndindex(self.kernel):
+            steps = zip(element, self.dilation, self.stride, y_shape[1:])
+            yield slice(None), *(slice(i * d, i * d + (n - 1) * s + 1, s) for i, d, s, n in steps)

@@ -1,15 +1,16 @@
 """Pooling: the maximum or the mean of a window that slides over each channel.
 
-bottom[0]  x  (N, C, H, W)
-top[0]     y  (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, same for Wo
+bottom[0]  x     (N, C, H, W)
+top[0]     y     (N, C, Ho, Wo)   Ho = ceil((H + 2 pad - kernel) / stride) + 1, same for Wo
+top[1]     mask  (N, C, Ho, Wo)   optional, of MAX: where in its map a maximum stands, h W + w; -1 if nowhere
 
 MAX   y = max of x over the window             dx[winner] += dy
 AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
 
 Caffe's rules: the output size is rounded **up** (unless ``round_mode: FLOOR``), so a last window may hang over the
-edge; with pad > 0 a last window that starts in the padding is dropped. MAX takes the first of equal values and never a
-pad. The area of AVE counts padding, but not what hangs over it. A window without any value (stride > kernel) gives
--FLT_MAX or NaN.
+edge, also the only one; with pad > 0, in either direction, a last window that starts beyond the image is dropped. MAX
+takes the first of equal values and never a pad. The area of AVE counts padding, but not what hangs over it. A window
+without any value (stride > kernel) gives -FLT_MAX or NaN. The mask gets no gradient.
 
 Kept for backward: ``winners``, for each output of MAX the place in its window, row by row.
 """
@@ -52,13 +53,16 @@ class Pooling(Layer):
     """Spatial pooling."""
 
     param_type = PoolingParameter
-    bottoms = tops = (1, 1)
+    bottoms = (1, 1)
+    tops = (1, 2)
     in_place = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.pool == "STOCHASTIC":
-            raise self.fail("STOCHASTIC pooling is not supported; expected MAX or AVE", "pool")
+            raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
+        if len(top) > 1 and p.pool != "MAX":
+            raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
         block = self.spec.blocks.get("pooling_param")
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
             if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
@@ -84,15 +88,16 @@ class Pooling(Layer):
         N, C, H, W = bottom[0].shape
         if self.param.global_pooling:
             self.kernel = (H, W)
-        top[0].reshape(N, C, self._outputs(0, H), self._outputs(1, W))
+        for y in top:
+            y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
 
     def _outputs(self, i: int, size: int) -> int:
-        extent = size + 2 * self.pad[i] - self.kernel[i]
-        if extent < 0:
-            raise self.fail(f"kernel {self.kernel[i]} is larger than the padded bottom ({size} + 2 * {self.pad[i]})")
+        extent = size + 2 * self.pad[i] - self.kernel[i]  # negative if the only window hangs over
         count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
-        if self.pad[i] and (count - 1) * self.stride[i] >= size + self.pad[i]:
+        if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
             count -= 1
+        if count < 1:
+            raise self.fail(f"kernel {self.kernel[i]} is larger than the padded bottom ({size} + 2 * {self.pad[i]})")
         return count
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -103,6 +108,8 @@ class Pooling(Layer):
             if self.is_max:
                 self.winners[n] = windows.argmax(axis=0)  # the first of equal values
                 y[n] = np.maximum(windows.max(axis=0), NOTHING)
+                if len(top) > 1:
+                    top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
             else:
                 with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
                     y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)
@@ -124,6 +131,11 @@ class Pooling(Layer):
                 for rows, across in self.places(dy.shape):
                     padded[:, rows, across] += share
             dx[n] = padded[:, top_pad : top_pad + H, left_pad : left_pad + W]
+
+    def _index(self, n: int, W: int) -> Array:
+        """(C, Ho, Wo): where in its map each winner of an image stands."""
+        (_, h, w), (i, j) = np.indices(self.winners[n].shape), np.divmod(self.winners[n], self.kernel[1])
+        return (h * self.stride[0] - self.pad[0] + i) * W + w * self.stride[1] - self.pad[1] + j
 
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         """x (C, H, W) with its padding, and with room for the windows that hang over."""

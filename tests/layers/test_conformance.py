@@ -13,14 +13,18 @@ from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from netlib.layer import Layer
 
+WINDOWS = {"by_group", "col2im", "im2col", "images", "places"}  # of Convolution and what is derived from it
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
-    "Convolution": {"by_group", "col2im", "im2col", "places"},
+    "Convolution": WINDOWS,
+    "Deconvolution": WINDOWS,
     "HDF5Data": {"order", "pick", "read", "rewind", "row", "use_batch_size"},
     "DeepHandModel": {"kinematics_type"},
     "HandModel": {"kinematics_type"},
     "HandAugment": {"move_crops", "move_joints"},
+    "Im2col": WINDOWS,
     "InnerProduct": {"output_first", "rows"},
+    "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "places", "windows"},
 }  # documented: the parts of a longer computation, or for tools
 

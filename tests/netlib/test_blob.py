@@ -16,7 +16,7 @@ def test_a_new_blob_is_zero() -> None:
     assert (blob.count, Blob(()).count, Blob((3, 0)).count) == (6, 1, 0)
 
 
-def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_a_new_shape() -> None:
+def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_count() -> None:
     """As Caffe's Python interface does."""
     blob = Blob((2, 3))
     blob.data[...] = 5
@@ -24,6 +24,8 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_a_new_sha
     assert (blob.data == 5).all()
     blob.reshape((3, 2))
     assert blob.shape == (3, 2)
+    assert (blob.data == 5).all()
+    blob.reshape(3, 3)
     assert not blob.data.any()
     blob.reshape(())
     assert blob.data.shape == ()

@@ -214,7 +214,8 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     net.forward(x=np.ones((2, 3)))
     found = net.backward(["a"], end="b", b=np.ones((2, 3)))
     assert np.allclose(found["a"], np.ones((2, 3)) @ net.params["b"][0].data)
-    assert not found["x"].any()
+    assert list(found) == ["a"]  # the bottoms of the last layer
+    assert not net.blobs["x"].diff.any()
     net.backward(start="a")
     assert np.allclose(net.blobs["x"].diff, net.blobs["a"].diff @ net.params["a"][0].data)
 

@@ -84,8 +84,9 @@ def test_unknown_fields_are_skipped() -> None:
     assert tree_of(b"\x08\x07") == ""  # field 1 as a number
 
 
-def test_later_values_and_parts_of_messages_are_merged() -> None:
-    """A message may come in parts."""
+def test_later_values_count_and_parts_of_messages_are_merged() -> None:
+    """As in protobuf."""
+    assert tree_of(b"\x0a\x01a\x12\x01t\x0a\x01b") == 'name: "b"\ntype: "t"\n'
     data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"
     layer = schema.read(wire.decode(data, LayerParameter), LayerParameter)
     assert str(layer.blocks["relu_param"]) == "negative_slope: 0.5\nengine: 1\n"
@@ -182,7 +183,7 @@ def protobuf_class(root: Any) -> Any:
             return f".x.{name}"
         done.add(name)
         message = file.message_type.add(name=name)
-        for known in wire._fields_of(cls):
+        for known in wire.fields_of(cls):
             hint = schema.hints_of(cls).get(known.name)
             _, repeated = schema.kind_of(hint) if hint is not None else (None, False)
             field = message.field.add(name=known.name, number=known.number, label=3 if repeated else 1)

@@ -30,6 +30,10 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "BNLL": ("", lambda N: [off_zero(N, 3)], {}),
     "Bias": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "Clip": ("clip_param { min: -2 max: 0.1 }", lambda N: [off_zero(N, 3)], {}),
+    "Axpy": ("", lambda N: [off_zero(N, 2), off_zero(N, 2, 3, 2), off_zero(N, 2, 3, 2)], {}),
+    "BatchNorm": ("", lambda N: [off_zero(N, 3, 2, 4)], {}),
+    "ArgMax": ("argmax_param { top_k: 2 }", lambda N: [different(N, 3)], {"wanted": [False]}),
+    "BatchReindex": ("", lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
     "ContrastiveLoss": (
         "contrastive_loss_param { margin: 3 legacy_version: true }",
@@ -41,13 +45,25 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3, 4)],
         {},
     ),
+    "Crop": ("crop_param { offset: 1 }", lambda N: [off_zero(N, 2, 4, 5), off_zero(N, 2, 2, 3)], {}),
+    "Deconvolution": (
+        'convolution_param { num_output: 2 kernel_size: 3 stride: 2 pad: 1 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(N, 2, 3, 2)],
+        {},
+    ),
     "DeepHandModel": ("", lambda N: [off_zero(N, 47)], {}),
     "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
     "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
     "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Embed": (
+        'embed_param { num_output: 2 input_dim: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [RNG.integers(0, 3, N)],
+        {"wanted": [False]},
+    ),
     "EuclideanLoss": ("", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
     "Exp": ("exp_param { base: 2 scale: 3 shift: 1 }", lambda N: [off_zero(N, 3)], {}),
+    "Filter": ("", lambda N: [off_zero(N, 3), np.arange(N) % 2 == 0], {"wanted": [True, False]}),
     "Flatten": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "HandAugment": (
         "hand_augment_param { rotation: 20 scale: 0.1 shift: 1 depth: 0.1 }",
@@ -65,6 +81,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 3), RNG.integers(0, 3, N), off_zero(3, 3)],
         {"wanted": [True, False, False]},
     ),
+    "Im2col": ("convolution_param { kernel_size: 2 pad: 1 }", lambda N: [off_zero(N, 2, 3, 2)], {}),
     "InnerProduct": (
         'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(N, 2, 3)],
@@ -73,11 +90,30 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Log": ("log_param { base: 2 scale: 3 shift: 4 }", lambda N: [off_zero(N, 3)], {}),
     "MultinomialLogisticLoss": ("", lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
     "PReLU": ("", lambda N: [off_zero(N, 2, 3)], {}),
+    "LRN": ("", lambda N: [off_zero(N, 7, 2, 3)], {}),
+    "LSTM": (
+        'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N))],
+        {"wanted": [True, False]},
+    ),
+    "MVN": ("", lambda N: [off_zero(N, 2, 3, 4)], {}),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
+    "RNN": (
+        'recurrent_param { num_output: 3 weight_filler { type: "gaussian" } }',
+        lambda N: [off_zero(4, N, 2), RNG.integers(0, 2, (4, N)), off_zero(N, 2)],
+        {"wanted": [True, False, True]},
+    ),
+    "ROIPooling": (
+        "roi_pooling_param { pooled_h: 2 pooled_w: 3 spatial_scale: 0.5 }",
+        lambda N: [different(N, 2, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]])],
+        {"wanted": [True, False]},
+    ),
     "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
+    "Reduction": ("reduction_param { operation: SUMSQ axis: 1 coeff: 2 }", lambda N: [off_zero(N, 2, 3)], {}),
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
+    "SPP": ("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
     "SigmoidCrossEntropyLoss": ("", lambda N: [off_zero(N, 3), abs(off_zero(N, 3))], {"wanted": [True, False]}),
@@ -90,8 +126,10 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Swish": ("swish_param { beta: 1.7 }", lambda N: [off_zero(N, 3)], {}),
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
     "Threshold": ("", lambda N: [off_zero(N, 3)], {"wanted": [False]}),
+    "Tile": ("tile_param { tiles: 3 }", lambda N: [off_zero(N, 2, 2)], {}),
 }
-SOURCES = {"DummyData", "HDF5Data", "Input"}  # no bottoms: their own tests say all there is
+# No bottoms, or a file that is written once: their own tests say all there is.
+SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter", "WindowData"}
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:

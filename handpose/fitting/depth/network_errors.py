@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from handpose.fitting.depth.body import FleshModel
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of
 
 GROUP = "fit"
 LIMBS = "limbs"
@@ -81,6 +81,8 @@ def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
             if GROUP not in file:
                 return unknown_errors(model)
             found = {name: np.asarray(item, dtype=np.float64) for name, item in file[GROUP].items()}
+    except NetlibError:
+        raise
     except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as error:
         raise DataError(f"{path}: cannot read the group {GROUP!r}: {reason_of(error)}") from error
     limbs = found.pop(LIMBS, np.zeros(0))

@@ -23,6 +23,18 @@ def test_sizes_may_differ_along_the_axis(run):
     assert done.y.tolist() == [[1, 3, 4], [2, 5, 6]]
 
 
+def test_one_bottom(run, check, rng):
+    """Is its own top."""
+    x = rng.normal(size=(2, 3))
+    assert np.array_equal(run('type: "Concat"', x).y, x)
+    check('type: "Concat"', x)
+
+
+def test_an_empty_bottom(run):
+    """Adds nothing."""
+    assert run('type: "Concat"', np.ones((2, 3)), np.ones((2, 0))).y.shape == (2, 3)
+
+
 def test_gradient(check, rng):
     """Of both bottoms, and of one alone."""
     check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)))
@@ -38,3 +50,5 @@ def test_mistakes(run, shape):
         run('type: "Concat"', np.zeros((2, 3)), np.zeros(shape))
     with pytest.raises(netlib.LayerError, match="axis 2 is out of range"):
         run('type: "Concat" concat_param { axis: 2 }', np.zeros((2, 3)))
+    with pytest.raises(netlib.LayerError, match="axis and concat_dim are one thing; give only one of them"):
+        run('type: "Concat" concat_param { axis: 1 concat_dim: 1 }', np.zeros((2, 3)))

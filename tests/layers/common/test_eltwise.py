@@ -36,6 +36,17 @@ def test_an_unstable_product_divides(run):
     assert np.allclose(stable, unstable)
 
 
+def test_an_unstable_product_of_0_has_no_gradient(run):
+    """NaN, in silence, as in Caffe: 0 / 0."""
+    unstable = run(text("operation: PROD stable_prod_grad: false"), A, B).backward([1, 1, 1])
+    assert np.isnan(unstable[1]).tolist() == [False, False, True]
+
+
+def test_a_maximum_ignores_coefficients(run):
+    """As in Caffe."""
+    assert run(text("operation: MAX coeff: -1 coeff: 5"), A, B).y.tolist() == [4, 2, 0]
+
+
 @pytest.mark.parametrize(
     "options",
     ["", "coeff: 2 coeff: -1 coeff: 0", "operation: PROD", "operation: PROD stable_prod_grad: false", "operation: MAX"],
@@ -52,7 +63,7 @@ def test_gradient(check, rng, options):
     [
         ("", [1, 2], r"bottom 'bottom1' \(2,\) and 'bottom0' \(3,\) must have the same shape"),
         ("coeff: 1", B, "has 2 bottoms, but 1 coeff"),
-        ("operation: MAX coeff: 1 coeff: 1", B, "coeff is for operation SUM only"),
+        ("operation: PROD coeff: 1 coeff: 1", B, "coeff is for operation SUM only"),
     ],
 )
 def test_mistakes(run, options, b, message):

@@ -9,7 +9,8 @@ import netlib
 @pytest.mark.parametrize(
     ("options", "shape"),
     [("", (2, 60)), ("axis: 0", (120,)), ("axis: 2", (2, 3, 20)), ("axis: 1 end_axis: 2", (2, 12, 5)),
-     ("axis: -2", (2, 3, 20)), ("axis: 1 end_axis: -2", (2, 12, 5)), ("axis: 1 end_axis: 1", (2, 3, 4, 5))],
+     ("axis: -2", (2, 3, 20)), ("axis: 1 end_axis: -2", (2, 12, 5)), ("axis: 1 end_axis: 1", (2, 3, 4, 5)),
+     ("axis: 2 end_axis: 1", (2, 3, 1, 4, 5))],
 )  # fmt: skip
 def test_axes_are_joined(run, rng, options, shape):
     """The values stay in order; the gradient goes back in the old shape."""
@@ -27,7 +28,7 @@ def test_gradient(check, rng):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [("axis: 2 end_axis: 1", "end_axis 1 comes before axis 2"), ("axis: 4", "axis 4 is out of range"),
+    [("axis: 2 end_axis: 0", "end_axis 0 comes before axis 2"), ("axis: 4", "axis 4 is out of range"),
      ("end_axis: 4", "end_axis 4 is out of range")],
 )  # fmt: skip
 def test_mistakes(run, options, message):

@@ -45,6 +45,7 @@ def test_gradient(check, rng):
         ("shape { dim: 1 dim: 1 dim: 1 dim: 0 }", "0 at place 3, but the bottom has shape"),
         ("axis: 4", "axis 4, num_axes -1 do not fit a bottom of shape"),
         ("axis: 1 num_axes: 3", "axis 1, num_axes 3 do not fit"),
+        ("shape { dim: 24 } num_axes: -2", "axis 0, num_axes -2 do not fit"),
     ],
 )
 def test_mistakes(run, options, message):

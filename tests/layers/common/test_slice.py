@@ -9,7 +9,8 @@ import netlib
 @pytest.mark.parametrize(
     ("options", "tops", "sizes", "axis"),
     [("", 3, [2, 2, 2], 1), ("slice_point: 1 slice_point: 4", 3, [1, 3, 2], 1), ("axis: 0", 2, [2, 2], 0),
-     ("axis: -1 slice_point: 3", 2, [3, 2], 2), ("slice_dim: 0 slice_point: 1", 2, [1, 3], 0), ("", 1, [6], 1)],
+     ("axis: -1 slice_point: 3", 2, [3, 2], 2), ("slice_dim: 0 slice_point: 1", 2, [1, 3], 0), ("", 1, [6], 1),
+     ("slice_point: 2 slice_point: 6", 3, [2, 4, 0], 1)],
 )  # fmt: skip
 def test_parts(run, rng, options, tops, sizes, axis):
     """Equal parts, or between the given points; the gradient is put together again."""
@@ -30,9 +31,11 @@ def test_gradient(check, rng):
     ("options", "tops", "message"),
     [
         ("", 4, r"axis 1 of \(4, 6\) cannot be cut into 4 equal parts"),
-        ("slice_point: 2", 3, "must be 2 increasing numbers between 0 and 6"),
+        ("slice_point: 2", 3, "must be 2 increasing numbers from 1 to 6"),
         ("slice_point: 4 slice_point: 2", 3, "must be 2 increasing numbers"),
-        ("slice_point: 6", 2, "must be 1 increasing numbers"),
+        ("slice_point: 7", 2, "must be 1 increasing numbers"),
+        ("axis: 0 slice_point: 1 slice_point: 2 slice_point: 3 slice_point: 4", 5, "and 5 tops at most 4"),
+        ("axis: 1 slice_dim: 1", 2, "axis and slice_dim are one thing; give only one of them"),
         ("slice_point: 0", 2, "must be 1 increasing numbers"),
         ("axis: 2", 2, "axis 2 is out of range"),
     ],

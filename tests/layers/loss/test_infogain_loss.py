@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib import binaryproto
 
 X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
 H = [[1, 0, 0], [0, 1, 0], [0.5, 0, 2]]
@@ -93,14 +94,22 @@ def test_gradient(check, rng, options):
         ("", [X, [0, 1], np.eye(2)], r"H 'bottom2' \(2, 2\) has 4 values, expected 3 x 3"),
         ("loss_param { normalize: true }", [X, [0, 1], H], "normalize is not known to InfogainLoss; say normalization"),
         ("", [X, [0, 1]], r"needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"),
-        ('infogain_loss_param { source: "H.binaryproto" }', [X, [0, 1]], "binaryproto is not yet read"),
+        ('infogain_loss_param { source: "H.binaryproto" }', [X, [0, 1]], "H.binaryproto: cannot read the blob"),
         ("infogain_loss_param { axis: 2 }", [X, [0, 1], H], r"axis 2 is out of range for a blob of 2 axes \(2, 3\)"),
     ],
 )
 def test_mistakes(run, options, bottoms, message):
     """Shapes, labels, and where H comes from."""
-    with pytest.raises(netlib.LayerError, match=message):
+    with pytest.raises(netlib.NetlibError, match=message):
         run(f'type: "InfogainLoss" {options}', *bottoms)
+
+
+def test_h_from_a_file(run, tmp_path, monkeypatch):
+    """A .binaryproto in any shape of so many values: the same as a third bottom."""
+    monkeypatch.chdir(tmp_path)
+    binaryproto.write_blob(np.float32(H).reshape(1, 1, 3, 3), "H.binaryproto")
+    from_file = run('type: "InfogainLoss" infogain_loss_param { source: "H.binaryproto" }', X, [2, 0])
+    assert from_file.y == run(text(), X, [2, 0], np.float32(H)).y
 
 
 def test_a_source_is_not_looked_at_where_h_is_a_bottom(run):

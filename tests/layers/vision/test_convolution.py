@@ -106,6 +106,67 @@ def test_axes_before_the_channels_are_items(run, rng):
     assert np.allclose(five.y.reshape(four.y.shape), four.y)
 
 
+# ---------------------------------------------------------------------------------------------- any number of axes
+
+
+def direct(x, w, stride=1, pad=0, dilation=1):
+    """The definition, in any number of axes: one sum of products per output."""
+    axes = x.ndim - 2
+    x = np.pad(x, [(0, 0), (0, 0), *[(pad, pad)] * axes])
+    reach = [dilation * (k - 1) + 1 for k in w.shape[2:]]
+    y = np.zeros((len(x), len(w), *((n - r) // stride + 1 for n, r in zip(x.shape[2:], reach))))
+    for n, o, *place in np.ndindex(y.shape):
+        window = tuple(slice(p * stride, p * stride + r, dilation) for p, r in zip(place, reach))
+        y[(n, o, *place)] = (x[(n, slice(None), *window)] * w[o]).sum()
+    return y
+
+
+SHAPES = [(2, 3), (2, 3, 7), (2, 3, 6, 5), (1, 2, 5, 4, 6), (1, 1, 3, 4, 3, 4)]
+
+
+@pytest.mark.parametrize("options", [{}, {"stride": 2, "pad": 1}, {"pad": 1, "dilation": 2}], ids=str)
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: f"{len(shape) - 2}-D")
+def test_any_number_of_spatial_axes(run, rng, shape, options):
+    """None, one, two, three, four."""
+    done = run(text(kernel_size=2, bias_term="false", **options), rng.normal(size=shape))
+    assert done.layer.blobs[0].shape == (2, shape[1], *[2] * (len(shape) - 2))
+    assert np.allclose(done.y, direct(done.bottom[0].data, done.layer.blobs[0].data, **options))
+
+
+@pytest.mark.parametrize("shape", [(2, 4), (2, 4, 5), (1, 4, 3, 2, 3)], ids=str)
+def test_gradient_in_any_number_of_axes(check, rng, shape):
+    """With groups."""
+    check(text(num_output=4, kernel_size=2, group=2, pad=1), rng.normal(size=shape))
+
+
+def test_each_axis_has_its_own_numbers(run, rng):
+    """A volume of one slice with a kernel of one slice is an image."""
+    x = rng.normal(size=(2, 2, 5, 6))
+    flat = run(text(kernel_size="[2, 3]", stride="[1, 2]", pad="[1, 0]"), x)
+    params = [flat.layer.blobs[0].data[:, :, None], flat.layer.blobs[1].data]
+    deep = run(text(kernel_size="[1, 2, 3]", stride="[1, 1, 2]", pad="[0, 1, 0]"), x[:, :, None], params=params)
+    assert np.allclose(deep.y[:, :, 0], flat.y)
+
+
+def test_without_spatial_axes_it_is_an_inner_product(run, rng):
+    """A kernel of a single element, whose size need not be given."""
+    done = run(text(), rng.normal(size=(3, 4)))
+    assert np.allclose(done.y, done.bottom[0].data @ done.layer.blobs[0].data.T + done.layer.blobs[1].data)
+
+
+def test_without_items(net_of, rng):
+    """With ``axis: 0`` a bottom is one image, also if it has as many channels as the top."""
+    net = net_of(
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 5 dim: 4 } } } '
+        f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2, axis=0)} }}'
+    )
+    x = rng.normal(size=(2, 5, 4))
+    y = net.forward(x=x)["y"]
+    assert np.allclose(
+        y, direct(x[None], net.params["c"][0].data)[0] + net.params["c"][1].data[:, None, None], atol=1e-5
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -113,11 +174,15 @@ def test_axes_before_the_channels_are_items(run, rng):
         ({"kernel_h": 3}, "needs kernel_size, or kernel_h and kernel_w"),
         ({"kernel_size": 3, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
         ({"kernel_size": 2, "pad": "[1, 1, 1]"}, "3 values of pad for 2 spatial axes"),
-        ({"kernel_size": 0}, "must be at least 1"),
-        ({"num_output": 0, "kernel_size": 2}, "must be at least 1"),
+        ({"kernel_size": 0}, "needs kernel_size, or kernel_h and kernel_w, of at least 1"),
+        ({"kernel_size": 2, "stride": 0}, "stride and dilation must be at least 1"),
+        ({"num_output": 0, "kernel_size": 2}, "num_output and group must be at least 1"),
+        ({"kernel_size": 2, "group": 0}, "num_output and group must be at least 1"),
         ({"kernel_size": 2, "group": 2}, "group 2 must divide 3 channels and num_output 2"),
         ({"kernel_size": 6}, r"kernel \(6, 6\) is larger than the padded bottom 'bottom0' \(1, 3, 5, 5\)"),
-        ({"kernel_size": 2, "axis": 2}, "1 spatial axes after axis 2"),
+        ({"kernel_h": 2, "kernel_w": 2, "axis": 2}, "kernel_h and kernel_w are for 2 spatial axes, not 1"),
+        ({"kernel_size": "[2, 2]", "axis": 2}, "2 values of kernel_size for 1 spatial axes"),
+        ({"kernel_size": 2, "axis": 4}, "axis 4 is out of range for a blob of 4 axes"),
     ],
     ids=str,
 )  # fmt: skip
@@ -127,10 +192,11 @@ def test_mistakes(run, options, message):
         run(text(**options), np.zeros((1, 3, 5, 5)))
 
 
-def test_a_bottom_that_is_no_image(run):
-    """Names the blob and its shape."""
-    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
-        run(text(kernel_size=2), np.zeros((3, 5)))
+def test_another_number_of_axes():
+    """Than the weights were made for."""
+    layer = gradcheck.make_layer(text(kernel_size=2), [np.zeros((1, 3, 5, 5))])
+    with pytest.raises(netlib.LayerError, match=r"'bottom0' has shape \(3, 5\), expected 2 spatial axes after axis 1"):
+        gradcheck.check(layer, [np.zeros((3, 5))])
 
 
 def test_as_many_tops_as_bottoms(run):
@@ -140,8 +206,8 @@ def test_as_many_tops_as_bottoms(run):
 
 
 def test_num_output_is_required(run):
-    """Missed when the options are read, at the layer."""
-    with pytest.raises(netlib.PrototxtError, match="missing required field 'num_output'"):
+    """0 unless it is given."""
+    with pytest.raises(netlib.LayerError, match="num_output and group must be at least 1"):
         run('type: "Convolution" convolution_param { kernel_size: 2 }', np.zeros((1, 1, 5, 5)))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from plain_loops import pool
+from plain_loops import outputs, pool
 
 import netlib
 from netlib import gradcheck
@@ -38,7 +38,7 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
     """Overlapping, padded, hanging over, with equal values; forward and backward."""
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
-    if any(p >= k or n + 2 * p < k for n, k, p in zip(size, kernel, pad)):
+    if any(p >= k or outputs(n, k, s, p, ceil) < 1 for n, k, s, p in zip(size, kernel, stride, pad)):
         return
     rng = np.random.default_rng(0)
     x = rng.integers(0, 3, (2, 2, *size)).astype(float) if ties else rng.normal(size=(2, 2, *size))
@@ -91,6 +91,83 @@ def test_output_sizes(run):
     assert run(text(kernel_size=3), np.zeros((1, 1, 5, 5))).y.shape[2:] == (3, 3)
 
 
+def test_a_window_larger_than_its_bottom(run):
+    """The only window hangs over the edge, if rounding up leaves one; AVE divides by what lies inside."""
+    x = np.array([[1.0, 5], [3, 2]]).reshape(1, 1, 2, 2)
+    assert run(text(kernel_size=3, stride=2), x).y.tolist() == [[[[5]]]]
+    assert run(text(pool="AVE", kernel_size=3, stride=2), x).y.tolist() == [[[[11 / 4]]]]
+    assert run(text(pool="AVE", kernel_size=5, stride=3, pad=1), x).y.tolist() == [[[[11 / 16]]]]
+
+
+def test_padding_on_one_axis_drops_empty_windows_on_the_other(run):
+    """As Caffe: of 6 columns, those at 0 and 3; without any padding also one at 6, which is empty."""
+    options = {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}
+    assert run(text(**options), np.ones((1, 1, 6, 6))).y.shape == (1, 1, 3, 3)
+    assert run(text(**options, pad_h=1, pad_w=0), np.ones((1, 1, 6, 6))).y.shape == (1, 1, 4, 2)
+
+
+# ---------------------------------------------------------------------------------------------- the mask
+
+
+def test_the_mask_by_hand(run):
+    """Where in its map of 3 x 3 each maximum stands, counted row by row; the first of equal ones."""
+    x = np.array([[1.0, 2, 0], [4, 3, 5], [6, 6, 7]]).reshape(1, 1, 3, 3)
+    done = run(text(kernel_size=2), x, tops=2)
+    assert done.ys[0][0, 0].tolist() == [[4, 5], [6, 7]]
+    assert done.ys[1][0, 0].tolist() == [[3, 5], [6, 8]]
+    with_mask = done.backward([[[[1, 2], [3, 4]]]], np.full((1, 1, 2, 2), 100))[0]
+    assert with_mask[0, 0].tolist() == [[0, 0, 0], [1, 0, 2], [3, 0, 4]]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
+        {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_mask_says_where_the_maximum_is(run, rng, options):
+    """In every map of every item."""
+    x = rng.normal(size=(2, 3, 5, 6))
+    y, mask = run(text(**options), x, tops=2).ys
+    assert np.array_equal(np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
+                          y.reshape(2, 3, -1))  # fmt: skip
+
+
+def test_the_mask_of_an_empty_window(run):
+    """Nowhere."""
+    assert run(text(kernel_size=1, stride=3), np.ones((1, 1, 6, 1)), tops=2).ys[1].ravel().tolist() == [0, 3, -1]
+
+
+def test_gradient_with_a_mask(check, rng):
+    """The mask has none."""
+    check(text(kernel_size=3, stride=2), rng.permutation(100).reshape(2, 2, 5, 5) / 10, tops=2)
+
+
+def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
+    """Of a window without a positive value the first of the zeros that ReLU leaves, not the largest before it."""
+    kernel = 'type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 weight_filler { value: 1 } }'
+    net = net_of(
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 1 dim: 6 dim: 6 } } } '
+        f'layer {{ name: "c" bottom: "x" top: "c" {kernel} }} '
+        'layer { name: "r" type: "ReLU" bottom: "c" top: "c" } '
+        f'layer {{ name: "p" bottom: "c" top: "y" top: "mask" {text(kernel_size=2, stride=2)} }} '
+        f'layer {{ name: "z" bottom: "y" top: "z" {kernel} }} '
+    )
+    found = net.forward(x=-rng.uniform(1, 2, (2, 1, 6, 6)))["mask"]
+    assert found[0, 0].tolist() == [[0, 2, 4], [12, 14, 16], [24, 26, 28]]
+
+
+def test_only_a_maximum_has_a_mask(run):
+    """There is no place of a mean."""
+    with pytest.raises(netlib.LayerError, match="has 2 tops, but only MAX pooling has a mask, not AVE"):
+        run(text(pool="AVE", kernel_size=2), np.zeros((1, 1, 5, 5)), tops=2)
+
+
+# ---------------------------------------------------------------------------------------------- edges and mistakes
+
+
 def test_an_empty_window(run):
     """stride > kernel: -FLT_MAX, or 0 / 0."""
     x = np.ones((1, 1, 6, 1))
@@ -119,7 +196,7 @@ def test_nan_is_not_hidden(run, options):
         ({"kernel_size": 2, "pad": 2}, r"pad \(2, 2\) must be smaller than the kernel \(2, 2\)"),
         ({"kernel_size": 2, "global_pooling": "true"}, "global_pooling takes no kernel size"),
         ({"global_pooling": "true", "pad": 1}, "global_pooling needs pad 0 and stride 1"),
-        ({"pool": "STOCHASTIC", "kernel_size": 2}, "STOCHASTIC pooling is not supported; expected MAX or AVE"),
+        ({"pool": "STOCHASTIC", "kernel_size": 2}, "STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE"),
         ({"kernel_size": 6}, "kernel 6 is larger than the padded bottom"),
         ({"kernel_size": 2, "kernel_h": 3}, "give either kernel_size, or kernel_h and kernel_w"),
         ({"kernel_size": 3, "stride": 2, "stride_h": 1}, "give either stride, or stride_h and stride_w"),

@@ -1,0 +1,73 @@
+"""ArgMax: where the largest values are.
+
+bottom[0]  x  (N, ...)
+top[0]     y  without ``axis``: (N, 1, k), padded with axes of size 1 to as many as x has: for every item the places of
+              its k = ``top_k`` largest values among all of its values, counted from 0, the largest first;
+              with ``out_max_val``: (N, 2, k): the places, then the values
+              with ``axis``: the shape of x, but k along ``axis``: the places along it, or with ``out_max_val`` the
+              values instead
+
+Of equal values the last one comes first, as in Caffe. There is no gradient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import UInt, numbered
+
+
+@dataclass(frozen=True)
+class ArgMaxParameter:
+    """The ``argmax_param { ... }`` block."""
+
+    out_max_val: bool = numbered(1, False)  # also, or with axis instead, the values
+    top_k: UInt = numbered(2, 1)  # how many places
+    axis: int | None = numbered(3, None)  # along which axis; by default in the whole item
+
+
+class ArgMax(Layer):
+    """Places of the largest values."""
+
+    param_type = ArgMaxParameter
+    param_name = "argmax_param"
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        p, x = self.param, bottom[0]
+        if p.axis is not None:
+            self.axis = self.canonical_axis(p.axis, x)
+            values, what = x.shape[self.axis], f"the {x.shape[self.axis]} values along axis {self.axis}"
+            shape = [*x.shape[: self.axis], p.top_k, *x.shape[self.axis + 1 :]]
+        else:
+            items = x.shape[self.canonical_axis(0, x, "first axis")]
+            values = int(np.prod(x.shape[1:]))
+            what = f"the {values} values of an item"
+            shape = [items, 2 if p.out_max_val else 1, p.top_k] + [1] * (len(x.shape) - 3)
+        if not 1 <= p.top_k <= values:
+            raise self.fail(f"top_k {p.top_k} must be from 1 to {what} of {self.spec.bottom[0]!r} {x.shape}", "top_k")
+        top[0].reshape(shape)
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return False
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        p, x, y = self.param, bottom[0].data, top[0].data
+        x = x.reshape(len(x), -1) if p.axis is None else np.moveaxis(x, self.axis, -1)
+        places = np.argsort(x, axis=-1, kind="stable")[..., : -p.top_k - 1 : -1]  # the last of equal ones is now first
+        values = np.take_along_axis(x, places, axis=-1)
+        if p.axis is not None:
+            y[...] = np.moveaxis(values if p.out_max_val else places, -1, self.axis)
+        else:
+            y[:, 0] = places.reshape(y[:, 0].shape)
+            if p.out_max_val:
+                y[:, 1] = values.reshape(y[:, 1].shape)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if any(propagate_down):
+            raise self.fail("ArgMax has no gradient; set propagate_down: false, or leave it out of training")

@@ -1,0 +1,53 @@
+"""BatchReindex: take items of a batch, in any order and as often as wanted.
+
+bottom[0]  x  (N, ...)
+bottom[1]  i  (M,)      which items: numbers from 0 to N - 1; a fraction is cut off
+top[0]     y  (M, ...)
+
+y[m]  = x[i[m]]
+dx[n] = sum of dy[m] over all m with i[m] = n;     i has no gradient
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlib.blob import Array, Blob, Blobs
+from netlib.layer import Layer
+
+
+class BatchReindex(Layer):
+    """Items by their numbers."""
+
+    bottoms = (2, 2)
+    tops = (1, 1)
+    in_place = False
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x, index = bottom[0].shape, bottom[1].shape
+        if not x or len(index) != 1:
+            raise self.fail(f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {index} "
+                            "must be items (N, ...) and a list of their numbers (M,)")  # fmt: skip
+        top[0].reshape(*index, *x[1:])
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index == 0
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, index = bottom[0].data, bottom[1].data
+        wrong = index[~((index >= 0) & (index < len(x)))]
+        if wrong.size:
+            raise self.fail(f"bottom {self.spec.bottom[1]!r} asks for item {wrong[0]:g}, but {self.spec.bottom[0]!r} "
+                            f"{x.shape} has items 0 to {len(x) - 1}")  # fmt: skip
+        top[0].data[...] = x[_numbers(bottom[1])]
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[1]:
+            raise self.fail(f"the item numbers {self.spec.bottom[1]!r} have no gradient; set propagate_down: false")
+        if propagate_down[0]:
+            bottom[0].diff[...] = 0
+            np.add.at(bottom[0].diff, _numbers(bottom[1]), top[0].diff)
+
+
+def _numbers(index: Blob) -> Array:
+    return index.data.astype(np.intp)

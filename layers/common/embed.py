@@ -1,0 +1,73 @@
+"""Embed: a table of learned vectors; each input number picks one. As InnerProduct on one-hot vectors, but faster.
+
+bottom[0]  i  any shape: whole numbers from 0 to K - 1, with K = ``input_dim``
+params[0]  w  (K, O)
+params[1]  b  (O,)        unless ``bias_term: false``
+top[0]     y  (..., O): the shape of i and one more axis
+
+y[..., :] = w[i[...]] + b
+dw[k]     = sum of dy[..., :] where i[...] = k,    db = sum of dy;     i has no gradient
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.fillers import Filler
+from netlib.layer import Layer
+from netlib.schema import UInt, numbered
+
+
+@dataclass(frozen=True)
+class EmbedParameter:
+    """The ``embed_param { ... }`` block."""
+
+    num_output: UInt = numbered(1)  # O, the size of a vector
+    input_dim: UInt = numbered(2)  # K, the number of vectors: the largest input number plus 1
+    bias_term: bool = numbered(3, True)
+    weight_filler: Filler = numbered(4, Filler())
+    bias_filler: Filler = numbered(5, Filler())
+
+
+class Embed(Layer):
+    """Vectors by their numbers."""
+
+    param_type = EmbedParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        for name in ("num_output", "input_dim"):
+            if getattr(p, name) == 0:
+                raise self.fail(f"{name} must be at least 1", name)
+        self.new_param("weight", (p.input_dim, p.num_output), p.weight_filler)
+        if p.bias_term:
+            self.new_param("bias", (p.num_output,), p.bias_filler)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(*bottom[0].shape, self.param.num_output)
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return False
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        index, K = bottom[0].data, self.param.input_dim
+        wrong = index[~((index >= 0) & (index < K) & (index == np.floor(index)))]
+        if wrong.size:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} holds {wrong[0]:g}, expected whole numbers "
+                            f"from 0 to {K - 1} (input_dim {K})", "input_dim")  # fmt: skip
+        top[0].data[...] = self.blobs[0].data[index.astype(np.intp)]
+        if self.param.bias_term:
+            top[0].data[...] += self.blobs[1].data
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            raise self.fail(f"the numbers {self.spec.bottom[0]!r} have no gradient; set propagate_down: false")
+        dy = top[0].diff
+        np.add.at(self.blobs[0].diff, bottom[0].data.astype(np.intp), dy)
+        if self.param.bias_term:
+            self.blobs[1].diff[...] += dy.sum(axis=tuple(range(dy.ndim - 1)))

@@ -1,0 +1,58 @@
+"""Filter: let some items of a batch through, and drop the others.
+
+bottom[i]   x_i  (N, ...)
+bottom[-1]  s    (N,) or (N, 1, ...): the selector; items where it is not 0 pass
+top[i]      y_i  (M, ...), one for each x_i: the M items that pass, in their order; M may be 0
+
+dx_i = dy_i for items that passed, 0 for the others;     s has no gradient
+
+M is known only in ``forward``, which gives the tops their shape. Before it they have room for all N items, so that the
+layers behind can be set up. Kept for backward: ``passed``, the numbers of the items.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+class Filter(Layer):
+    """Items that a selector lets through."""
+
+    bottoms = (2, None)
+    tops = (1, None)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if len(top) != len(bottom) - 1:
+            raise self.fail(f"has {len(bottom)} bottoms, the last of them the selector, and {len(top)} tops; "
+                            f"expected {len(bottom) - 1} tops")  # fmt: skip
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        selector, name = bottom[-1].shape, self.spec.bottom[-1]
+        if not selector or int(np.prod(selector[1:])) != 1:
+            raise self.fail(f"the selector {name!r} {selector} must have one value for each item, (N,) or (N, 1, ...)")
+        for i, (x, y) in enumerate(zip(bottom, top)):
+            if x.shape[:1] != selector[:1]:
+                raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and the selector {name!r} {selector} "
+                                "must have the same number of items")  # fmt: skip
+            y.reshape(x.shape)
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index < len(self.spec.bottom) - 1
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        self.passed = np.flatnonzero(bottom[-1].data)
+        for x, y in zip(bottom, top):
+            y.reshape(len(self.passed), *x.shape[1:])
+            y.data[...] = x.data[self.passed]
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[-1]:
+            raise self.fail(f"the selector {self.spec.bottom[-1]!r} has no gradient; set propagate_down: false")
+        for x, y, down in zip(bottom, top, propagate_down):
+            if down:
+                x.diff[...] = 0
+                x.diff[self.passed] = y.diff

@@ -1,0 +1,48 @@
+"""Parameter: a learned blob as a top, for layers that take as a bottom what others keep as their own.
+
+params[0]  w  the shape in ``parameter_param { shape { dim: ... } }``; 0 at first
+top[0]     y  same shape
+
+y  = w
+dw = dy
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from netlib.blob import Blobs
+from netlib.fillers import Filler
+from netlib.layer import Layer
+from netlib.messages import BlobShape
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class ParameterParameter:
+    """The ``parameter_param { ... }`` block."""
+
+    shape: BlobShape = numbered(1, BlobShape())  # by default a single number
+
+
+class Parameter(Layer):
+    """A parameter without a computation."""
+
+    param_type = ParameterParameter
+    bottoms = (0, 0)
+    tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        shape = self.param.shape.dim
+        if min(shape, default=0) < 0:
+            raise self.fail(f"shape {shape} has a negative size", "shape")
+        self.new_param("weight", shape, Filler())
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(self.blobs[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = self.blobs[0].data
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        self.blobs[0].diff[...] += top[0].diff

@@ -1,0 +1,68 @@
+"""Reduction: one number of all values from an axis on.
+
+bottom[0]  x  any shape
+top[0]     y  the axes of x before ``axis``; with axis 0, the default, a single number
+
+SUM    y = c sum of x           dx = c dy
+ASUM   y = c sum of |x|         dx = c dy sign(x)      sign(0) = 0
+SUMSQ  y = c sum of x²          dx = 2 c dy x
+MEAN   y = c/n sum of x         dx = c/n dy            n values for each y
+
+with c = ``coeff``. As a loss, give the layer a ``loss_weight``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.schema import OneBased, numbered
+
+
+@dataclass(frozen=True)
+class ReductionParameter:
+    """The ``reduction_param { ... }`` block."""
+
+    operation: OneBased[Literal["SUM", "ASUM", "SUMSQ", "MEAN"]] = numbered(1, "SUM")
+    axis: int = numbered(2, 0)  # the first axis that is reduced; all that follow are, too
+    coeff: float = numbered(3, 1.0)  # c, times the result
+
+
+class Reduction(Layer):
+    """Sum, sum of absolute values or of squares, mean."""
+
+    param_type = ReductionParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self.axis = self.canonical_axis(self.param.axis, bottom[0])
+        self.coeff = self.dtype.type(self.param.coeff)
+        if self.param.operation == "MEAN":
+            count = int(np.prod(bottom[0].shape[self.axis :]))
+            if count == 0:
+                raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values to take a mean of")
+            self.coeff /= self.dtype.type(count)
+        top[0].reshape(bottom[0].shape[: self.axis])
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data
+        terms = {"ASUM": np.abs, "SUMSQ": np.square}.get(self.param.operation, np.asarray)(x)
+        top[0].data[...] = self.coeff * terms.sum(axis=self._reduced(x))
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if not propagate_down[0]:
+            return
+        x, dx = bottom[0].data, bottom[0].diff
+        dx[...] = self.coeff * np.expand_dims(top[0].diff, self._reduced(x))
+        if self.param.operation == "ASUM":
+            dx *= np.sign(x)
+        elif self.param.operation == "SUMSQ":
+            dx *= 2 * x
+
+    def _reduced(self, x: Array) -> tuple[int, ...]:
+        return tuple(range(self.axis, x.ndim))

@@ -1,0 +1,50 @@
+"""Tile: repeat a blob along an axis.
+
+bottom[0]  x  (..., S, ...)        S values along ``axis``
+top[0]     y  (..., tiles S, ...)  x, x, ... one after the other
+
+dx = sum of the parts of dy
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class TileParameter:
+    """The ``tile_param { ... }`` block."""
+
+    tiles: int = numbered(2)  # how often
+    axis: int = numbered(1, 1)
+
+
+class Tile(Layer):
+    """Copies one after the other."""
+
+    param_type = TileParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if self.param.tiles < 1:
+            raise self.fail(f"tiles {self.param.tiles} must be at least 1", "tiles")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        shape = list(bottom[0].shape)
+        self.axis = self.canonical_axis(self.param.axis, bottom[0])
+        shape[self.axis] *= self.param.tiles
+        top[0].reshape(shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = np.concatenate([bottom[0].data] * self.param.tiles, axis=self.axis)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            bottom[0].diff[...] = sum(np.split(top[0].diff, self.param.tiles, axis=self.axis))

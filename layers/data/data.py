@@ -1,0 +1,141 @@
+"""Data: batches of images from a database (LMDB), as Caffe's convert_imageset makes them.
+
+top[0]  data   (batch_size, C, H, W)  images, transformed (transform.py)
+top[1]  label  (batch_size,)          if there is a second top
+
+An entry is a Datum (datum.py): bytes, floats, or an encoded picture, which OpenCV decodes. Entries are read in the
+order of their keys, and after the last it starts over. A batch has the size of its first image; the others must have
+the same, unless they are cropped. Reading needs the package lmdb, which nothing else here does.
+"""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from layers.data.datum import decode_datum
+from layers.data.transform import TransformationParameter, Transformer, misplaced
+from netlib.blob import Array, Blobs
+from netlib.errors import DataError, reason_of
+from netlib.layer import Layer
+from netlib.paths import find
+from netlib.schema import UInt, numbered
+
+# The databases in use, by their file: LMDB may open each only once in a process, and several nets may read it.
+_open: weakref.WeakValueDictionary[tuple[int, int], Any] = weakref.WeakValueDictionary()
+
+
+@dataclass(frozen=True)
+class DataParameter:
+    """The ``data_param { ... }`` block."""
+
+    source: str = numbered(1)  # the folder of the database
+    batch_size: UInt = numbered(4)
+    backend: Literal["LEVELDB", "LMDB"] = numbered(8, "LEVELDB")  # Caffe's default; only LMDB can be read here
+    prefetch: UInt = numbered(10, 4)  # batches read ahead; accepted, ignored
+    cache: bool = numbered(10001, False)  # keep all in memory (NVIDIA's Caffe); accepted, ignored
+    rand_skip: UInt = numbered(7, 0)  # this and those below: ignored, as in Caffe; see transform_param
+    force_encoded_color: bool = numbered(9, False)
+    scale: float = numbered(2, 1.0)
+    mean_file: str | None = numbered(3, None)
+    crop_size: UInt = numbered(5, 0)
+    mirror: bool = numbered(6, False)
+
+
+class Data(Layer):
+    """Reads a database.
+
+    entries  number of images in it
+    notes    lines for the log
+    """
+
+    param_type = DataParameter
+    other_blocks: ClassVar[dict[str, type]] = {"transform_param": TransformationParameter}
+    bottoms = (0, 0)
+    tops = (1, 2)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        if p.batch_size == 0:
+            raise self.fail("batch_size must be at least 1", "batch_size")
+        if p.backend == "LEVELDB":
+            raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
+                            "Caffe's convert_imageset --backend=lmdb) and say backend: LMDB", "backend")  # fmt: skip
+        self.transformer = Transformer(self)
+        self.path = find(p.source, self.source)
+        database = self._database()
+        self.entries = int(database.stat()["entries"])
+        self.cursor = database.begin().cursor()  # stands on the entry that the next batch begins with
+        if not self.cursor.first():
+            raise DataError(f"{self.path}: the database has no entries")
+        self.notes = [f"{self.entries} images in {p.source}"]
+        self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
+        image, _, what = self._entry()
+        top[0].reshape(p.batch_size, *self.transformer.shape(image, what))
+        if len(top) > 1:
+            top[1].reshape(p.batch_size)
+
+    def _database(self) -> Any:
+        """The open database. Raises DataError."""
+        try:
+            import lmdb
+        except ImportError:
+            raise self.fail("needs the package lmdb to read a database; install it: pip install lmdb") from None
+        try:
+            file = self.path / "data.mdb" if self.path.is_dir() else self.path
+            status = file.stat()
+            key = (status.st_dev, status.st_ino)
+            database = _open.get(key)
+            if database is None:
+                database = lmdb.open(str(self.path), subdir=self.path.is_dir(), readonly=True, lock=False)
+                _open[key] = database
+            used = database.stat()
+        except (OSError, ValueError, lmdb.Error) as error:
+            raise DataError(f"{self.path}: cannot open the database: {_reason(error, self.path)}") from error
+        # To read what is gone would kill the process. A whole file may lack pages that were never used, so those that
+        # hold something are counted, and two at the beginning.
+        pages = 2 + used["branch_pages"] + used["leaf_pages"] + used["overflow_pages"]
+        needed = pages * used["psize"]
+        if status.st_size < needed:
+            raise DataError(f"{file}: truncated: it has {status.st_size} bytes, expected at least {needed}")
+        return database
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        """Nothing below can change the shape; only the images can, in forward."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        for i in range(self.param.batch_size):
+            image, label, what = self._entry()
+            if i == 0:
+                top[0].reshape(self.param.batch_size, *self.transformer.shape(image, what))
+            self.transformer.transform(image, top[0].data[i], what)
+            if len(top) > 1:
+                top[1].data[i] = label
+            if not self.cursor.next():
+                self.cursor.first()
+
+    def _entry(self) -> tuple[Array, int, str]:
+        """The image and the label where the cursor stands, and what to call them in messages."""
+        what = f"{self.path}: entry {self.cursor.key().decode(errors='backslashreplace')!r}"
+        return *decode_datum(self.cursor.value(), self.transformer.color, what), what
+
+    # ------------------------------------------------------------------------------------------ for resume
+
+    def state(self) -> dict[str, Any]:
+        return {**super().state(), "key": self.cursor.key().hex(), "database": self._identity()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        super().restore(state)
+        same = state.get("database") == self._identity()  # in another database there is no such place to go on
+        if same and not self.cursor.set_key(bytes.fromhex(state["key"])):
+            self.cursor.first()
+
+    def _identity(self) -> list[Any]:
+        return [self.path.name, self.entries]
+
+
+def _reason(error: BaseException, path: Path) -> str:
+    """LMDB begins its messages with the path."""
+    return reason_of(error).removeprefix(f"{path}: ")

@@ -1,0 +1,78 @@
+"""HDF5Output: write two blobs to an HDF5 file.
+
+bottom[0]  (N, ...)  becomes the data set "data"
+bottom[1]  (N, ...)  becomes the data set "label"
+
+Both are written with four axes, as Caffe does: axes of size 1 are appended. A file holds one batch, that of the first
+forward; a second forward is a mistake, as in Caffe. The file is there when it is whole, and not before.
+
+dx_i = 0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from netlib import atomic
+from netlib.blob import Blobs
+from netlib.errors import DataError, reason_of
+from netlib.layer import Layer
+from netlib.schema import numbered
+
+NAMES = ("data", "label")
+
+
+@dataclass(frozen=True)
+class HDF5OutputParameter:
+    """The ``hdf5_output_param { ... }`` block."""
+
+    file_name: str = numbered(1)  # from the working directory
+
+
+class HDF5Output(Layer):
+    """Writes a batch."""
+
+    param_type = HDF5OutputParameter
+    param_name = "hdf5_output_param"
+    bottoms = (2, 2)
+    tops = (0, 0)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.path = Path(self.param.file_name)
+        self.written = False
+        if not self.path.name or self.path.is_dir():
+            raise self.fail(f"file_name {self.param.file_name!r} is not the name of a file", "file_name")
+        if not self.path.parent.is_dir():
+            raise self.fail(f"file_name {self.param.file_name!r}: there is no folder {self.path.parent}", "file_name")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        for name, x in zip(self.spec.bottom, bottom):
+            if len(x.shape) > 4:
+                raise self.fail(f"bottom {name!r} {x.shape} has more than four axes")
+        if bottom[0].num != bottom[1].num:
+            raise self.fail(f"bottoms {self.spec.bottom[0]!r} {bottom[0].shape} and {self.spec.bottom[1]!r} "
+                            f"{bottom[1].shape} must have the same number of items")  # fmt: skip
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        if self.written:
+            raise self.fail(f"{self.path} holds the batch of the first forward; HDF5Output writes no second one, "
+                            "as in Caffe: run one iteration, with a batch of all items", "file_name")  # fmt: skip
+
+        def fill(path: Path) -> None:
+            with h5py.File(path, "w") as file:
+                for name, x in zip(NAMES, bottom):
+                    file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
+
+        try:
+            atomic.replace(self.path, fill)
+        except OSError as error:
+            raise DataError(f"{self.path}: cannot write the HDF5 file: {reason_of(error)}") from error
+        self.written = True
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        for x, down in zip(bottom, propagate_down):
+            if down:
+                x.diff[...] = 0

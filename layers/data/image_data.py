@@ -1,0 +1,156 @@
+"""ImageData: batches of picture files.
+
+top[0]  data   (batch_size, C, H, W)  pictures, transformed (transform.py): blue, green, red, or grey if not is_color
+top[1]  label  (batch_size,)
+
+``source`` is a list, one ``path label`` per line; the path is all before the last space, and follows ``root_folder``
+without a slash between. Pictures are resized to ``new_height`` x ``new_width`` where these are given. A batch has the
+size of its first picture; the others must have the same, unless they are resized or cropped.
+
+Pictures are read in the order of the list, and after the last it starts over. With ``shuffle`` every pass takes them in
+a new order, which is a pure function of the layer's seed and the number of the pass: a *cursor* (pass, place) is all
+that a snapshot needs to go on with the very next picture.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from layers.data.images import planes, read_image, resize_image
+from layers.data.transform import TransformationParameter, Transformer, misplaced
+from netlib.blob import Array, Blobs
+from netlib.errors import DataError, reason_of
+from netlib.layer import Layer
+from netlib.paths import find
+from netlib.schema import UInt, numbered
+
+Cursor = tuple[int, int]  # pass over the list, place in the order of the pass
+
+
+@dataclass(frozen=True)
+class ImageDataParameter:
+    """The ``image_data_param { ... }`` block."""
+
+    source: str = numbered(1)  # the list of pictures
+    batch_size: UInt = numbered(4, 1)
+    rand_skip: UInt = numbered(7, 0)  # begin after a random number of pictures, less than this
+    shuffle: bool = numbered(8, False)
+    new_height: UInt = numbered(9, 0)  # resize to this; 0: do not resize
+    new_width: UInt = numbered(10, 0)
+    is_color: bool = numbered(11, True)
+    root_folder: str = numbered(12, "")  # written before every path of the list
+    scale: float = numbered(2, 1.0)  # this and those below: ignored, see transform_param
+    mean_file: str | None = numbered(3, None)
+    crop_size: UInt = numbered(5, 0)
+    mirror: bool = numbered(6, False)
+
+
+class ImageData(Layer):
+    """Reads pictures.
+
+    items   (path, label) of every picture, as the list has them
+    cursor  where the next batch begins
+    notes   lines for the log
+    """
+
+    param_type = ImageDataParameter
+    other_blocks: ClassVar[dict[str, type]] = {"transform_param": TransformationParameter}
+    bottoms = (0, 0)
+    tops = (2, 2)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        if p.batch_size == 0:
+            raise self.fail("batch_size must be at least 1", "batch_size")
+        if (p.new_height == 0) != (p.new_width == 0):
+            raise self.fail(f"new_height {p.new_height} and new_width {p.new_width} must be given together",
+                            "new_height" if p.new_height else "new_width")  # fmt: skip
+        self.transformer = Transformer(self)
+        self.list = find(p.source, self.source)
+        self.items, self.checksum = _read_list(self.list)
+        self.seed = int(self.rng.integers(2**62))
+        skip = int(self.rng.integers(p.rand_skip)) if p.rand_skip else 0
+        if skip >= len(self.items):
+            raise self.fail(f"rand_skip {p.rand_skip} would skip all {len(self.items)} images of {p.source}",
+                            "rand_skip")  # fmt: skip
+        self.cursor: Cursor = (0, skip)
+        self.notes = [f"{len(self.items)} images in {p.source}"]
+        self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
+        first, _ = self.items[self._order(0)[skip]]
+        top[0].reshape(p.batch_size, *self.transformer.shape(self._read(first), first))
+        top[1].reshape(p.batch_size)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        """Nothing below can change the shape; only the pictures can, in forward."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        turn, place = self.cursor
+        order = self._order(turn)
+        for i in range(self.param.batch_size):
+            path, top[1].data[i] = self.items[order[place]]
+            image = self._read(path)
+            if i == 0:
+                top[0].reshape(self.param.batch_size, *self.transformer.shape(image, path))
+            self.transformer.transform(image, top[0].data[i], path)
+            place += 1
+            if place == len(self.items):
+                turn, place = turn + 1, 0
+                order = self._order(turn)
+        self.cursor = (turn, place)
+
+    def _read(self, path: str) -> Array:
+        """A picture (C, H, W)."""
+        p = self.param
+        named_in = self.source if p.root_folder else str(self.list)
+        image = read_image(find(p.root_folder + path, named_in), p.is_color)
+        return planes(resize_image(image, p.new_height, p.new_width) if p.new_height else image)
+
+    def _order(self, turn: int) -> Array:
+        """In which order a pass takes the pictures."""
+        if not self.param.shuffle:
+            return np.arange(len(self.items))
+        return np.random.default_rng([self.seed, turn]).permutation(len(self.items))
+
+    # ------------------------------------------------------------------------------------------ for resume
+
+    def state(self) -> dict[str, Any]:
+        return {**super().state(), "seed": self.seed, "cursor": list(self.cursor), "list": self._identity()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        super().restore(state)
+        if "seed" not in state:  # of a layer of another type
+            return
+        self.seed = int(state["seed"])
+        if state.get("list") == self._identity():  # in another list there is no such place to go on
+            self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]))
+
+    def _identity(self) -> list[Any]:
+        return [len(self.items), self.checksum]
+
+
+def _read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
+    """The paths and labels of a list, and a checksum of it. Raises DataError."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: cannot read the list of images: {reason_of(error)}") from error
+    items = []
+    for number, line in enumerate(text.split("\n"), 1):
+        if not line.strip():
+            continue
+        name, space, label = line.rpartition(" ")
+        if not space:
+            name, label = line, ""
+        label = label.strip() or "0"  # Caffe's label of a line that has none
+        if not re.fullmatch(r"[+-]?\d+", label):
+            raise DataError(f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'")
+        items.append((name, int(label)))
+    if not items:
+        raise DataError(f"{path}: the list of images is empty")
+    return items, zlib.crc32(text.encode())

@@ -1,0 +1,105 @@
+"""BatchNorm: subtract the mean of each channel, divide by its standard deviation.
+
+bottom[0]  x         (N, C, ...)
+params[0]  mean      (C,)  sums of what the batches had, older ones fading; not learned
+params[1]  variance  (C,)  the same of the variances
+params[2]  weight    (1,)  of all batches in these sums
+top[0]     y         shape of x, may be the same blob
+
+y = (x - m) / s       s = sqrt(v + eps), for each channel
+
+In training m and v are the batch's own, over all axes but the channels' (M values), and the sums take them up, with
+fraction a (``moving_average_fraction``):
+
+    mean <- a mean + m        variance <- a variance + v M / (M - 1)        weight <- a weight + 1
+
+    dx = (dy - mean of dy - y * mean of (y dy)) / s
+
+With ``use_global_stats``, which is the default in TEST, m = mean / weight and v = variance / weight (0 if weight is 0);
+the sums stay as they are, and dx = dy / s.
+
+The solver must leave the three parameters alone: their lr_mult is 0, and a ``param`` that says otherwise is a mistake.
+A gain and a bias to learn are Scale's. Kept for backward: ``y``, because the next layer may run in place, and ``s``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib import schema
+from netlib.blob import Array, Blobs
+from netlib.fillers import Constant
+from netlib.layer import TEST, Layer
+from netlib.messages import ParamSpec
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class BatchNormParameter:
+    """The ``batch_norm_param { ... }`` block."""
+
+    use_global_stats: bool | None = numbered(1, None)  # normalise by the sums; by default in TEST only
+    moving_average_fraction: float = numbered(2, 0.999)  # what stays of the sums when a batch is added
+    eps: float = numbered(3, 1e-5)  # added to the variance, against a division by zero
+
+
+class BatchNorm(Layer):
+    """Batch normalisation."""
+
+    param_type = BatchNormParameter
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        given = self.param.use_global_stats
+        self.uses_sums = self.phase == TEST if given is None else given
+        if len(bottom[0].shape) < 2:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)")
+        channels = bottom[0].shape[1]
+        for name, shape in (("mean", (channels,)), ("variance", (channels,)), ("weight", (1,))):
+            self.new_param(name, shape, Constant(0.0))
+        for i, param in enumerate(self.spec.param):
+            if param.lr_mult != 0:
+                raise self.fail(f"param {i} has lr_mult {param.lr_mult:g}, but statistics are not learned: expected 0")
+        frozen = (ParamSpec(lr_mult=0.0),) * (3 - len(self.spec.param))
+        self.spec = schema.changed(self.spec, param=self.spec.param + frozen)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        channels, shape = self.blobs[0].count, bottom[0].shape
+        if len(shape) < 2 or shape[1] != channels:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
+                            f"{channels} channels: expected (N, {channels}, ...)")  # fmt: skip
+        self.others = (0, *range(2, len(shape)))  # all axes but the channels'
+        self.wide = (channels, *(1,) * (len(shape) - 2))  # of a number per channel
+        top[0].reshape(shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data
+        mean, variance, weight = (blob.data for blob in self.blobs)
+        if self.uses_sums:
+            scale = 0 if weight[0] == 0 else 1 / weight[0]
+            m, v = scale * mean, scale * variance
+        else:
+            m = x.mean(axis=self.others)
+            v = np.square(x - m.reshape(self.wide)).mean(axis=self.others)
+            self._add_to_sums(m, v, x.size // len(m))
+        self.s = np.sqrt(v + self.dtype.type(self.param.eps)).reshape(self.wide)
+        self.y = (x - m.reshape(self.wide)) / self.s
+        top[0].data[...] = self.y
+
+    def _add_to_sums(self, m: Array, v: Array, values: int) -> None:
+        mean, variance, weight = (blob.data for blob in self.blobs)
+        for total, new in ((mean, m), (variance, v * (values / max(values - 1, 1))), (weight, 1)):
+            total *= self.param.moving_average_fraction
+            total += new
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if not propagate_down[0]:
+            return
+        dy, y = top[0].diff, self.y
+        if self.uses_sums:
+            bottom[0].diff[...] = dy / self.s
+        else:
+            along_y = (dy * y).mean(axis=self.others, keepdims=True)
+            bottom[0].diff[...] = (dy - dy.mean(axis=self.others, keepdims=True) - y * along_y) / self.s

@@ -1,0 +1,79 @@
+"""LRN: divide every value by a power of its neighbours' mean square ("local response normalisation").
+
+bottom[0]  x  (N, C, H, W)
+top[0]     y  same shape
+
+    s  = k + alpha * mean of x² over the n neighbours        y = x s^-beta
+
+    dx = dy s^-beta - 2 alpha beta x * mean over the n neighbours of (dy x s^(-beta - 1))
+
+The neighbours of a value, itself in the middle, are ``local_size`` channels at the same place (ACROSS_CHANNELS), or the
+square of ``local_size`` x ``local_size`` places around it in its own channel (WITHIN_CHANNEL; there k is always 1).
+Neighbours beyond the edge count as zeros: n is the same everywhere.
+Kept for backward: ``s``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.schema import Engine, UInt, numbered
+
+
+@dataclass(frozen=True)
+class LRNParameter:
+    """The ``lrn_param { ... }`` block."""
+
+    local_size: UInt = numbered(1, 5)  # neighbours along an axis; odd
+    alpha: float = numbered(2, 1.0)
+    beta: float = numbered(3, 0.75)
+    norm_region: Literal["ACROSS_CHANNELS", "WITHIN_CHANNEL"] = numbered(4, "ACROSS_CHANNELS")
+    k: float = numbered(5, 1.0)  # of ACROSS_CHANNELS
+    engine: Engine = numbered(6, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+
+
+class LRN(Layer):
+    """Local response normalisation."""
+
+    param_type = LRNParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param
+        if p.local_size % 2 == 0:
+            raise self.fail(f"local_size {p.local_size} is even; expected an odd number, a middle and two sides",
+                            "local_size")  # fmt: skip
+        across = p.norm_region == "ACROSS_CHANNELS"
+        self.axes = (1,) if across else (2, 3)
+        self.k = p.k if across else 1.0
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        if len(bottom[0].shape) != 4:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data
+        self.s = self.k + self.param.alpha * self._mean(x * x)
+        top[0].data[...] = x * self.s**-self.param.beta
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            x, dy, s, p = bottom[0].data, top[0].diff, self.s, self.param
+            from_neighbours = 2 * p.alpha * p.beta * x * self._mean(dy * x * s ** (-p.beta - 1))
+            bottom[0].diff[...] = dy * s**-p.beta - from_neighbours
+
+    def _mean(self, values: Array) -> Array:
+        """Of every value's neighbours."""
+        size = self.param.local_size
+        for axis in self.axes:
+            padding = [(size // 2, size // 2) if i == axis else (0, 0) for i in range(4)]
+            values = sliding_window_view(np.pad(values, padding), size, axis).sum(axis=-1) / size
+        return values

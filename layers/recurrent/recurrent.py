@@ -1,0 +1,168 @@
+"""Recurrent: what LSTM and RNN have in common: their options, their bottoms, and the state they carry through time.
+
+bottom[0]   x       (T, N, ...)  T time steps of N independent streams; the other axes are flattened to I features
+bottom[1]   cont    (T, N)       1: this step continues the stream; 0: a new sequence begins, the state before is zero
+bottom[2]   static  (N, ...)     optional: S features that are the same at all steps
+bottom[-k:] states  (1, N, D)    with ``expose_hidden``: the k states before the first step
+params[0]   w_x     (G, I)
+params[1]   b       (G,)
+params[2]   w_s     (G, S)       only with static
+params[...] w_h     (G, D)
+top[0]      h       (T, N, D)    D = num_output
+top[-k:]    states  (1, N, D)    with ``expose_hidden``: the k states after the last step
+
+z[t] = w_x x[t] + b + w_s static        (T, N, G): what a step gets, without what it remembers by w_h
+
+Without ``expose_hidden`` the first step of a batch goes on with the states that the last forward left, zeros at first;
+they are part of the layer's state, so that a training resumes exactly. As in Caffe, with fewer streams than before the
+first ones go on, with more all begin at zero.
+
+As in Caffe, too, no gradient passes from one batch into the one before: exposed states get zeros, and the diffs of
+exposed tops are not looked at. cont has no gradient. The number of time steps is that of the first batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from netlib.blob import Array, Blob, Blobs
+from netlib.fillers import Filler
+from netlib.layer import Layer
+from netlib.schema import UInt, numbered
+
+
+@dataclass(frozen=True)
+class RecurrentParameter:
+    """The ``recurrent_param { ... }`` block."""
+
+    num_output: UInt = numbered(1, 0)  # D
+    weight_filler: Filler = numbered(2, Filler())
+    bias_filler: Filler = numbered(3, Filler())
+    debug_info: bool = numbered(4, False)  # of the net that Caffe builds inside; accepted, ignored
+    expose_hidden: bool = numbered(5, False)  # the states come from bottoms and go to tops
+
+
+class Recurrent(Layer):
+    """A layer with a state, which walks through time.
+
+    states  what the last forward left, (N, D) each
+    """
+
+    param_type = RecurrentParameter
+    param_name = "recurrent_param"
+    bottoms = (2, None)
+    tops = (1, None)
+    in_place = False
+    remembers: ClassVar[int]  # k: how many states
+    gates: ClassVar[int]  # G / D
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        D, exposed = self.param.num_output, self.remembers if self.param.expose_hidden else 0
+        if D == 0:
+            raise self.fail("num_output must be at least 1", "num_output")
+        if len(bottom) - exposed not in (2, 3) or len(top) != 1 + exposed:
+            raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected {2 + exposed} or {3 + exposed} "
+                            f"and {1 + exposed}", "expose_hidden")  # fmt: skip
+        self.has_static = len(bottom) - exposed == 3
+        self.steps = bottom[0].shape[0] if bottom[0].shape else 0
+        self.states: list[Array] = []
+        self._check_axes(bottom)
+        self.features = [math.prod(blob.shape[axes:]) for blob, axes in self._inputs(bottom)]
+        rows = self.gates * D
+        self.new_param("w_x", (rows, self.features[0]), self.param.weight_filler)
+        self.new_param("b", (rows,), self.param.bias_filler)
+        if self.has_static:
+            self.new_param("w_s", (rows, self.features[1]), self.param.weight_filler)
+        self.w_h = len(self.blobs)  # which parameter it is
+        self.new_param("w_h", (rows, D), self.param.weight_filler)
+
+    def _inputs(self, bottom: Blobs) -> list[tuple[Blob, int]]:
+        """x, and static if there is one; each with the number of its axes that are not features."""
+        return [(bottom[0], 2)] + ([(bottom[2], 1)] if self.has_static else [])
+
+    def _check_axes(self, bottom: Blobs) -> None:
+        """T and N must agree. Raises LayerError."""
+        x, names = bottom[0].shape, self.spec.bottom
+        if len(x) < 3 or x[0] != self.steps or self.steps == 0:
+            raise self.fail(f"bottom {names[0]!r} has shape {x}, expected ({self.steps or 'T'}, N, ...)")
+        T, N = x[:2]
+        if bottom[1].shape != (T, N):
+            raise self.fail(f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}): steps and streams "
+                            f"of {names[0]!r} {x}")  # fmt: skip
+        if self.has_static and (len(bottom[2].shape) < 2 or bottom[2].shape[0] != N):
+            raise self.fail(f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...): streams "
+                            f"of {names[0]!r} {x}")  # fmt: skip
+        for i in range(3 if self.has_static else 2, len(bottom)):
+            if bottom[i].shape != (1, N, self.param.num_output):
+                raise self.fail(f"bottom {names[i]!r} has shape {bottom[i].shape}, "
+                                f"expected (1, {N}, {self.param.num_output})")  # fmt: skip
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self._check_axes(bottom)
+        for (blob, axes), features, index in zip(self._inputs(bottom), self.features, (0, 2)):
+            if math.prod(blob.shape[axes:]) != features:
+                raise self.fail(f"bottom {self.spec.bottom[index]!r} has {math.prod(blob.shape[axes:])} features "
+                                f"{blob.shape}, its weights expect {features}")  # fmt: skip
+        T, N = bottom[1].shape
+        for y, steps in zip(top, [T] + [1] * (len(top) - 1)):
+            y.reshape(steps, N, self.param.num_output)
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index != 1
+
+    def state(self) -> dict[str, Any]:
+        return {**super().state(), "states": [state.tolist() for state in self.states]}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        super().restore(state)
+        D = self.param.num_output
+        self.states = [np.array(values, self.dtype).reshape(-1, D) for values in state.get("states", [])]
+
+    # ------------------------------------------------------------------------------------------ for LSTM and RNN
+
+    def _z(self, bottom: Blobs) -> Array:
+        """z."""
+        T, N = bottom[1].shape
+        z = bottom[0].data.reshape(T, N, -1) @ self.blobs[0].data.T + self.blobs[1].data
+        return z + bottom[2].data.reshape(N, -1) @ self.blobs[2].data.T if self.has_static else z
+
+    def _backward_z(self, dz: Array, propagate_down: list[bool], bottom: Blobs) -> None:
+        """From dz to the parameters and to all bottoms."""
+        if propagate_down[1]:
+            raise self.fail(f"bottom {self.spec.bottom[1]!r} says where sequences begin; it cannot have a gradient")
+        (T, N, G), x = dz.shape, bottom[0]
+        flat = dz.reshape(T * N, G)
+        self.blobs[0].diff[...] += flat.T @ x.data.reshape(T * N, -1)
+        self.blobs[1].diff[...] += flat.sum(axis=0)
+        if propagate_down[0]:
+            x.diff[...] = (flat @ self.blobs[0].data).reshape(x.shape)
+        if self.has_static:
+            static, total = bottom[2], dz.sum(axis=0)
+            self.blobs[2].diff[...] += total.T @ static.data.reshape(N, -1)
+            if propagate_down[2]:
+                static.diff[...] = (total @ self.blobs[2].data).reshape(static.shape)
+        for i in range(3 if self.has_static else 2, len(bottom)):
+            if propagate_down[i]:
+                bottom[i].diff[...] = 0
+
+    def _first_states(self, bottom: Blobs) -> list[Array]:
+        """The states before the first step, (N, D) each."""
+        if self.param.expose_hidden:
+            return [blob.data[0] for blob in bottom[-self.remembers :]]
+        N = bottom[0].shape[1]
+        if not self.states or len(self.states[0]) < N:
+            return [np.zeros((N, self.param.num_output), self.dtype)] * self.remembers
+        return [state[:N] for state in self.states]
+
+    def _keep_states(self, states: Sequence[Array], top: Blobs) -> None:
+        """Those after the last step."""
+        if self.param.expose_hidden:
+            for blob, state in zip(top[1:], states):
+                blob.data[0] = state
+        else:
+            self.states = list(states)

@@ -1,0 +1,58 @@
+"""Crop: cut a blob to the size of another.
+
+bottom[0]  x     any shape
+bottom[1]  size  as many axes; only its shape is read
+top[0]     y     the axes of x before ``axis``, then those of size
+
+y  = x from ``offset`` on, along ``axis`` and the axes after it; 0 unless given, one number for all of them or one each
+dx = dy where y came from, 0 elsewhere        the gradient of size is 0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import UInt, numbered
+
+
+@dataclass(frozen=True)
+class CropParameter:
+    """The ``crop_param { ... }`` block."""
+
+    axis: int = numbered(1, 2)  # the first that is cut; by default those of an image's rows and columns
+    offset: tuple[UInt, ...] = numbered(2, ())  # where y begins in x
+
+
+class Crop(Layer):
+    """Cut to another blob's size."""
+
+    param_type = CropParameter
+    bottoms = (2, 2)
+    tops = (1, 1)
+    in_place = False
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x, size = bottom[0].shape, bottom[1].shape
+        axis, offsets = self.canonical_axis(self.param.axis, bottom[0]), self.param.offset or (0,)
+        cut = len(x) - axis
+        if len(offsets) not in (1, cut):
+            raise self.fail(f"{len(offsets)} values of offset for the {cut} axes from axis {axis} on of {x}", "offset")
+        starts = offsets if len(offsets) == cut else offsets * cut
+        ends = [start + n for start, n in zip(starts, size[axis:])]
+        if len(size) < len(x) or any(end > n for end, n in zip(ends, x[axis:])):
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x} does not hold {self.spec.bottom[1]!r} {size} "
+                            f"at offset {starts}, from axis {axis} on", "offset")  # fmt: skip
+        self.part = (*[slice(None)] * axis, *map(slice, starts, ends))
+        top[0].reshape(*x[:axis], *size[axis : len(x)])
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = bottom[0].data[self.part]
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        for x, down in zip(bottom, propagate_down):
+            if down:
+                x.diff[...] = 0
+        if propagate_down[0]:
+            bottom[0].diff[self.part] = top[0].diff

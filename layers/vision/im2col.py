@@ -1,0 +1,45 @@
+r"""Im2col: the patches that a convolution would see, one column each.
+
+bottom[0]  x  (N, C, H, W)
+top[0]     y  (N, C kh kw, Ho, Wo)   Ho and Wo as those of a Convolution
+
+y[n, (c, i, j), h, w] = x[n, c, h stride + i dilation - pad, w stride + ...], 0 in the padding
+dx                    = every dy, added where its x came from
+
+A convolution is then a product with a matrix (convolution.py). The options of its windows are Convolution's; those of
+its weights are accepted and ignored.
+"""
+
+from __future__ import annotations
+
+import math
+
+from layers.vision.convolution import Convolution
+from netlib.blob import Blobs
+
+
+class Im2col(Convolution):
+    """Patches as columns."""
+
+    param_name = "convolution_param"
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self._read_windows(bottom[0])
+        if not self.kernel:
+            raise self.fail(f"no spatial axis after axis {self.axis} of bottom {self.spec.bottom[0]!r} "
+                            f"{bottom[0].shape}")  # fmt: skip
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0]
+        self._check_axes(0, x)
+        top[0].reshape(*x.shape[: self.axis], x.shape[self.axis] * math.prod(self.kernel), *self._outputs(0, x))
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        for image, out in zip(self.images(bottom[0].data), self.images(top[0].data)):
+            out[...] = self.im2col(image, out.shape).reshape(out.shape)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            for dx, dy in zip(self.images(bottom[0].diff), self.images(top[0].diff)):
+                dx[...] = self.col2im(dy, dx.shape, dy.shape)

@@ -1,0 +1,97 @@
+"""ROIPooling: the maxima of a grid laid on each region of interest, as in Fast R-CNN's Caffe.
+
+bottom[0]  x     (N, C, H, W)
+bottom[1]  rois  (R, 5)           number of the item, x1, y1, x2, y2: corners in the image, both inside the region
+top[0]     y     (R, C, Ph, Pw)   Ph = pooled_h, Pw = pooled_w
+
+y[r, c, i, j] = max of x[n, c] over bin (i, j) of region r        dx[the first of the equal winners] += dy
+
+The corners are multiplied by ``spatial_scale`` (the map's size over the image's) and rounded, halves away from zero.
+The region then has y2 - y1 + 1 rows, at least one. Bin i of Ph goes from row floor(i rows / Ph) of the region to before
+ceil((i + 1) rows / Ph), so bins may overlap; what of them lies outside of the map does not count. A bin of nothing is 0
+and has no gradient. The gradient of rois is 0.
+
+Kept for backward: ``winners``, for each output the place of its maximum in the map, h W + w; -1 for nothing.
+The block has the number 8266711 in that Caffe's LayerParameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.schema import UInt, numbered
+
+
+@dataclass(frozen=True)
+class ROIPoolingParameter:
+    """The ``roi_pooling_param { ... }`` block."""
+
+    pooled_h: UInt = numbered(1, 0)  # rows of the grid
+    pooled_w: UInt = numbered(2, 0)  # columns of the grid
+    spatial_scale: float = numbered(3, 1.0)  # places of the map per pixel of the image
+
+
+class ROIPooling(Layer):
+    """Max pooling of regions."""
+
+    param_type = ROIPoolingParameter
+    bottoms = (2, 2)
+    tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if 0 in (self.param.pooled_h, self.param.pooled_w):
+            raise self.fail("needs pooled_h and pooled_w of at least 1")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        x, rois = (blob.shape for blob in bottom)
+        if len(x) != 4:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, H, W)")
+        if rois[1:2] != (5,) or bottom[1].count != 5 * rois[0]:
+            raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {rois}, expected (R, 5)")
+        top[0].reshape(rois[0], x[1], self.param.pooled_h, self.param.pooled_w)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y = bottom[0].data, top[0].data
+        self.items, corners = self._regions(bottom)
+        self.winners = np.full(y.shape, -1)
+        y[...] = 0
+        for r, (n, (x1, y1, x2, y2)) in enumerate(zip(self.items, corners)):
+            rows, columns = self._bins(y1, y2, y.shape[2], x.shape[2]), self._bins(x1, x2, y.shape[3], x.shape[3])
+            for i, j in np.ndindex(y.shape[2:]):
+                (top_row, end), (left, right) = rows[i], columns[j]
+                if top_row < end and left < right:
+                    flat = x[n, :, top_row:end, left:right].reshape(x.shape[1], -1)
+                    h, w = np.divmod(flat.argmax(axis=1), right - left)
+                    y[r, :, i, j] = flat.max(axis=1)
+                    self.winners[r, :, i, j] = (top_row + h) * x.shape[3] + left + w
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        for blob, down in zip(bottom, propagate_down):
+            if down:
+                blob.diff[...] = 0
+        if propagate_down[0]:
+            maps = bottom[0].diff.reshape(*bottom[0].shape[:2], -1)
+            r, c, i, j = np.nonzero(self.winners >= 0)
+            np.add.at(maps, (self.items[r], c, self.winners[r, c, i, j]), top[0].diff[r, c, i, j])
+
+    def _regions(self, bottom: Blobs) -> tuple[Array, Array]:
+        """The item of each region, and its corners in the map. Raises LayerError for a region that is none."""
+        rois, N = bottom[1].data.reshape(-1, 5), bottom[0].shape[0]
+        for r in np.flatnonzero(~np.isfinite(rois).all(axis=1) | (rois[:, 0] < 0) | (rois[:, 0] >= N))[:1]:
+            numbers = ", ".join(f"{value:g}" for value in rois[r])
+            raise self.fail(f"row {r} of {self.spec.bottom[1]!r} is ({numbers}); "
+                            f"expected an item from 0 to {N - 1}, and four finite corners")  # fmt: skip
+        scaled = (rois[:, 1:] * self.dtype.type(self.param.spatial_scale)).astype(np.float64)
+        return rois[:, 0].astype(int), (np.sign(scaled) * np.floor(np.abs(scaled) + 0.5)).astype(int)
+
+    def _bins(self, first: int, last: int, bins: int, size: int) -> list[tuple[int, int]]:
+        """Along one axis, where the bins of a region begin and end, cut to the map."""
+        length = self.dtype.type(max(last - first + 1, 1)) / self.dtype.type(bins)  # rounded as Caffe's
+        number = np.arange(bins + 1, dtype=self.dtype)
+        begins, ends = np.floor(number[:-1] * length).astype(int), np.ceil(number[1:] * length).astype(int)
+        return list(zip(np.clip(begins + first, 0, size).tolist(), np.clip(ends + first, 0, size).tolist()))

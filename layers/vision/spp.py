@@ -1,0 +1,103 @@
+"""SPP: pool a map of any size to the same number of values ("spatial pyramid pooling").
+
+bottom[0]  x  (N, C, H, W)
+top[0]     y  (N, C + 4 C + 16 C + ...)   one term per level; (N, C, 1, 1) if there is one level only
+
+Level l lays 2^l x 2^l windows on the map, side by side, and takes of each
+
+MAX   y = max of x over the window             dx[the first of the equal winners] += dy
+AVE   y = sum of x over the window / area      dx[each of the window] += dy / area
+
+Its values, (N, C, 2^l, 2^l) flattened to (N, C 4^l), stand one level after the other.
+
+Caffe's rules: a window has k = ceil(H / 2^l) rows, columns alike. If all together have more rows than the map, the
+first begins half the difference above it, rounded up; that must be less than k. The area of AVE is the whole window's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.schema import Engine, UInt, numbered
+
+Bin = tuple[Array, Array, int]  # the part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
+
+
+@dataclass(frozen=True)
+class SPPParameter:
+    """The ``spp_param { ... }`` block."""
+
+    pyramid_height: UInt = numbered(1, 0)  # levels
+    pool: Literal["MAX", "AVE", "STOCHASTIC"] = numbered(2, "MAX")
+    engine: Engine = numbered(6, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+
+
+class SPP(Layer):
+    """Spatial pyramid pooling."""
+
+    param_type = SPPParameter
+    bottoms = tops = (1, 1)
+    in_place = False
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        if self.param.pyramid_height == 0:
+            raise self.fail("pyramid_height must be at least 1", "pyramid_height")
+        if self.param.pool == "STOCHASTIC":
+            raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        if len(bottom[0].shape) != 4 or 0 in bottom[0].shape[2:]:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+        N, C, H, W = bottom[0].shape
+        levels = range(self.param.pyramid_height)
+        self.windows = [(self._windows(H, 2**level), self._windows(W, 2**level)) for level in levels]
+        top[0].reshape((N, C, 1, 1) if len(levels) == 1 else (N, C * sum(4**level for level in levels)))
+
+    def _windows(self, size: int, bins: int) -> list[tuple[int, slice]]:
+        """Along one axis: the length of every window, and what of it lies on the map."""
+        k = -(-size // bins)
+        pad = (k * bins - size + 1) // 2
+        if pad >= k:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {bins} x {bins} windows: "
+                            f"{size} in {bins} parts of {k} need a padding of {pad}", "pyramid_height")  # fmt: skip
+        return [(k, slice(max(i * k - pad, 0), min((i + 1) * k - pad, size))) for i in range(bins)]
+
+    def _bins(self, x: Array, y: Array) -> Iterator[Bin]:
+        """The windows of all levels."""
+        N, C = x.shape[:2]
+        begin = 0
+        for rows, columns in self.windows:
+            end = begin + C * len(rows) * len(columns)
+            level = y.reshape(N, -1)[:, begin:end].reshape(N, C, len(rows), len(columns))
+            for i, j in np.ndindex(level.shape[2:]):
+                (kh, down), (kw, across) = rows[i], columns[j]
+                yield x[:, :, down, across], level[:, :, i, j], kh * kw
+            begin = end
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        for window, y, area in self._bins(bottom[0].data, top[0].data):
+            y[...] = window.max(axis=(2, 3)) if self.param.pool == "MAX" else window.sum(axis=(2, 3)) / area
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if not propagate_down[0]:
+            return
+        bottom[0].diff[...] = 0
+        both = zip(self._bins(bottom[0].data, top[0].data), self._bins(bottom[0].diff, top[0].diff))
+        for (x, _, area), (dx, dy, _) in both:
+            if self.param.pool == "MAX":
+                dx += dy[:, :, None, None] * first_maximum(x)
+            else:
+                dx += dy[:, :, None, None] / area
+
+
+def first_maximum(x: Array) -> Array:
+    """1 at the first of the largest values of each map (N, C, h, w), 0 elsewhere."""
+    flat = x.reshape(*x.shape[:2], -1)
+    winners = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])
+    return winners.reshape(x.shape)

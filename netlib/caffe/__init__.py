@@ -1,0 +1,76 @@
+"""pycaffe's whole interface: ``import netlib.caffe as caffe``, or ``netlib.install_as_caffe()`` and ``import caffe``.
+
+Net, Layer and the solvers are netlib's own, with what else pycaffe's have; NetSpec, io, Classifier, Detector, draw and
+caffe_pb2 stand beside. Everything runs on the CPU; what only a GPU could do is accepted with one note.
+"""
+
+from netlib import Layer, layer_type_list, set_random_seed
+from netlib.caffe import io
+from netlib.caffe.classifier import Classifier
+from netlib.caffe.detector import Detector
+from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
+from netlib.caffe.process import (
+    NCCL,
+    Timer,
+    has_nccl,
+    init_log,
+    log,
+    set_device,
+    set_mode_cpu,
+    set_mode_gpu,
+    set_multiprocess,
+    set_solver_count,
+    set_solver_rank,
+    solver_count,
+    solver_rank,
+)
+from netlib.caffe.proto.caffe_pb2 import TEST, TRAIN
+from netlib.caffe.pycaffe import (
+    AdaDeltaSolver,
+    AdaGradSolver,
+    AdamSolver,
+    NesterovSolver,
+    Net,
+    RMSPropSolver,
+    SGDSolver,
+    Solver,
+    get_solver,
+)
+
+__version__ = "1.0.0"  # of the interface
+__all__ = [
+    "NCCL",
+    "TEST",
+    "TRAIN",
+    "AdaDeltaSolver",
+    "AdaGradSolver",
+    "AdamSolver",
+    "Classifier",
+    "Detector",
+    "Layer",
+    "NesterovSolver",
+    "Net",
+    "NetSpec",
+    "RMSPropSolver",
+    "SGDSolver",
+    "Solver",
+    "Timer",
+    "get_solver",
+    "has_nccl",
+    "init_log",
+    "io",
+    "layer_type_list",
+    "layers",
+    "log",
+    "params",
+    "set_device",
+    "set_mode_cpu",
+    "set_mode_gpu",
+    "set_multiprocess",
+    "set_random_seed",
+    "set_solver_count",
+    "set_solver_rank",
+    "solver_count",
+    "solver_rank",
+    "to_proto",
+]  # fmt: skip

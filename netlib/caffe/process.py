@@ -1,0 +1,110 @@
+"""What pycaffe says to and asks of the process: mode, device, log, time, number of solvers."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import sys
+import time
+from typing import Any
+
+_log = logging.getLogger("netlib")
+_LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's 0 to 3
+
+
+class Timer:
+    """Measures wall-clock time between ``start`` and ``stop``."""
+
+    def __init__(self) -> None:
+        self._begin = self._seconds = 0.0
+
+    def start(self) -> None:
+        """Begin."""
+        self._begin = time.perf_counter()
+
+    def stop(self) -> None:
+        """End."""
+        self._seconds = time.perf_counter() - self._begin
+
+    @property
+    def ms(self) -> float:
+        """Milliseconds from start to stop."""
+        return self._seconds * 1000
+
+
+@functools.cache
+def _note(text: str) -> None:
+    """Said once in a process."""
+    _log.warning(text)
+
+
+def set_mode_cpu() -> None:
+    """There is only the CPU here."""
+
+
+def set_mode_gpu() -> None:
+    """Accepted; nets run on the CPU all the same."""
+    _note("set_mode_gpu: accepted, but this runs on the CPU")
+
+
+def set_device(number: int) -> None:
+    """Accepted; there are no devices here."""
+    _note(f"set_device({number}): accepted, but this runs on the CPU")
+
+
+def init_log(level: int | None = None, stderr: bool = True) -> None:
+    """Send the log of nets and solvers to the standard error, from glog's level 0 (information) to 3 (fatal) on."""
+    _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
+    if stderr and not _log.handlers:
+        _log.addHandler(logging.StreamHandler(sys.stderr))
+
+
+def log(text: str) -> None:
+    """A line in the log."""
+    _log.info("%s", text)
+
+
+# One process trains with one solver here.
+
+
+def solver_count() -> int:
+    """Number of solvers that train together."""
+    return 1
+
+
+def set_solver_count(count: int) -> None:
+    """Accepted if it is one. Raises NotImplementedError."""
+    if count != 1:
+        raise NotImplementedError(f"set_solver_count({count}): one solver trains in one process here")
+
+
+def solver_rank() -> int:
+    """Number of this solver among those that train together."""
+    return 0
+
+
+def set_solver_rank(rank: int) -> None:
+    """Accepted if it is zero. Raises NotImplementedError."""
+    if rank != 0:
+        raise NotImplementedError(f"set_solver_rank({rank}): one solver trains in one process here")
+
+
+def set_multiprocess(on: bool) -> None:
+    """Accepted: every process has its own random numbers, seeded by ``set_random_seed``."""
+
+
+def has_nccl() -> bool:
+    """NCCL joins GPUs; there are none here."""
+    return False
+
+
+class NCCL:
+    """NCCL joins GPUs. Raises NotImplementedError."""
+
+    def __init__(self, solver: Any, uid: str) -> None:
+        raise NotImplementedError("NCCL joins GPUs, and this runs on the CPU; train with one solver")
+
+    @staticmethod
+    def new_uid() -> str:
+        """Raises NotImplementedError."""
+        raise NotImplementedError("NCCL joins GPUs, and this runs on the CPU; train with one solver")

@@ -1,0 +1,1 @@
+"""Caffe's messages as Python objects: caffe.proto.caffe_pb2."""

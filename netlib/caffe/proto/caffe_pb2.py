@@ -1,0 +1,61 @@
+"""caffe.proto.caffe_pb2: every message and enum of Caffe's, as protobuf's compiler would give them.
+
+The fields stand with the code that reads them: netlib/messages.py, netlib/upgrade.py, and the options of each layer
+type in its own file. The names that only this interface needs are here: those of messages and of enums.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from netlib import create, messages, schema, upgrade
+from netlib.caffe.proto.descriptor import EnumType
+from netlib.caffe.proto.message import Message, make_class
+from netlib.fillers import Filler
+
+# Names of Caffe's enums, by message and field
+_ENUMS = {
+    "PoolingParameter": {"pool": "PoolMethod", "round_mode": "RoundMode"}, "SPPParameter": {"pool": "PoolMethod"},
+    "LRNParameter": {"norm_region": "NormRegion"}, "EltwiseParameter": {"operation": "EltwiseOp"},
+    "ReductionParameter": {"operation": "ReductionOp"}, "DataParameter": {"backend": "DB"},
+    "FillerParameter": {"variance_norm": "VarianceNorm"}, "HingeLossParameter": {"norm": "Norm"},
+    "LossParameter": {"normalization": "NormalizationMode"}, "ParamSpec": {"share_mode": "DimCheckMode"},
+    "SolverParameter": {"snapshot_format": "SnapshotFormat", "solver_mode": "SolverMode", "solver_type": "SolverType"},
+    "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
+    "V0LayerParameter": {"pool": "PoolMethod"},
+}  # fmt: skip
+_NAMES = {Filler: "FillerParameter", upgrade.AnyNetParameter: "NetParameter"}
+
+Phase = EnumType("Phase", schema.enum_of(schema.Phase))
+TRAIN, TEST = Phase.TRAIN, Phase.TEST
+
+
+@functools.cache
+def _class_of(cls: Any) -> type[Message]:
+    """The message class of a dataclass."""
+    if cls is messages.NetParameter:  # every net, whatever its format
+        return _class_of(upgrade.AnyNetParameter)
+    name = _NAMES.get(cls, cls.__name__)
+    enums = {"engine": "Engine", "phase": "Phase", **_ENUMS.get(name, {})}
+    made: type[Message] = make_class(cls, name, enums, _class_of)
+    return made
+
+
+BlobShape: Any = _class_of(messages.BlobShape)
+BlobProto: Any = _class_of(messages.BlobProto)
+BlobProtoVector: Any = _class_of(messages.BlobProtoVector)
+Datum: Any = _class_of(messages.Datum)
+FillerParameter: Any = _class_of(Filler)
+NetParameter: Any = _class_of(upgrade.AnyNetParameter)
+SolverParameter: Any = _class_of(messages.SolverParameter)
+SolverState: Any = _class_of(messages.SolverState)
+NetState: Any = _class_of(messages.NetState)
+NetStateRule: Any = _class_of(messages.NetStateRule)
+ParamSpec: Any = _class_of(messages.ParamSpec)
+LayerParameter: Any = _class_of(messages.LayerParameter)
+V0LayerParameter: Any = _class_of(upgrade.V0LayerParameter)
+V1LayerParameter: Any = _class_of(upgrade.V1LayerParameter)
+
+# ConvolutionParameter, PoolingParameter ...: the options of all layer types that are here
+globals().update({cls.__name__: _class_of(cls) for cls in create.option_blocks().values()})

@@ -1,0 +1,473 @@
+"""Messages that can be changed, with the interface that protobuf's classes have.
+
+Each class is made from a dataclass that reads prototxt (netlib/schema.py), so a field is declared once, there. They
+behave like protobuf's: an unset scalar reads as its default, a nested message springs into being when something in it
+is set, repeated fields are lists that check their elements, what is put into a message is copied.
+"""
+
+from __future__ import annotations
+
+import array
+import dataclasses
+import numbers
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableSequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from netlib import prototxt, schema, wire
+from netlib.caffe.proto.descriptor import Descriptor, EnumType, FieldDescriptor
+from netlib.errors import WireError
+from netlib.prototxt import Field, Numbers, Position, Scalar
+from netlib.schema import ARRAYS, UInt
+
+BUILT = Position("<built in code>", 1, 1)
+Touch = Callable[[], None]
+
+
+class Message:
+    """A message; its fields are attributes. Fields may be given by name: ``ParamSpec(lr_mult=2)``."""
+
+    DESCRIPTOR: ClassVar[Descriptor]
+    dataclass: ClassVar[type]  # that reads and writes it
+
+    def __init__(self, **fields: Any) -> None:
+        object.__setattr__(self, "_values", {})
+        object.__setattr__(self, "_present", False)
+        object.__setattr__(self, "_owner", lambda: None)
+        for name, value in fields.items():
+            self._give(name, value)
+
+    def _give(self, name: str, value: Any) -> None:
+        """Set a field of any kind from what a constructor takes."""
+        field = self._field(name)
+        if field.is_repeated:
+            getattr(self, name).extend(value)
+        elif field.message_type is not None:
+            if isinstance(value, Mapping):
+                value = field.message_class(**value)
+            getattr(self, name).CopyFrom(value)
+        else:
+            setattr(self, name, value)
+
+    def _field(self, name: str) -> FieldDescriptor:
+        field = self.DESCRIPTOR.fields_by_name.get(name)
+        if field is None:
+            raise AttributeError(f"a {self.DESCRIPTOR.name} has no field {name!r}")
+        return field
+
+    def __getattr__(self, name: str) -> Any:
+        field = self._field(name)
+        if name not in self._values:
+            if field.is_repeated:
+                self._values[name] = _container(field, self._touch)
+            elif field.message_type is not None:
+                self._values[name] = field.message_class()
+                object.__setattr__(self._values[name], "_owner", self._touch)
+            else:
+                return field.default_value
+        return self._values[name]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        field = self._field(name)
+        if field.is_repeated or field.message_type is not None:
+            what = "a repeated field" if field.is_repeated else "a message"
+            raise AttributeError(f"{name!r} of {self.DESCRIPTOR.name} is {what} and cannot be assigned; change it")
+        self._values[name] = checked(field, value)
+        self._touch()
+
+    def __delattr__(self, name: str) -> None:
+        self.ClearField(name)
+
+    def _touch(self) -> None:
+        """Something in this message was set, so it is there, and so is the one that holds it."""
+        if not self._present:
+            object.__setattr__(self, "_present", True)
+        self._owner()
+
+    # The names from here on are protobuf's.
+
+    SetInParent = _touch
+
+    def HasField(self, name: str) -> bool:
+        """Is a field that is not repeated set?"""
+        field = self.DESCRIPTOR.fields_by_name.get(name)
+        if field is None or field.is_repeated:
+            raise ValueError(f"{self.DESCRIPTOR.name} has no field {name!r} that is not repeated")
+        if field.message_type is not None:
+            return name in self._values and self._values[name]._present
+        return name in self._values
+
+    def ClearField(self, name: str) -> None:
+        """Forget a field."""
+        self._field(name)
+        self._values.pop(name, None)
+        self._touch()
+
+    def Clear(self) -> None:
+        """Forget all fields."""
+        self._values.clear()
+        self._touch()
+
+    def ListFields(self) -> list[tuple[FieldDescriptor, Any]]:
+        """What is set, in the order of the fields' numbers."""
+        return [(f, self._values[f.name]) for f in self.DESCRIPTOR.fields if self._is_set(f)]
+
+    def _is_set(self, field: FieldDescriptor) -> bool:
+        if field.is_repeated:
+            return field.name in self._values and len(self._values[field.name]) > 0
+        return self.HasField(field.name)
+
+    def CopyFrom(self, other: Message) -> None:
+        """Become a copy of another message of this type."""
+        if other is not self:
+            self.Clear()
+            self.MergeFrom(other)
+
+    def MergeFrom(self, other: Message) -> None:
+        """Take the set fields of another message of this type; repeated ones are appended."""
+        if type(other) is not type(self):
+            raise TypeError(f"expected a {self.DESCRIPTOR.name}, found {type(other).__name__}")
+        self._touch()
+        for field, value in other.ListFields():
+            if field.is_repeated:
+                getattr(self, field.name).extend(value)
+            elif field.message_type is not None:
+                getattr(self, field.name).MergeFrom(value)
+            else:
+                setattr(self, field.name, value)
+
+    def SerializeToString(self, **options: Any) -> bytes:
+        """Its bytes in protocol buffers' binary format."""
+        return wire.encode(self.to_tree(), self.dataclass)
+
+    SerializePartialToString = SerializeToString
+
+    def ParseFromString(self, data: bytes) -> int:
+        """Become the message of these bytes. Raises WireError."""
+        self.Clear()
+        return self.MergeFromString(data)
+
+    @classmethod
+    def FromString(cls, data: bytes) -> Message:
+        """A message from its bytes. Raises WireError."""
+        made = cls()
+        made.MergeFromString(data)
+        return made
+
+    def MergeFromString(self, data: bytes) -> int:
+        """Take the fields of these bytes; returns how many bytes there are. Raises WireError."""
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise TypeError(f"expected bytes, found {type(data).__name__}; open binary files with 'rb'")
+        data = bytes(data)
+        try:
+            self.merge_tree(wire.decode(data, self.dataclass))
+        except WireError as error:
+            raise WireError(f"not a {self.DESCRIPTOR.name}: {error}") from None
+        return len(data)
+
+    def ByteSize(self) -> int:
+        """Number of its bytes."""
+        return len(self.SerializeToString())
+
+    def IsInitialized(self, *errors: Any) -> bool:
+        """Are all required fields set? Caffe has none that scripts rely on."""
+        return True
+
+    def FindInitializationErrors(self) -> list[str]:
+        """Names of required fields that are not set."""
+        return []
+
+    def UnknownFields(self) -> list[Any]:
+        """Unknown fields are not kept."""
+        return []
+
+    def WhichOneof(self, name: str) -> None:
+        """Caffe has no oneof."""
+        raise ValueError(f"{self.DESCRIPTOR.name} has no oneof {name!r}")
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self.SerializeToString() == other.SerializeToString()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __str__(self) -> str:
+        return str(self.to_tree())
+
+    __repr__ = __str__
+
+    def __deepcopy__(self, memo: Any) -> Message:
+        copy = type(self)()
+        copy.CopyFrom(self)
+        return copy
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.DESCRIPTOR.fields_by_name]
+
+    def __reduce__(self) -> Any:
+        return type(self).FromString, (self.SerializeToString(),)
+
+    # ------------------------------------------------------------------------------------------ as a tree
+
+    def to_tree(self) -> prototxt.Message:
+        """As the parser of prototxt would give it, fields in the order of their numbers."""
+        fields: list[Field] = []
+        for field, value in self.ListFields():
+            if isinstance(value, FloatList):
+                fields.append(Field(field.name, Numbers(value.array, BUILT), BUILT))
+            else:
+                values = value if field.is_repeated else [value]
+                fields += [Field(field.name, _as_node(field, one), BUILT) for one in values]
+        return prototxt.Message(fields, BUILT)
+
+    def merge_tree(self, tree: prototxt.Message) -> None:
+        """Take the fields of a tree. Raises PrototxtError at a field that the message does not have."""
+        self._touch()
+        for item in tree.fields:
+            field = self.DESCRIPTOR.fields_by_name.get(item.name)
+            if field is None:
+                raise schema.unknown_field(item, self.DESCRIPTOR.fields_by_name)
+            if field.message_type is not None:
+                target = getattr(self, item.name)
+                (target.add() if field.is_repeated else target).merge_tree(schema.message_of(item))
+            elif isinstance(item.value, Numbers):
+                getattr(self, item.name).extend(item.value.array)
+            else:
+                value = schema.value_of(item, schema.Double if field.kind in ARRAYS else field.kind)
+                value = field.enum_type.numbers[value] if field.enum_type is not None else value
+                if field.is_repeated:
+                    getattr(self, item.name).append(value)
+                else:
+                    setattr(self, item.name, value)
+
+
+def _as_node(field: FieldDescriptor, value: Any) -> Scalar | prototxt.Message:
+    if isinstance(value, Message):
+        return value.to_tree()
+    if field.enum_type is not None:
+        return Scalar("word", field.enum_type.names[value], BUILT)
+    node: Scalar = schema.scalar_node(value, field.kind, BUILT)
+    return node
+
+
+# ---------------------------------------------------------------------------------------------- values
+
+
+def checked(field: FieldDescriptor, value: Any) -> Any:
+    """A value for a scalar field, as it is kept. Raises TypeError or ValueError."""
+    kind = field.kind
+    if field.enum_type is not None:
+        number = field.enum_type.numbers.get(value) if isinstance(value, str) else value
+        if not isinstance(number, numbers.Integral) or int(number) not in field.enum_type.names:
+            raise ValueError(f"{field.name!r} is one of {', '.join(field.enum_type.numbers)}, found {value!r}")
+        return int(number)
+    if kind is str and isinstance(value, (str, bytes)):
+        return value if isinstance(value, str) else value.decode("utf-8")
+    if kind is bytes and isinstance(value, (bytes, bytearray)):
+        return bytes(value)
+    if kind is bool and isinstance(value, (numbers.Integral, np.bool_)):
+        return bool(value)
+    if kind in (int, UInt) and isinstance(value, numbers.Integral):
+        low, high = (0, 2**32) if kind is UInt else (-(2**63), 2**63)
+        if not low <= int(value) < high:
+            raise ValueError(f"{field.name!r} is from {low} to {high - 1}, found {value}")
+        return int(value)
+    if kind in (float, schema.Double) and isinstance(value, numbers.Real):
+        with np.errstate(over="ignore"):
+            return float(np.float32(value)) if kind is float else float(value)
+    raise TypeError(f"{field.name!r} is {schema.expected(kind)}, found {value!r} ({type(value).__name__})")
+
+
+class RepeatedScalars(MutableSequence[Any]):
+    """A list of scalars of one field."""
+
+    def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
+        self._field, self._touch = field, touch
+        self._list: list[Any] = []
+
+    def __len__(self) -> int:
+        return len(self._list)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._list[index]
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        if isinstance(index, slice):
+            self._list[index] = [checked(self._field, one) for one in value]
+        else:
+            self._list[index] = checked(self._field, value)
+        self._touch()
+
+    def __delitem__(self, index: Any) -> None:
+        del self._list[index]
+        self._touch()
+
+    def insert(self, index: int, value: Any) -> None:
+        """As of a list."""
+        self._list.insert(index, checked(self._field, value))
+        self._touch()
+
+    def extend(self, values: Iterable[Any]) -> None:
+        """As of a list; None is nothing."""
+        self._list.extend([checked(self._field, value) for value in values or ()])
+        self._touch()
+
+    MergeFrom = extend
+
+    def __eq__(self, other: object) -> bool:
+        return self._list == (other._list if isinstance(other, RepeatedScalars) else other)
+
+    def __repr__(self) -> str:
+        return repr(self._list)
+
+
+class FloatList(MutableSequence[float]):
+    """A list of numbers of one field, kept in one piece: a blob may have millions."""
+
+    def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
+        self._code = "f" if ARRAYS[field.kind].itemsize == 4 else "d"
+        self._touch = touch
+        self._items: Any = array.array(self._code)
+
+    @property
+    def array(self) -> np.ndarray[Any, Any]:
+        """All of them."""
+        return np.frombuffer(self._items, f"<{self._code}{self._items.itemsize}") if self._items else np.zeros(0)
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray[Any, Any]:
+        found = np.array(self._items, dtype=self._code)  # a copy: who looks at an array must not hold the list fast
+        return found if dtype is None else found.astype(dtype)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __getitem__(self, index: Any) -> Any:
+        found = self._items[index]
+        return found.tolist() if isinstance(index, slice) else found
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        self._items[index] = array.array(self._code, value) if isinstance(index, slice) else value
+        self._touch()
+
+    def __delitem__(self, index: Any) -> None:
+        del self._items[index]
+        self._touch()
+
+    def insert(self, index: int, value: float) -> None:
+        """As of a list."""
+        self._items.insert(index, value)
+        self._touch()
+
+    def extend(self, values: Iterable[float]) -> None:
+        """As of a list; arrays are taken as they are."""
+        if isinstance(values, FloatList):
+            self._items.extend(array.array(self._code, values._items))
+        elif isinstance(values, np.ndarray):
+            self._items.frombytes(np.ascontiguousarray(values, self._code).tobytes())
+        else:
+            self._items.extend(array.array(self._code, list(values)))
+        self._touch()
+
+    MergeFrom = extend
+
+    def __eq__(self, other: object) -> bool:
+        return self._items.tolist() == (list(other) if isinstance(other, (FloatList, list, tuple)) else other)
+
+    def __repr__(self) -> str:
+        return repr(self._items.tolist())
+
+
+class RepeatedMessages(MutableSequence[Message]):
+    """A list of messages of one field; what is put in is copied."""
+
+    def __init__(self, field: FieldDescriptor, touch: Touch) -> None:
+        self._field, self._touch = field, touch
+        self._list: list[Message] = []
+
+    def add(self, **fields: Any) -> Message:
+        """Append a new message and return it."""
+        made: Message = self._field.message_class(**fields)
+        object.__setattr__(made, "_owner", self._touch)
+        self._list.append(made)
+        self._touch()
+        return made
+
+    def _copy(self, message: Message) -> Message:
+        made: Message = self._field.message_class()
+        made.MergeFrom(message)
+        object.__setattr__(made, "_owner", self._touch)
+        return made
+
+    def __len__(self) -> int:
+        return len(self._list)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._list[index]
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        raise TypeError(f"{self._field.name!r} is a repeated message: use add(), append() or CopyFrom()")
+
+    def __delitem__(self, index: Any) -> None:
+        del self._list[index]
+        self._touch()
+
+    def insert(self, index: int, value: Message) -> None:
+        """Insert a copy."""
+        self._list.insert(index, self._copy(value))
+        self._touch()
+
+    def extend(self, values: Iterable[Message]) -> None:
+        """Append copies."""
+        self._list.extend([self._copy(value) for value in values])
+        self._touch()
+
+    MergeFrom = extend
+
+    def sort(self, **options: Any) -> None:
+        """As of a list."""
+        self._list.sort(**options)
+
+    def __iter__(self) -> Iterator[Message]:
+        return iter(list(self._list))
+
+    def __eq__(self, other: object) -> bool:
+        return self._list == (other._list if isinstance(other, RepeatedMessages) else other)
+
+    def __repr__(self) -> str:
+        return repr(self._list)
+
+
+def _container(field: FieldDescriptor, touch: Touch) -> Any:
+    if field.message_type is not None:
+        return RepeatedMessages(field, touch)
+    return FloatList(field, touch) if field.kind in ARRAYS else RepeatedScalars(field, touch)
+
+
+# ---------------------------------------------------------------------------------------------- classes
+
+
+def make_class(cls: type, name: str, enum_names: Mapping[str, str], class_of: Callable[[Any], type[Message]]) -> Any:
+    """The class of messages that a dataclass describes.
+
+    ``enum_names``: field -> the name of its enum. ``class_of`` gives the class for a nested dataclass; it is asked
+    when such a field is used.
+    """
+    hints, fields = schema.hints_of(cls), []
+    for known in wire.fields_of(cls):
+        kind, repeated = schema.kind_of(hints[known.name]) if known.name in hints else (known.kind, False)
+        values = schema.enum_of(kind)
+        enum = EnumType(enum_names.get(known.name, known.name), values) if values else None
+        fields.append(FieldDescriptor(known.name, known.number, known.kind, repeated, enum, class_of))
+    defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
+    for field in fields:
+        field.set_default(defaults.get(field.name, dataclasses.MISSING))
+    made = type(name, (Message,), {"dataclass": cls, "__doc__": cls.__doc__, "__module__": "caffe.proto.caffe_pb2"})
+    descriptor = Descriptor(name, sorted(fields, key=lambda field: field.number), made)
+    type.__setattr__(made, "DESCRIPTOR", descriptor)
+    for field in fields:
+        type.__setattr__(made, f"{field.name.upper()}_FIELD_NUMBER", field.number)
+        if field.enum_type is not None:
+            type.__setattr__(made, field.enum_type.name, field.enum_type)
+            for value, number in field.enum_type.numbers.items():
+                type.__setattr__(made, value, number)
+    return made

@@ -1,0 +1,300 @@
+"""Net and the solvers with everything that pycaffe's have."""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from netlib import net as core
+from netlib import schema, solver_parameter
+from netlib import solver as core_solver
+from netlib import weights as weights_of
+from netlib.blob import Array, Blob
+from netlib.errors import LayerError
+from netlib.messages import SolverParameter
+from netlib.snapshot import write_weights
+from netlib.updates import learning_rate
+
+log = logging.getLogger("netlib")
+Hook = Callable[[int], Any]  # is given the number of the layer
+
+
+class Net(core.Net):
+    """A net: ``Net(network_file, phase, level=0, stages=None, weights=None)``.
+
+    Also pycaffe's older ``Net(network_file, weights, phase)``. ``forward`` and ``backward`` are more lenient than
+    pycaffe's: not all inputs must be given, and another batch size reshapes the net.
+    """
+
+    def __init__(self, network_file: Any, *args: Any, **options: Any) -> None:
+        if args and isinstance(args[0], (str, Path)):
+            names = ("weights", "phase")
+            log.warning("Net(file, weights, phase) is pycaffe's older form; expected Net(file, phase, weights=...)")
+        else:
+            names = ("phase", "level", "stages", "weights")  # type: ignore[assignment]
+        super().__init__(network_file, **dict(zip(names, args)), **options)
+        self._hooks: dict[str, list[Hook]] = {}
+
+    # ------------------------------------------------------------------------------------------ what there is
+
+    @property
+    def _layer_names(self) -> list[str]:
+        return [at.layer.spec.name for at in self.connections]
+
+    @property
+    def _blob_names(self) -> list[str]:
+        return list(self.blobs)
+
+    @property
+    def _blobs(self) -> list[Blob]:
+        return list(self.blobs.values())
+
+    @property
+    def top_names(self) -> OrderedDict[str, list[str]]:
+        """Layer name -> names of its tops."""
+        return OrderedDict((at.layer.name, list(at.layer.spec.top)) for at in self.connections)
+
+    @property
+    def bottom_names(self) -> OrderedDict[str, list[str]]:
+        """Layer name -> names of its bottoms."""
+        return OrderedDict((at.layer.name, list(at.layer.spec.bottom)) for at in self.connections)
+
+    @property
+    def blob_loss_weights(self) -> OrderedDict[str, float]:
+        """Blob name -> its weight in the loss."""
+        weights = {id(blob): weight for blob, weight, _ in self.losses}
+        return OrderedDict((name, weights.get(id(blob), 0.0)) for name, blob in self.blobs.items())
+
+    # ------------------------------------------------------------------------------------------ running
+
+    def before_forward(self, hook: Hook) -> None:
+        """Call ``hook(number of the layer)`` before each layer runs forwards."""
+        self._add_hook("before_forward", hook)
+
+    def after_forward(self, hook: Hook) -> None:
+        """Call ``hook(number of the layer)`` after each layer ran forwards."""
+        self._add_hook("after_forward", hook)
+
+    def before_backward(self, hook: Hook) -> None:
+        """Call ``hook(number of the layer)`` before each layer runs backwards."""
+        self._add_hook("before_backward", hook)
+
+    def after_backward(self, hook: Hook) -> None:
+        """Call ``hook(number of the layer)`` after each layer ran backwards."""
+        self._add_hook("after_backward", hook)
+
+    def _add_hook(self, when: str, hook: Hook) -> None:
+        if not self._hooks:
+            self.executor = _HookedExecutor(self.executor, self._hooks)
+        self._hooks.setdefault(when, []).append(hook)
+
+    def _forward(self, start: int, end: int) -> float:
+        """Run the layers numbered ``start`` to ``end``, both included; returns their loss."""
+        self.executor.forward(start, end + 1)
+        tops = {id(blob) for at in self.connections[start : end + 1] for blob in at.top}
+        return float(sum(weight * float(blob.data.sum()) for blob, weight, _ in self.losses if id(blob) in tops))
+
+    def _backward(self, start: int, end: int) -> None:
+        """Run the layers numbered ``start`` down to ``end``, both included, backwards."""
+        self._seed_losses()
+        self.executor.backward(end, start + 1)
+
+    def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Array) -> dict[str, Array]:
+        """Run any number of items, batch by batch; returns outputs, and ``blobs``, for all of them."""
+        names = list(blobs or [])
+        found: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
+        for batch in self._batch(inputs):
+            for name, array in self.forward(names, **batch).items():
+                found[name].extend(array.copy())
+        return _cut(found, inputs)
+
+    def forward_backward_all(
+        self, blobs: Iterable[str] | None = None, diffs: Iterable[str] | None = None, **arrays: Array
+    ) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Run any number of items forwards and backwards, batch by batch.
+
+        ``arrays`` are data of inputs and diffs of outputs. Returns data of the outputs and of ``blobs``, and diffs of
+        the inputs and of ``diffs``.
+        """
+        names, slopes = list(blobs or []), list(diffs or [])
+        data: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
+        diff: dict[str, list[Array]] = {name: [] for name in [*self.inputs, *slopes]}
+        forwards = self._batch({name: arrays[name] for name in self.inputs if name in arrays})
+        backwards = self._batch({name: arrays[name] for name in self.outputs if name in arrays})
+        for ahead, back in zip_longest(forwards, backwards, fillvalue={}):
+            for name, array in self.forward(names, **ahead).items():
+                data[name].extend(array.copy())
+            for name, array in self.backward(slopes, **back).items():
+                diff[name].extend(array.copy())
+        return _cut(data, arrays), _cut(diff, arrays)
+
+    def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Array]]:
+        """Parts of the arrays, as long as the net's batch; the last one is filled up with zeros."""
+        if not arrays:
+            return
+        size = next(iter(self.blobs.values())).shape[0]
+        for begin in range(0, len(next(iter(arrays.values()))), size):
+            batch = {name: np.asarray(array[begin : begin + size]) for name, array in arrays.items()}
+            yield {
+                name: np.concatenate([part, np.zeros((size - len(part), *part.shape[1:]), part.dtype)])
+                for name, part in batch.items()
+            }
+
+    def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
+        """Give the MemoryData layer, which must be the first, its images and labels. Raises LayerError."""
+        give: Any = getattr(self.layers[0], "set_input_arrays", None) if self.layers else None
+        if give is None:
+            raise LayerError("set_input_arrays is for nets whose first layer is a MemoryData layer")
+        give(data, labels)
+
+    # ------------------------------------------------------------------------------------------ weights
+
+    def share_with(self, other: core.Net) -> None:
+        """Use the parameters of another net, by layer name."""
+        self.share_params(other)
+
+    def save_hdf5(self, filename: str | Path) -> None:
+        """Write the weights as HDF5, whatever the file is called."""
+        write_weights(weights_of.image(self, f"{filename}.h5"), filename)
+
+    def load_hdf5(self, filename: str | Path) -> None:
+        """Copy weights by layer name."""
+        self.copy_from(filename)
+
+
+def _cut(found: Mapping[str, list[Array]], given: Mapping[str, Array]) -> dict[str, Array]:
+    """The items that were given, without those that filled the last batch."""
+    count = len(next(iter(given.values()))) if given else None
+    return {name: np.asarray(items[:count]) for name, items in found.items()}
+
+
+class _HookedExecutor:
+    """Runs layer by layer and calls hooks in between."""
+
+    def __init__(self, inner: Any, hooks: Mapping[str, list[Hook]]) -> None:
+        self._inner, self._hooks = inner, hooks
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def _call(self, when: str, number: int) -> None:
+        for hook in self._hooks.get(when, []):
+            hook(number)
+
+    def forward(self, first: int = 0, last: int | None = None) -> None:
+        for number in range(first, len(self._inner.connections) if last is None else last):
+            self._call("before_forward", number)
+            self._inner.forward(number, number + 1)
+            self._call("after_forward", number)
+
+    def backward(self, first: int = 0, last: int | None = None) -> None:
+        for number in reversed(range(first, len(self._inner.connections) if last is None else last)):
+            self._call("before_backward", number)
+            self._inner.backward(number, number + 1)
+            self._call("after_backward", number)
+
+
+# ---------------------------------------------------------------------------------------------- solvers
+
+
+class Options:
+    """The options of a solver, which may be changed while it trains: ``solver.param.base_lr = 0.01``."""
+
+    def __init__(self, solver: Solver) -> None:
+        object.__setattr__(self, "_solver", solver)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(object.__getattribute__(self, "_solver")._param, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        solver = object.__getattribute__(self, "_solver")
+        if not hasattr(solver._param, name):
+            raise AttributeError(f"a solver has no option {name!r}")
+        solver._param = solver_parameter.checked(schema.changed(solver._param, **{name: value}))
+
+
+class Solver(core_solver.Solver):
+    """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type that the file says."""
+
+    net_class = Net
+    update_rule: str | None = None  # of a class for one rule; the file's ``type`` is then ignored, as in pycaffe
+
+    def __init__(self, solver_file: str | Path, **options: Any) -> None:
+        changes = {} if self.update_rule is None else {"type": self.update_rule, "solver_type": None}
+        param = solver_parameter.read(solver_file)
+        super().__init__(schema.changed(param, **changes), str(solver_file), **options)
+
+    @property
+    def param(self) -> Any:
+        """The options; changeable."""
+        return Options(self)
+
+    @param.setter
+    def param(self, value: SolverParameter) -> None:
+        self._param = value
+
+    @property
+    def lr(self) -> float:
+        """The learning rate of the next update."""
+        return learning_rate(self._param, self.iter)
+
+    def add_callback(self, on_start: Callable[[], Any], on_gradients_ready: Callable[[], Any]) -> None:
+        """Call the first before each iteration, the second when its gradients are there and not yet used."""
+        self.callbacks.append((on_start, on_gradients_ready))
+
+    def share_weights(self, net: core.Net) -> None:
+        """Let a net use this solver's weights."""
+        net.share_params(self.net)
+
+
+class SGDSolver(Solver):
+    """Stochastic gradient descent with momentum."""
+
+    update_rule = "SGD"
+
+
+class NesterovSolver(SGDSolver):
+    """Nesterov's accelerated gradient."""
+
+    update_rule = "Nesterov"
+
+
+class AdaGradSolver(SGDSolver):
+    """AdaGrad."""
+
+    update_rule = "AdaGrad"
+
+
+class RMSPropSolver(SGDSolver):
+    """RMSProp."""
+
+    update_rule = "RMSProp"
+
+
+class AdaDeltaSolver(SGDSolver):
+    """AdaDelta."""
+
+    update_rule = "AdaDelta"
+
+
+class AdamSolver(SGDSolver):
+    """Adam."""
+
+    update_rule = "Adam"
+
+
+_CLASSES = {cls.update_rule: cls for cls in (SGDSolver, NesterovSolver, AdaGradSolver, RMSPropSolver, AdaDeltaSolver,
+                                             AdamSolver)}  # fmt: skip
+
+
+def get_solver(solver_file: str | Path, **options: Any) -> Solver:
+    """The solver of a prototxt file, of the class that its ``type`` names. Raises NetlibError."""
+    kind = solver_parameter.checked(solver_parameter.read(solver_file)).type
+    return _CLASSES[kind](solver_file, **options)

@@ -1,0 +1,73 @@
+"""ArgMax."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; in the second, two equal ones
+
+
+def text(options=""):
+    """The layer with these options."""
+    return f'type: "ArgMax" argmax_param {{ {options} }}'
+
+
+@pytest.mark.parametrize(
+    ("options", "y"),
+    [
+        ("", [[[2]], [[3]]]),  # of the equal values of item 1, at 0 and 3, the last
+        ("top_k: 3", [[[2, 0, 3]], [[3, 0, 1]]]),
+        ("top_k: 2 out_max_val: true", [[[2, 0], [4, 3]], [[3, 0], [0, 0]]]),
+        ("axis: 1", [[[1, 1]], [[0, 1]]]),
+        ("axis: -1", [[[0], [0]], [[0], [1]]]),
+        ("axis: 1 out_max_val: true", [[[4, 2]], [[0, 0]]]),  # the values in place of the places
+        ("axis: 2 top_k: 2", [[[0, 1], [0, 1]], [[0, 1], [1, 0]]]),
+        ("axis: 0", [[[0, 0], [0, 0]]]),
+    ],
+)
+def test_by_hand(run, options, y):
+    """Places in the whole item, or along an axis."""
+    assert run(text(options), X).y.tolist() == y
+
+
+@pytest.mark.parametrize(
+    ("shape", "options", "top"),
+    [((4, 6), "", (4, 1, 1)), ((4,), "", (4, 1, 1)), ((4, 6), "top_k: 2 out_max_val: true", (4, 2, 2)),
+     ((4, 3, 2, 5), "top_k: 7", (4, 1, 7, 1)), ((4, 3, 2, 5), "axis: 1 top_k: 2", (4, 2, 2, 5))],
+)  # fmt: skip
+def test_shapes(run, rng, shape, options, top):
+    """At least three axes without ``axis``, and those of the bottom with it."""
+    assert run(text(options), rng.normal(size=shape)).y.shape == top
+
+
+def test_all_along_an_axis_are_a_sort(run, rng):
+    """From the largest to the smallest."""
+    x = rng.normal(size=(3, 5, 2))
+    values = run(text("axis: 1 top_k: 5 out_max_val: true"), x).y
+    places = run(text("axis: 1 top_k: 5"), x).y.astype(int)
+    assert np.array_equal(values, -np.sort(-x, axis=1))
+    assert np.array_equal(np.take_along_axis(x, places, axis=1), values)
+
+
+def test_there_is_no_gradient(run):
+    """Whoever asks for it is told, and force_backward does not ask."""
+    done = run(text(), X)
+    assert not done.layer.allow_force_backward(0)
+    with pytest.raises(netlib.LayerError, match="layer 'it': ArgMax has no gradient"):
+        done.backward([[[0]], [[0]]])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("top_k: 0", r"top_k 0 must be from 1 to the 4 values of an item of 'bottom0' \(2, 2, 2\)"),
+        ("top_k: 5", "top_k 5 must be from 1 to the 4 values of an item"),
+        ("top_k: 3 axis: 1", "top_k 3 must be from 1 to the 2 values along axis 1"),
+        ("axis: 3", "axis 3 is out of range"),
+    ],
+)
+def test_mistakes(run, options, message):
+    """More places than there are values, or an axis that is not there."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options), X)

@@ -1,0 +1,41 @@
+"""Axpy."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+TEXT = 'type: "Axpy"'
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (1, 2, 1, 1)], ids=str)
+def test_by_hand(run, shape):
+    """Channel 0 times 2, channel 1 times 10."""
+    x, y = [[[[1, 2]], [[3, 4]]]], [[[[5, 5]], [[6, 6]]]]
+    done = run(TEXT, np.array([2, 10]).reshape(shape), x, y)
+    assert done.y.tolist() == [[[[7, 9]], [[36, 46]]]]
+    da, dx, dy = done.backward([[[[1, 1]], [[0, 1]]]])
+    assert da.tolist() == np.array([3, 4]).reshape(shape).tolist()
+    assert dx.tolist() == [[[[2, 2]], [[0, 10]]]]
+    assert dy.tolist() == [[[[1, 1]], [[0, 1]]]]
+
+
+@pytest.mark.parametrize("shape", [(3, 2), (3, 2, 1, 1)], ids=str)
+def test_gradient(check, rng, shape):
+    """Of all three."""
+    check(TEXT, rng.normal(size=shape), *rng.normal(size=(2, 3, 2, 4, 3)))
+
+
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        ([(2, 4), (2, 3, 4, 4), (2, 3, 4, 4)], r"'bottom0' \(2, 4\) must have one number per item and channel"),
+        ([(2, 3, 4, 4), (2, 3, 4, 4), (2, 3, 4, 4)], r"'bottom0' \(2, 3, 4, 4\) must have one number per item"),
+        ([(2, 3), (2, 3, 4, 4), (2, 3, 4, 5)], r"'bottom1' \(2, 3, 4, 4\) and 'bottom2' \(2, 3, 4, 5\) must have the"),
+    ],
+    ids=str,
+)
+def test_mistakes(run, shapes, message):
+    """Names the blobs and their shapes."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(TEXT, *map(np.zeros, shapes))

@@ -1,0 +1,60 @@
+"""BatchReindex."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+X = [[1.0, 2], [3, 4], [5, 6]]
+
+
+def test_by_hand(run):
+    """Any order, some twice, some not at all; the gradients of an item taken twice are added."""
+    done = run('type: "BatchReindex"', X, [2, 0, 2, 0])
+    assert done.y.tolist() == [[5, 6], [1, 2], [5, 6], [1, 2]]
+    dx, _ = done.backward([[1, 2], [3, 4], [10, 20], [30, 40]], wanted=[True, False])
+    assert dx.tolist() == [[33, 44], [0, 0], [11, 22]]
+
+
+def test_more_axes_and_no_items(run, rng):
+    """The list decides how many items there are; a fraction is cut off, as Caffe does."""
+    x = rng.normal(size=(3, 2, 4))
+    assert np.array_equal(run('type: "BatchReindex"', x, [1.75]).y, x[1:2])
+    assert run('type: "BatchReindex"', x, []).y.shape == (0, 2, 4)
+
+
+def test_gradient(check, rng):
+    """Of the items; the list has none."""
+    check('type: "BatchReindex"', rng.normal(size=(4, 3)), [3, 1, 1, 0, 3], wanted=[True, False])
+
+
+def test_force_backward_does_not_ask_for_the_lists_gradient(net_of):
+    """Only the items get one."""
+    net = net_of(
+        'force_backward: true layer { name: "in" type: "Input" top: "x" top: "i" '
+        "input_param { shape { dim: 3 dim: 2 } shape { dim: 2 } } } "
+        'layer { name: "r" type: "BatchReindex" bottom: "x" bottom: "i" top: "y" }'
+    )
+    net.forward(x=np.array(X), i=np.array([1, 1]))
+    assert net.backward(y=np.ones((2, 2)))["x"].tolist() == [[0, 0], [2, 2], [0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("index", "message"),
+    [
+        ([0, 3], r"bottom 'bottom1' asks for item 3, but 'bottom0' \(3, 2\) has items 0 to 2"),
+        ([-1], "asks for item -1"),
+        ([np.nan], "asks for item nan"),
+        ([[0], [1]], r"bottoms 'bottom0' \(3, 2\) and 'bottom1' \(2, 1\) must be items .* and a list"),
+    ],
+)
+def test_mistakes(run, index, message):
+    """Items that are not there, and a list that is none."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run('type: "BatchReindex"', X, index)
+
+
+def test_the_list_has_no_gradient(run):
+    """Whoever asks for it is told."""
+    with pytest.raises(netlib.LayerError, match="the item numbers 'bottom1' have no gradient"):
+        run('type: "BatchReindex"', X, [0]).backward([[1, 1]])

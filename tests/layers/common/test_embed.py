@@ -1,0 +1,63 @@
+"""Embed."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+TABLE = [[1.0, 2], [3, 4], [5, 6]]
+
+
+def text(options=""):
+    """Three vectors of two numbers."""
+    return f'type: "Embed" embed_param {{ num_output: 2 input_dim: 3 weight_filler {{ type: "gaussian" }} {options} }}'
+
+
+def test_by_hand(run):
+    """Each number picks a vector; the gradients of a vector picked twice are added."""
+    done = run(text(), [2, 0, 2], params=[TABLE, [10, 20]])
+    assert done.y.tolist() == [[15, 26], [11, 22], [15, 26]]
+    done.backward([[1, 2], [3, 4], [10, 20]], wanted=[False])
+    assert done.layer.blobs[0].diff.tolist() == [[3, 4], [0, 0], [11, 22]]
+    assert done.layer.blobs[1].diff.tolist() == [14, 26]
+
+
+def test_it_is_inner_product_on_one_hot_vectors(run, rng):
+    """With the weights the other way round."""
+    index, w, b = rng.integers(0, 3, (4, 5)), rng.normal(size=(3, 2)), rng.normal(size=2)
+    one_hot = np.eye(3)[index]
+    mine = run(text(), index, params=[w, b])
+    other = run('type: "InnerProduct" inner_product_param { num_output: 2 axis: 2 }', one_hot, params=[w.T, b])
+    assert mine.y.shape == (4, 5, 2)
+    assert np.allclose(mine.y, other.y)
+    dy = rng.normal(size=mine.y.shape)
+    mine.backward(dy, wanted=[False])
+    other.backward(dy)
+    assert np.allclose(mine.layer.blobs[0].diff, other.layer.blobs[0].diff.T)
+    assert np.allclose(mine.layer.blobs[1].diff, other.layer.blobs[1].diff)
+
+
+@pytest.mark.parametrize("options", ["", "bias_term: false"])
+def test_gradient(check, options):
+    """Of the table and the bias; the numbers have none."""
+    check(text(options), [[0, 2], [2, 2]], wanted=[False])
+
+
+@pytest.mark.parametrize(
+    ("index", "found"), [([0, 3], "3"), ([-1], "-1"), ([0.5], "0.5"), ([np.nan], "nan"), ([np.inf], "inf")]
+)
+def test_numbers_without_a_vector(run, index, found):
+    """Said with what was expected."""
+    with pytest.raises(
+        netlib.LayerError, match=rf"bottom 'bottom0' holds {found}, expected whole numbers from 0 to 2 \(input_dim 3\)"
+    ):
+        run(text(), index)
+
+
+def test_sizes_of_0_and_the_gradient_of_the_numbers(run):
+    """Are mistakes."""
+    for name, options in (("num_output", "num_output: 0 input_dim: 3"), ("input_dim", "num_output: 3 input_dim: 0")):
+        with pytest.raises(netlib.LayerError, match=f"layer 'it': {name} must be at least 1"):
+            run(f'type: "Embed" embed_param {{ {options} }}', [0])
+    with pytest.raises(netlib.LayerError, match="the numbers 'bottom0' have no gradient"):
+        run(text(), [0]).backward([[1, 1]])

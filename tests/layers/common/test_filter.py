@@ -1,0 +1,70 @@
+"""Filter."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def test_by_hand(run):
+    """What is not 0 passes; items that were dropped have no gradient."""
+    done = run('type: "Filter"', [[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5], tops=2)
+    assert [y.tolist() for y in done.ys] == [[[3, 4], [7, 8]], [20, 40]]
+    dx, dlabel, _ = done.backward([[1, 2], [3, 4]], [5, 6], wanted=[True, True, False])
+    assert dx.tolist() == [[0, 0], [1, 2], [0, 0], [3, 4]]
+    assert dlabel.tolist() == [0, 5, 0, 6]
+
+
+@pytest.mark.parametrize(("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)])
+def test_all_some_or_none(run, rng, selector, passed):
+    """Axes of size 1 behind the first do no harm; of no items the gradient is 0."""
+    done = run('type: "Filter"', rng.normal(size=(3, 2, 2)), selector)
+    assert done.y.shape == (passed, 2, 2)
+    assert (done.backward(np.ones((passed, 2, 2)), wanted=[True, False])[0] != 0).sum() == 4 * passed
+
+
+def test_gradient(check, rng):
+    """Of what is filtered."""
+    check('type: "Filter"', rng.normal(size=(4, 3)), [1, 0, 0, 1], wanted=[True, False])
+
+
+def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):
+    """The net is built for all items; every forward has as many as pass, also behind the filter."""
+    net = net_of(
+        'force_backward: true layer { name: "in" type: "Input" top: "x" top: "s" '
+        "input_param { shape { dim: 4 dim: 3 } shape { dim: 4 } } } "
+        'layer { name: "f" type: "Filter" bottom: "x" bottom: "s" top: "y" } '
+        'layer { name: "relu" type: "ReLU" bottom: "y" top: "r" } '
+        'layer { name: "fc" type: "InnerProduct" bottom: "r" top: "z" '
+        'inner_product_param { num_output: 2 weight_filler { type: "gaussian" } } }'
+    )
+    assert net.blobs["z"].shape == (4, 2)
+    x = rng.normal(size=(4, 3)).astype(np.float32)
+    for selector in ([1, 0, 1, 1], [0, 0, 0, 1], [0, 0, 0, 0], [1, 1, 1, 1], [0, 1, 0, 0]):
+        passed = np.flatnonzero(selector)
+        z = net.forward(x=x, s=np.array(selector))["z"]
+        assert np.allclose(z, np.maximum(x[passed], 0) @ net.params["fc"][0].data.T, atol=1e-6)
+        dx = net.backward(z=np.ones((len(passed), 2)))["x"]
+        want = np.zeros((4, 3))
+        want[passed] = (x[passed] > 0) * net.params["fc"][0].data.sum(axis=0)
+        assert np.allclose(dx, want, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("bottoms", "tops", "message"),
+    [
+        ([np.zeros(3), np.zeros(3)], 2, "has 2 bottoms, the last of them the selector, and 2 tops; expected 1 tops"),
+        ([np.zeros(3), np.zeros((3, 2))], 1, r"the selector 'bottom1' \(3, 2\) must have one value for each item"),
+        ([np.zeros((2, 3)), np.zeros(3)], 1, r"bottom 'bottom0' \(2, 3\) and the selector 'bottom1' \(3,\) must have"),
+    ],
+)
+def test_mistakes(run, bottoms, tops, message):
+    """Counts and shapes."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run('type: "Filter"', *bottoms, tops=tops)
+
+
+def test_the_selector_has_no_gradient(run):
+    """Whoever asks for it is told."""
+    with pytest.raises(netlib.LayerError, match="the selector 'bottom1' has no gradient"):
+        run('type: "Filter"', [1, 2], [1, 1]).backward([1, 1])

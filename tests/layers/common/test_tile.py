@@ -1,0 +1,37 @@
+"""Tile."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def test_by_hand(run):
+    """The whole row again and again, not each value; the gradients of the copies are added."""
+    done = run('type: "Tile" tile_param { tiles: 2 }', [[1.0, 2], [3, 4]])
+    assert done.y.tolist() == [[1, 2, 1, 2], [3, 4, 3, 4]]
+    assert done.backward([[1, 2, 10, 20], [3, 4, 30, 40]])[0].tolist() == [[11, 22], [33, 44]]
+
+
+@pytest.mark.parametrize(("axis", "shape"), [(0, (6, 3, 4)), (1, (2, 9, 4)), (2, (2, 3, 12)), (-3, (6, 3, 4))])
+def test_any_axis(run, check, rng, axis, shape):
+    """As NumPy's."""
+    x = rng.normal(size=(2, 3, 4))
+    text = f'type: "Tile" tile_param {{ axis: {axis} tiles: 3 }}'
+    done = run(text, x)
+    repeats = [1, 1, 1]
+    repeats[axis] = 3
+    assert np.array_equal(done.y, np.tile(x, repeats))
+    assert done.y.shape == shape
+    check(text, x)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [("tiles: 0", "layer 'it': tiles 0 must be at least 1"), ("tiles: -2", "tiles -2 must be at least 1"),
+     ("tiles: 2 axis: 2", "axis 2 is out of range"), ("axis: 1", "missing required field 'tiles' in tile_param")],
+)  # fmt: skip
+def test_mistakes(run, options, message):
+    """How often must be said."""
+    with pytest.raises(netlib.NetlibError, match=message):
+        run(f'type: "Tile" tile_param {{ {options} }}', np.zeros((2, 3)))

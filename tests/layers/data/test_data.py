@@ -1,0 +1,219 @@
+"""Data: LMDB databases."""
+
+import gc
+import os
+import sys
+
+import cv2
+import lmdb
+import numpy as np
+import pytest
+from caffe_messages import datum, write_blob
+
+import netlib
+
+
+def write(folder, entries, subdir=True):
+    """A database of entries ``00000000 -> bytes``."""
+    with lmdb.open(str(folder), map_size=1 << 20, subdir=subdir) as database, database.begin(write=True) as change:
+        for i, entry in enumerate(entries):
+            change.put(f"{i:08}".encode(), entry)
+    return folder
+
+
+@pytest.fixture
+def images(rng):
+    """Five of them, bytes (2, 4, 6)."""
+    return rng.integers(0, 256, (5, 2, 4, 6)).astype(np.uint8)
+
+
+@pytest.fixture
+def database(tmp_path, images):
+    """Of the five images, with labels 10 to 14."""
+    return write(tmp_path / "lmdb", [datum(image, 10 + i) for i, image in enumerate(images)])
+
+
+def text(path, options="batch_size: 2", more="", top='top: "x" top: "t"'):
+    """The layer on that database."""
+    return f'layer {{ name: "d" type: "Data" {top} data_param {{ source: "{path}" backend: LMDB {options} }} {more} }}'
+
+
+def labels(net, count=1):
+    """Of the next batches."""
+    return [int(t) for _ in range(count) for t in net.forward()["t"]]
+
+
+def test_entries_come_in_order_and_go_round(database, images, net_of):
+    """Sorted by their keys; a batch runs on across the end."""
+    net = net_of(text(database))
+    for batch in ([0, 1], [2, 3], [4, 0], [1, 2]):
+        tops = net.forward()
+        assert np.array_equal(tops["x"], images[batch])
+        assert tops["t"].tolist() == [10 + i for i in batch]
+
+
+def test_without_labels(database, images, net_of):
+    """The second top may be left out."""
+    assert np.array_equal(net_of(text(database, top='top: "x"')).forward()["x"], images[:2])
+
+
+def test_floats_and_pictures(tmp_path, rng, net_of):
+    """What an entry may hold."""
+    floats = rng.normal(size=(3, 4, 5)).astype(np.float32)
+    picture = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
+    entries = [datum(floats, 1), datum(cv2.imencode(".png", picture)[1].tobytes(), 2)]
+    tops = net_of(text(write(tmp_path / "lmdb", entries))).forward()
+    assert np.array_equal(tops["x"], [floats, picture.transpose(2, 0, 1)])
+    assert tops["t"].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(("force", "channels"), [("force_color", 3), ("force_gray", 1)])
+def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
+    """Where they are mixed."""
+    pictures = [rng.integers(0, 256, size).astype(np.uint8) for size in ((4, 5, 3), (4, 5))]
+    entries = [datum(cv2.imencode(".png", picture)[1].tobytes(), 0) for picture in pictures]
+    path = write(tmp_path / "lmdb", entries)
+    assert net_of(text(path, more=f"transform_param {{ {force}: true }}")).forward()["x"].shape == (2, channels, 4, 5)
+    with pytest.raises(netlib.LayerError, match=r"entry '00000001': an image \(C, H, W\) \(1, 4, 5\) gives"):
+        net_of(text(path)).forward()
+
+
+def test_transformed(database, images, net_of, tmp_path, rng):
+    """Cut to the middle in TEST, less the mean of the place."""
+    mean = rng.normal(size=(1, 2, 4, 6)).astype(np.float32)
+    write_blob(tmp_path / "mean.binaryproto", mean)
+    more = f'transform_param {{ crop_size: 2 scale: 0.5 mean_file: "{tmp_path}/mean.binaryproto" }}'
+    x = net_of(text(database, more=more), netlib.TEST).forward()["x"]
+    assert np.array_equal(x, ((images[:2] - mean) * np.float32(0.5))[:, :, 1:3, 2:4])
+
+
+def test_a_batch_has_the_size_of_its_first_image(tmp_path, net_of):
+    """With batches of one, sizes may vary."""
+    sizes = [(1, 2, 3), (2, 5, 4)]
+    path = write(tmp_path / "lmdb", [datum(np.ones(size, np.uint8), 0) for size in sizes])
+    net = net_of(text(path, "batch_size: 1"))
+    assert [net.forward()["x"].shape for _ in range(3)] == [(1, *sizes[i]) for i in (0, 1, 0)]
+
+
+def test_several_nets_read_one_database(database, net_of):
+    """Each from its own place: LMDB itself opens a file only once."""
+    first, second = net_of(text(database)), net_of(text(database), netlib.TEST)
+    assert labels(first, 2) == [10, 11, 12, 13]
+    assert labels(second) == [10, 11]
+    del first
+    gc.collect()
+    assert labels(second) == [12, 13]
+
+
+def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
+    """When no net uses it any more, it is closed; one that still does reads on from the old file."""
+    old = net_of(text(database))
+    database.rename(tmp_path / "old")
+    write(database, [datum(images[0], 77)])
+    assert labels(net_of(text(database))) == [77, 77]
+    assert labels(old) == [10, 11]
+
+
+@pytest.mark.parametrize("done", range(6))
+def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
+    """Also with crops and mirrors."""
+    layer = text(database, "batch_size: 3", "transform_param { crop_size: 2 mirror: true }")
+    net = net_of(layer, seed=1)
+    labels(net, done)
+    states = netlib.snapshot.as_plain(net.layer_states())
+    want = [{name: array.copy() for name, array in net.forward().items()} for _ in range(4)]
+    other = net_of(layer, seed=2)
+    labels(other, 2)
+    other.restore_layer_states(states)
+    for batch in want:
+        tops = other.forward()
+        assert all(np.array_equal(tops[name], array) for name, array in batch.items())
+
+
+def test_a_resume_with_another_database_starts_over(database, images, tmp_path, net_of):
+    """There is no such place to go on."""
+    net = net_of(text(database))
+    labels(net)
+    other = net_of(text(write(tmp_path / "other", [datum(images[0], 7), datum(images[0], 8)])))
+    other.restore_layer_states(net.layer_states())
+    assert labels(other) == [7, 8]
+
+
+def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkeypatch):
+    """``subdir=False`` of lmdb; names are looked for in the working directory, then beside the prototxt."""
+    write(tmp_path / "file.mdb", [datum(images[0], 5)], subdir=False)
+    (tmp_path / "net.prototxt").write_text(text("file.mdb", "batch_size: 1"))
+    assert labels(netlib.Net(tmp_path / "net.prototxt", netlib.TRAIN)) == [5]
+
+
+def test_what_is_accepted_and_ignored(database, net_of):
+    """As in Caffe; what stands in the wrong place is noted."""
+    layer = text(database, "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2")
+    net = net_of(layer)
+    assert labels(net) == [10, 11]
+    assert net.layer_dict["d"].notes == [
+        f"5 images in {database}",
+        "warning: crop_size is ignored here, as in Caffe; write it in transform_param",
+    ]
+
+
+def test_without_the_package(database, net_of, monkeypatch):
+    """How to install it."""
+    monkeypatch.setitem(sys.modules, "lmdb", None)
+    with pytest.raises(netlib.LayerError) as error:
+        net_of(text(database))
+    assert str(error.value) == (
+        "net.prototxt:1:7: error: layer 'd': needs the package lmdb to read a database; install it: pip install lmdb"
+    )
+
+
+@pytest.mark.parametrize("options", ["", "backend: LEVELDB"])
+def test_leveldb(database, net_of, options):
+    """Caffe's default backend: how to convert it."""
+    with pytest.raises(
+        netlib.LayerError, match="backend LEVELDB, Caffe's default, cannot be read; convert the database"
+    ):
+        net_of(text(database, f"batch_size: 1 {options}").replace("backend: LMDB", ""))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("gone", "gone: cannot open the database: No such file or directory"),
+        ("folder", "folder: cannot open the database: No such file or directory"),
+        ("text", "text: cannot open the database: MDB_INVALID: File is not an LMDB file"),
+        ("no entries", "no entries: the database has no entries"),
+    ],
+)
+def test_what_is_no_database(tmp_path, net_of, name, message):
+    """Missing, empty, or something else."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text").write_text("text" * 5000)
+    write(tmp_path / "no entries", [])
+    with pytest.raises(netlib.DataError, match=message) as error:
+        net_of(text(tmp_path / name))
+    assert "\n" not in str(error.value)
+
+
+def test_a_truncated_database(tmp_path, net_of):
+    """Is found before it is read, for that would end the process."""
+    database = write(tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), 0)] * 20)
+    whole = (database / "data.mdb").stat().st_size
+    for size in (whole - 4096, whole // 2, 2 * 4096):
+        os.truncate(database / "data.mdb", size)
+        with pytest.raises(netlib.DataError, match=rf"data.mdb: truncated: it has {size} bytes, expected at least"):
+            net_of(text(database))
+
+
+@pytest.mark.parametrize(
+    ("entries", "options", "message"),
+    [
+        ([b"\xff"], "batch_size: 1", r"lmdb: entry '00000000': byte 0: truncated"),
+        ([datum(np.ones((1, 2, 2), np.uint8), 0)], "batch_size: 0", "layer 'd': batch_size must be at least 1"),
+        ([datum(np.ones((1, 2, 2), np.uint8), 0)], "", "missing required field 'batch_size' in data_param"),
+    ],
+)
+def test_mistakes(tmp_path, net_of, entries, options, message):
+    """The entry is named."""
+    with pytest.raises(netlib.NetlibError, match=message):
+        net_of(text(write(tmp_path / "lmdb", entries), options))

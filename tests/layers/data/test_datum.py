@@ -1,0 +1,125 @@
+"""Datum and BlobProto, read from bytes."""
+
+import cv2
+import numpy as np
+import pytest
+from caffe_messages import blob, content, datum, number, one_by_one, write_blob
+
+import netlib
+from layers.data.datum import decode_datum
+from netlib.binaryproto import read_blob
+
+
+@pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])
+def test_bytes_and_a_label(rng, label):
+    """Channel by channel."""
+    image = rng.integers(0, 256, (2, 3, 4)).astype(np.uint8)
+    values, found = decode_datum(datum(image, label), None, "d")
+    assert found == label
+    assert np.array_equal(values, image)
+
+
+def test_floats(rng):
+    """One by one, as Caffe writes them, or in one piece."""
+    image = rng.normal(size=(2, 3, 4)).astype(np.float32)
+    packed = number(1, 2) + number(2, 3) + number(3, 4) + content(6, image.tobytes())
+    for data in (datum(image, 1), packed):
+        assert np.array_equal(decode_datum(data, None, "d")[0], image)
+
+
+@pytest.mark.parametrize(("color", "channels"), [(None, 3), (True, 3), (False, 1)])
+def test_an_encoded_picture(rng, color, channels):
+    """Decoded by OpenCV: blue, green, red, or grey."""
+    image = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
+    png = cv2.imencode(".png", image)[1].tobytes()
+    values, label = decode_datum(datum(png, 3), color, "d")
+    assert (values.shape, label) == ((channels, 4, 5), 3)
+    grey = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE)[None]
+    assert np.array_equal(values, grey if channels == 1 else image.transpose(2, 0, 1))
+
+
+def test_a_grey_picture_stays_grey_or_becomes_colour(rng):
+    """As it is asked for."""
+    png = cv2.imencode(".png", rng.integers(0, 256, (4, 5)).astype(np.uint8))[1].tobytes()
+    assert decode_datum(datum(png, 0), None, "d")[0].shape == (1, 4, 5)
+    assert decode_datum(datum(png, 0), True, "d")[0].shape == (3, 4, 5)
+
+
+def test_unknown_fields_are_skipped():
+    """Of every wire type, as protobuf does."""
+    more = number(99, 5) + content(98, b"abc") + one_by_one(97, np.ones(2)) + b"\x81\x01" + bytes(8)  # 16: a double
+    image = np.array([[[1, 2]]], np.uint8)
+    assert decode_datum(more + datum(image, 4) + more, None, "d")[1] == 4
+
+
+WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (WHOLE[:-1], "d: byte 15: truncated: the message ends within a number; expected a Datum"),
+        (WHOLE[:10], "d: byte 6: truncated: field 4 has 6 bytes, but 2 are left; expected a Datum"),
+        (WHOLE[:6], r"d: a Datum of channels, height, width \(1, 2, 3\) with 0 values"),
+        (b"", r"d: a Datum of channels, height, width \(0, 0, 0\) with 0 values"),
+        (b"\xff" * 20, "d: byte 0: malformed: a number of more than ten bytes; expected a Datum"),
+        (b"\x0b", "d: byte 1: truncated: the message ends within a number"),
+        (number(4, 5), r"d: a Datum of channels, height, width \(0, 0, 0\) with 0 values"),
+        (content(6, b"abc"), "d: byte 0: malformed: 3 bytes of 'float_data' are no float32 numbers"),
+        (datum(b"text", 0), r"d: not an image that OpenCV can decode \(4 bytes\)"),
+        (datum(b"", 0), r"d: not an image that OpenCV can decode \(0 bytes\)"),
+        (datum(cv2.imencode(".png", np.zeros((2, 2), np.uint16))[1].tobytes(), 0), "d: an image of uint16, expected 8"),
+    ],
+)
+def test_mistakes(data, message):
+    """One line that says what it is."""
+    with pytest.raises(netlib.DataError, match=message) as error:
+        decode_datum(data, None, "d")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("count", range(len(WHOLE)))
+def test_no_part_of_a_datum_is_taken_for_one(count):
+    """Wherever it was cut: an error, or all values are there."""
+    try:
+        values, _ = decode_datum(WHOLE[:count], None, "d")
+    except netlib.DataError:
+        return
+    assert values.tolist() == [[[0, 1, 2], [3, 4, 5]]]
+
+
+# ---------------------------------------------------------------------------------------------- BlobProto
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(1, 3, 4, 5), (7,), ()])
+def test_a_blob(tmp_path, rng, dtype, shape):
+    """Floats or doubles, in any shape."""
+    values = rng.normal(size=shape).astype(dtype)
+    assert np.array_equal(read_blob(write_blob(tmp_path / "mean.binaryproto", values)), values)
+
+
+def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
+    """And numbers that are not packed."""
+    values = rng.normal(size=(1, 2, 3, 4)).astype(np.float32)
+    data = b"".join(number(field, size) for field, size in zip((1, 2, 3, 4), values.shape)) + one_by_one(5, values)
+    (tmp_path / "mean.binaryproto").write_bytes(data)
+    assert np.array_equal(read_blob(tmp_path / "mean.binaryproto"), values)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (None, "mean: cannot read the blob: No such file or directory"),
+        (blob(np.ones(3))[:-1], r"mean: byte \d+: truncated: field \d .*; expected a blob \(.binaryproto\)"),
+        (number(1, 2) + content(5, bytes(8)), r"mean: byte 0: a blob of shape \(2, 0, 0, 0\) with 2 values"),
+        (b"", r"mean: no values in it; expected a blob \(.binaryproto\)"),
+        (b"text", r"mean: byte 0: malformed: wire type 4; expected a blob \(.binaryproto\)"),
+    ],
+)
+def test_mistakes_of_a_blob(tmp_path, data, message):
+    """The file, and what is wrong with it."""
+    if data is not None:
+        (tmp_path / "mean").write_bytes(data)
+    with pytest.raises(netlib.DataError, match=message):
+        read_blob(tmp_path / "mean")

@@ -1,0 +1,83 @@
+"""HDF5Output."""
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(path, x="dim: 2 dim: 3", t="dim: 2"):
+    """A net of two inputs that are written."""
+    return (f'force_backward: true layer {{ name: "in" type: "Input" top: "x" top: "t" input_param {{ shape {{ {x} }} '
+            f'shape {{ {t} }} }} }} layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" '
+            f'hdf5_output_param {{ file_name: "{path}" }} }}')  # fmt: skip
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype):
+    """In the net's own type; an older file is replaced."""
+    path = tmp_path / "out.h5"
+    path.write_text("old")
+    net = net_of(text(path), dtype=dtype)
+    assert path.read_text() == "old", "nothing is lost before the new file is whole"
+    x, t = rng.normal(size=(2, 3)).astype(dtype), np.array([5.0, 6], dtype)
+    net.forward(x=x, t=t)
+    with h5py.File(path) as file:
+        assert sorted(file) == ["data", "label"]
+        assert file["data"].dtype == dtype
+        assert np.array_equal(file["data"], x.reshape(2, 3, 1, 1))
+        assert np.array_equal(file["label"], t.reshape(2, 1, 1, 1))
+    assert [p.name for p in tmp_path.iterdir()] == ["out.h5"]
+
+
+def test_a_second_batch_is_a_mistake(tmp_path, net_of):
+    """As in Caffe; the file keeps the first."""
+    net = net_of(text(tmp_path / "out.h5"))
+    net.forward(x=np.ones((2, 3)))
+    with pytest.raises(netlib.LayerError, match=r"layer 'out': .*out.h5 holds the batch of the first forward"):
+        net.forward(x=np.zeros((2, 3)))
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert (file["data"][...] == 1).all()
+
+
+def test_its_bottoms_have_no_gradient(tmp_path, net_of):
+    """It is 0 where somebody asks for it."""
+    net = net_of(text(tmp_path / "out.h5"))
+    net.forward()
+    net.blobs["x"].diff[...] = 3
+    assert (net.backward()["x"] == 0).all()
+
+
+def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
+    """Which needs the same names."""
+    x = rng.normal(size=(2, 3)).astype(np.float32)
+    net_of(text(tmp_path / "out.h5")).forward(x=x)
+    (tmp_path / "list.txt").write_text("out.h5")
+    net = net_of(f'layer {{ name: "d" type: "HDF5Data" top: "data" top: "label" '
+                 f'hdf5_data_param {{ source: "{tmp_path}/list.txt" batch_size: 2 }} }}')  # fmt: skip
+    assert np.array_equal(net.forward()["data"].reshape(2, 3), x)
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes", "message"),
+    [
+        ("gone/out.h5", {}, r"file_name '.*gone/out.h5': there is no folder .*gone"),
+        ("", {}, "file_name '.*' is not the name of a file"),
+        ("out.h5", {"t": "dim: 3"}, r"bottoms 'x' \(2, 3\) and 't' \(3,\) must have the same number of items"),
+        ("out.h5", {"x": "dim: 2 " * 5}, r"bottom 'x' \(2, 2, 2, 2, 2\) has more than four axes"),
+    ],
+)
+def test_mistakes(tmp_path, net_of, name, shapes, message):
+    """Found when the net is built."""
+    with pytest.raises(netlib.LayerError, match=message):
+        net_of(text(f"{tmp_path}/{name}", **shapes))
+
+
+def test_a_file_that_cannot_be_written(tmp_path, net_of):
+    """Says why."""
+    (tmp_path / "folder").mkdir()
+    net = net_of(text(tmp_path / "folder/o"))
+    (tmp_path / "folder").rmdir()
+    with pytest.raises(netlib.DataError, match=r"folder/o: cannot write the HDF5 file: .*No such file or directory"):
+        net.forward()

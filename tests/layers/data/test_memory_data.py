@@ -1,0 +1,89 @@
+"""MemoryData."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+NET = """layer { name: "d" type: "MemoryData" top: "x" top: "t"
+                 memory_data_param { batch_size: 2 channels: 3 height: 1 width: 2 } }"""
+
+
+@pytest.fixture
+def data(rng):
+    """Six items, and their labels 0 to 5."""
+    return rng.normal(size=(6, 3, 1, 2)).astype(np.float32), np.arange(6, dtype=np.float32)
+
+
+@pytest.mark.parametrize("shape", [(6,), (6, 1, 1, 1)])
+def test_batches_come_in_order_and_go_round(net_of, data, shape):
+    """Labels may have one axis or four; the top has four, as in Caffe."""
+    net = net_of(NET)
+    net.layer_dict["d"].set_input_arrays(data[0], data[1].reshape(shape))
+    for first in (0, 2, 4, 0, 2):
+        tops = net.forward()
+        assert np.array_equal(tops["x"], data[0][first : first + 2])
+        assert tops["t"].shape == (2, 1, 1, 1)
+        assert tops["t"].ravel().tolist() == [first, first + 1]
+
+
+def test_new_arrays_and_reset_begin_at_the_first_item(net_of, data):
+    """The arrays are not copied, and may be of any type of number."""
+    net = net_of(NET)
+    layer = net.layer_dict["d"]
+    layer.set_input_arrays(*data)
+    net.forward()
+    layer.reset()
+    data[1][0] = 40
+    assert net.forward()["t"].ravel().tolist() == [40, 1]
+    layer.set_input_arrays(np.zeros((2, 3, 1, 2), np.int64), [8, 9])
+    for _ in range(2):
+        assert net.forward()["t"].ravel().tolist() == [8, 9]
+
+
+def test_a_resume_goes_on_at_the_same_place(net_of, data):
+    """With the same arrays; with others it begins with the first."""
+    net, same, other = net_of(NET), net_of(NET), net_of(NET)
+    for made, count in ((net, 6), (same, 6), (other, 4)):
+        made.layer_dict["d"].set_input_arrays(data[0][:count], data[1][:count])
+    net.forward()
+    for made, first in ((same, 2), (other, 0)):
+        made.restore_layer_states(netlib.snapshot.as_plain(net.layer_states()))
+        assert made.forward()["t"].ravel().tolist() == [first, first + 1]
+
+
+def test_transform_param_is_ignored_and_noted(net_of, data):
+    """As in Caffe."""
+    net = net_of(NET[:-1] + "transform_param { scale: 2 } }")
+    net.layer_dict["d"].set_input_arrays(*data)
+    assert np.array_equal(net.forward()["x"], data[0][:2])
+    assert net.layer_dict["d"].notes == [
+        "warning: MemoryData does not transform arrays; transform_param is ignored, as in Caffe"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("shape", "labels", "message"),
+    [
+        ((3, 3, 1, 2), 3, "given 3 items, expected a multiple of batch_size 2"),
+        ((0, 3, 1, 2), 0, "given 0 items, expected a multiple of batch_size 2"),
+        ((2, 3, 1, 2), 4, "given 2 items of data, but 4 labels"),
+        ((2, 3, 2, 1), 2, r"the data have the shape \(2, 3, 2, 1\), expected \(N, 3, 1, 2\)"),
+        ((2, 6), 2, r"the data have the shape \(2, 6\), expected \(N, 3, 1, 2\)"),
+        ((2, 3, 1, 2), (2, 2), r"the labels have the shape \(2, 2\), expected \(N, 1, 1, 1\)"),
+    ],
+)
+def test_arrays_that_do_not_fit(net_of, shape, labels, message):
+    """What was given, and what was expected."""
+    with pytest.raises(netlib.LayerError, match=f"layer 'd': {message}"):
+        net_of(NET).layer_dict["d"].set_input_arrays(np.zeros(shape), np.zeros(labels))
+
+
+def test_mistakes(net_of):
+    """No data yet, words for numbers, sizes of 0."""
+    with pytest.raises(netlib.LayerError, match="layer 'd': has no data yet; call its set_input_arrays"):
+        net_of(NET).forward()
+    with pytest.raises(netlib.LayerError, match="layer 'd': the labels must be numbers, given an array of <U1"):
+        net_of(NET).layer_dict["d"].set_input_arrays(np.zeros((2, 3, 1, 2)), ["a", "b"])
+    with pytest.raises(netlib.LayerError, match=r"net.prototxt:2:\d+: error: layer 'd': height must be at least 1"):
+        net_of(NET.replace("height: 1", "height: 0"))

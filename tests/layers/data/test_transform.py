@@ -1,0 +1,147 @@
+"""transform_param: scale, mean, crop, mirror."""
+
+import numpy as np
+import pytest
+from caffe_messages import write_blob
+
+import netlib
+from layers.data.image_data import ImageDataParameter
+from layers.data.transform import Transformer, misplaced
+from netlib import prototxt, schema
+from netlib.layer import Layer
+from netlib.messages import LayerParameter
+
+
+def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):
+    """Of a layer that does nothing else."""
+    text = f'name: "it" type: "ImageData" transform_param {{ {options} }}'
+    spec = schema.read(prototxt.parse(text, str(source)), LayerParameter)
+    return Transformer(Layer(spec, phase, np.random.default_rng(0), dtype))
+
+
+def transformed(made, image):
+    """One image."""
+    y = np.full(made.shape(image, "x"), np.nan, made.layer.dtype)
+    made.transform(image, y, "x")
+    return y
+
+
+def by_loops(image, mean, scale, top, left, size, mirror):
+    """What Caffe's three loops compute."""
+    channels = len(image)
+    y = np.empty((channels, size, size))
+    for c in range(channels):
+        for h in range(size):
+            for w in range(size):
+                value = float(image[c, top + h, left + w]) - mean[c, top + h, left + w]
+                y[c, h, size - 1 - w if mirror else w] = value * scale
+    return y
+
+
+@pytest.fixture
+def image(rng):
+    """Three channels, all bytes different from their neighbours."""
+    return rng.integers(0, 256, (3, 5, 7)).astype(np.uint8)
+
+
+def test_without_options_only_the_type_changes(image):
+    """Bytes become floats from 0 to 255."""
+    assert np.array_equal(transformed(transformer(""), image), image)
+
+
+def test_scale_comes_after_the_mean(image):
+    """One mean for all channels, or one for each."""
+    y = transformed(transformer("scale: 0.5 mean_value: 10"), image)
+    assert np.array_equal(y, (image - 10.0) * 0.5)
+    y = transformed(transformer("scale: 2 mean_value: 1 mean_value: 2 mean_value: 3"), image)
+    assert np.array_equal(y, (image - np.array([1.0, 2, 3])[:, None, None]) * 2)
+
+
+@pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
+@pytest.mark.parametrize("mirror", [False, True])
+def test_crop_mirror_and_mean_image_together(tmp_path, image, rng, phase, mirror):
+    """Of each pixel the mean of its own place in the image is subtracted, before it is moved."""
+    mean = rng.normal(size=image.shape).astype(np.float32)
+    write_blob(tmp_path / "mean.binaryproto", mean[None])
+    options = f'crop_size: 3 scale: 0.25 mean_file: "mean.binaryproto" mirror: {str(mirror).lower()}'
+    made = transformer(options, phase, source=tmp_path / "net.prototxt")  # the mean lies beside it
+    possible = {
+        (top, left, flip): by_loops(image, mean, 0.25, top, left, 3, flip)
+        for top in range(3)
+        for left in range(5)
+        for flip in (False, True)
+    }
+    found = {}
+    for _ in range(600):
+        y = transformed(made, image)
+        (key,) = [key for key, want in possible.items() if np.allclose(y, want)]
+        found[key] = found.get(key, 0) + 1
+    places = {(1, 2)} if phase == "TEST" else {(top, left) for top in range(3) for left in range(5)}
+    flips = {False, True} if mirror else {False}  # in both phases, as in Caffe
+    assert set(found) == {(*place, flip) for place in places for flip in flips}
+    assert min(found.values()) > 0.4 * 600 / len(found), "all equally often"
+
+
+@pytest.mark.parametrize(("size", "top", "left"), [(2, 1, 2), (4, 0, 1), (5, 0, 1)])
+def test_the_middle_is_rounded_to_the_top_and_left(image, size, top, left):
+    """In TEST."""
+    y = transformed(transformer(f"crop_size: {size}", "TEST"), image)
+    assert np.array_equal(y, image[:, top : top + size, left : left + size])
+
+
+def test_float32_is_computed_in_float32(image):
+    """In the net's own type, as in Caffe."""
+    y = transformed(transformer("scale: 0.1 mean_value: 104.3", dtype=np.float32), image)
+    assert y.dtype == np.float32
+    assert np.array_equal(y, (image.astype(np.float32) - np.float32(104.3)) * np.float32(0.1))
+
+
+def test_the_same_state_gives_the_same_crops(image):
+    """The random stream is the layer's."""
+    made = transformer("crop_size: 2 mirror: true")
+    state = made.layer.state()
+    first = [transformed(made, image) for _ in range(5)]
+    made.layer.restore(state)
+    assert np.array_equal(first, [transformed(made, image) for _ in range(5)])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("crop_size: 6", r"it': x: an image \(C, H, W\) \(3, 5, 7\) is smaller than crop_size 6"),
+        (
+            "mean_value: 1 mean_value: 2",
+            "x: an image of 3 channels, but 2 mean_value; expected one for all, or one for",
+        ),
+        ('mean_file: "m"', r"an image \(C, H, W\) \(3, 5, 7\), but mean_file 'm' has \(3, 5, 6\); expected the same"),
+        ('mean_file: "m" mean_value: 1', "mean_file and mean_value cannot both be given"),
+        ('mean_file: "flat"', r"mean_file 'flat' has the shape \(3,\), expected \(1, C, H, W\)"),
+        ('mean_file: "none"', "none: cannot read the blob: No such file"),
+        ("force_color: true force_gray: true", "force_color and force_gray cannot both be set"),
+        ("crop: 3", r"net.prototxt:1:48: error: unknown field 'crop'"),
+    ],
+)
+def test_mistakes(tmp_path, image, options, message):
+    """The place, the image, what was expected."""
+    write_blob(tmp_path / "m", np.zeros((1, 3, 5, 6)))
+    write_blob(tmp_path / "flat", np.zeros(3))
+    with pytest.raises(netlib.NetlibError, match=message) as error:
+        transformed(transformer(options, source=tmp_path / "net.prototxt"), image)
+    assert "\n" not in str(error.value)
+
+
+def test_an_image_that_does_not_fit_its_batch(image):
+    """Without crop_size all must have one size; channels must always agree."""
+    with pytest.raises(netlib.LayerError, match=r"x: an image .* \(3, 5, 7\) gives \(3, 5, 7\), but the first of its"):
+        transformer("").transform(image, np.zeros((3, 5, 8)), "x")
+    with pytest.raises(netlib.LayerError, match=r"gives \(3, 2, 2\), but the first of its batch \(1, 2, 2\)"):
+        transformer("crop_size: 2").transform(image, np.zeros((1, 2, 2)), "x")
+
+
+def test_options_in_their_old_place_are_pointed_out():
+    """Caffe ignores them without a word."""
+    made = transformer("")
+    made.layer.param = schema.read(prototxt.parse('source: "s" scale: 2 mirror: false', "net"), ImageDataParameter)
+    assert misplaced(made.layer, "scale", "mean_file", "mirror") == [
+        f"warning: {name} is ignored here, as in Caffe; write it in transform_param" for name in ("scale", "mirror")
+    ]

@@ -1,0 +1,93 @@
+"""BatchNorm: the batch's statistics, the sums of many batches, and who may not change them."""
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import gradcheck
+
+TEXT = 'type: "BatchNorm"'
+KEPT = TEXT + " batch_norm_param { moving_average_fraction: 0.5 }"
+STORED = TEXT + " batch_norm_param { use_global_stats: true eps: 0 }"
+
+
+def test_by_hand(run):
+    """Channel 0 has mean 2 and variance 1, channel 1 mean 5 and variance 4."""
+    done = run(TEXT, [[1, 3], [3, 7]])
+    assert np.allclose(done.y, [[-1, -1], [1, 1]], atol=1e-4)
+
+
+def test_eps_is_added_to_the_variance(run):
+    """(1 - 2) / sqrt(1 + 3)."""
+    assert np.allclose(run(TEXT + " batch_norm_param { eps: 3 }", [[1], [3]]).y, [[-0.5], [0.5]])
+
+
+def test_the_sums_take_up_every_batch(run):
+    """Older batches fade; the variance counts M / (M - 1) times, here twice."""
+    done = run(KEPT, [[1, 3], [3, 7]])
+    mean, variance, weight = (blob.data for blob in done.layer.blobs)
+    assert (mean.tolist(), variance.tolist(), weight.tolist()) == ([2, 5], [2, 8], [1])
+    done.layer.forward(done.bottom, done.top)
+    assert (mean.tolist(), variance.tolist(), weight.tolist()) == ([3, 7.5], [3, 12], [1.5])
+
+
+@pytest.mark.parametrize(("text", "phase"), [(STORED, "TRAIN"), (TEXT + " batch_norm_param { eps: 0 }", "TEST")])
+def test_the_sums_normalise(run, text, phase):
+    """Mean 6 / 2 and variance 8 / 2; the gradient is divided by the standard deviation, and the sums stay."""
+    done = run(text, [[1], [7]], phase=phase, params=[[6], [8], [2]])
+    assert done.y.tolist() == [[-1], [2]]
+    assert done.backward([[4], [6]])[0].tolist() == [[2], [3]]
+    assert [blob.data.tolist() for blob in done.layer.blobs] == [[6], [8], [2]]
+
+
+def test_sums_of_no_batch_are_zero(run):
+    """Not 0 / 0."""
+    assert np.allclose(run(TEXT, [[1], [7]], phase="TEST").y, np.array([[1], [7]]) / np.sqrt(1e-5))
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (3, 2, 4), (2, 3, 2, 3)])
+def test_gradient(check, rng, shape):
+    """With any number of axes."""
+    check(TEXT, rng.normal(size=shape))
+
+
+def test_one_value_per_channel(run):
+    """Its variance is 0, and M / (M - 1) is taken as 1."""
+    done = run(TEXT, [[5, 6]])
+    assert done.y.tolist() == [[0, 0]]
+    assert [blob.data.tolist() for blob in done.layer.blobs] == [[5, 6], [0, 0], [1]]
+
+
+def net_text(options):
+    """A net with a BatchNorm."""
+    return f"""
+        layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: 4 dim: 3 }} }} }}
+        layer {{ name: "b" bottom: "x" top: "y" {TEXT} {options} }}
+    """
+
+
+@pytest.mark.parametrize("options", ["", "param { lr_mult: 0 }", "param { lr_mult: 0 decay_mult: 0 }" * 3], ids=str)
+def test_a_solver_leaves_the_sums_alone(net_of, options):
+    """Their lr_mult is 0, whether the net says so or not."""
+    assert [param.spec.lr_mult for param in net_of(net_text(options)).learnable] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("options", "found"), [("param { lr_mult: 2 }", 2), ('param { name: "m" }', 1)])
+def test_statistics_cannot_be_learned(net_of, options, found):
+    """A ``param`` must say so."""
+    message = f"layer 'b': param 0 has lr_mult {found}, but statistics are not learned: expected 0"
+    with pytest.raises(netlib.LayerError, match=message):
+        net_of(net_text(options))
+
+
+def test_a_bottom_without_channels(run):
+    """Names the blob and its shape."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3,\), expected \(N, C, ...\)"):
+        run(TEXT, [1, 2, 3])
+
+
+def test_another_number_of_channels(run):
+    """After the sums were made."""
+    layer = gradcheck.make_layer(TEXT, [np.zeros((2, 3))])
+    with pytest.raises(netlib.LayerError, match=r"shape \(2, 4\), its statistics are of 3 channels"):
+        gradcheck.check(layer, [np.zeros((2, 4))])

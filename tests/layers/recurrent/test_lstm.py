@@ -1,0 +1,131 @@
+"""LSTM: its gates, its cell, its gradient through time."""
+
+import numpy as np
+import pytest
+from scipy.special import expit
+
+import netlib
+
+
+def text(outputs=3, options=""):
+    """The layer with random weights and biases."""
+    fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
+    return f'type: "LSTM" recurrent_param {{ num_output: {outputs} {fillers} {options} }}'
+
+
+CONT = np.array([[0, 1], [1, 1], [1, 0], [1, 1]])
+
+
+def test_by_hand(run):
+    """One output. All gates are half open, the proposal is tanh(x): c = (c before + tanh(x)) / 2, h = tanh(c) / 2."""
+    w_x = [[0], [0], [0], [1]]
+    done = run(text(1), [[[1]], [[2]]], [[1], [1]], params=[w_x, [0] * 4, np.zeros((4, 1))])
+    c1 = np.tanh(1) / 2
+    c2 = (c1 + np.tanh(2)) / 2
+    assert np.allclose(done.y.ravel(), [np.tanh(c1) / 2, np.tanh(c2) / 2])
+
+
+def test_the_gates_in_their_order(run):
+    """Rows of the weights: input, forget, output, proposal. Each gate in turn is shut by its bias."""
+    w_x, w_h = [[0], [0], [0], [1]], np.zeros((4, 1))
+
+    def outputs(shut):
+        bias = np.zeros(4)
+        bias[shut] = -1000
+        return run(text(1), [[[1]], [[1]]], [[1], [1]], params=[w_x, bias, w_h]).y.ravel()
+
+    c = np.tanh(1) / 2
+    assert np.allclose(outputs(0), [0, 0])  # nothing comes in
+    assert np.allclose(outputs(1), [np.tanh(c) / 2] * 2)  # nothing is remembered
+    assert np.allclose(outputs(2), [0, 0])  # nothing comes out
+
+
+def loops(x, cont, params, static=None, h=None, c=None):
+    """The definition: stream by stream, step by step."""
+    w_x, b, *w_s, w_h = params
+    D = w_h.shape[1]
+    y = np.zeros((*x.shape[:2], D))
+    last = np.zeros((2, x.shape[1], D))
+    for n in range(x.shape[1]):
+        h_n, c_n = (np.zeros(D) if state is None else state[n] for state in (h, c))
+        for t in range(len(x)):
+            h_n, c_n = cont[t, n] * h_n, cont[t, n] * c_n
+            a = w_x @ x[t, n].ravel() + b + w_h @ h_n
+            if static is not None:
+                a = a + w_s[0] @ static[n].ravel()
+            i, f, o, g = a.reshape(4, D)
+            c_n = expit(f) * c_n + expit(i) * np.tanh(g)
+            h_n = y[t, n] = expit(o) * np.tanh(c_n)
+        last[:, n] = h_n, c_n
+    return y, last[0], last[1]
+
+
+@pytest.mark.parametrize("item", [(5,), (2, 3)], ids=str)
+@pytest.mark.parametrize("with_static", [False, True])
+def test_it_gives_what_plain_loops_give(run, rng, item, with_static):
+    """Features may have several axes; the static ones count at all steps. The next batch goes on."""
+    x, static = rng.normal(size=(4, 2, *item)), rng.normal(size=(2, 2, 2))
+    bottoms = [x, CONT] + [static] * with_static
+    done = run(text(), *bottoms)
+    params = [blob.data for blob in done.layer.blobs]
+    assert [p.shape for p in params] == [(12, x[0, 0].size), (12,), *[(12, 4)] * with_static, (12, 3)]
+    y, h, c = loops(x, CONT, params, static if with_static else None)
+    assert np.allclose(done.y, y)
+    done.layer.forward(done.bottom, done.top)
+    assert np.allclose(done.y, loops(x, CONT, params, static if with_static else None, h, c)[0])
+
+
+def test_gradient(check, rng):
+    """Of x and all weights, over sequences that begin in the middle."""
+    check(text(), rng.normal(size=(4, 2, 5)), CONT, wanted=[True, False])
+
+
+def test_gradient_with_static_features(check, rng):
+    """Also of them."""
+    check(text(), rng.normal(size=(4, 2, 2, 2)), CONT, rng.normal(size=(2, 3)), wanted=[True, False, True])
+
+
+def test_exposed_states(run, rng):
+    """h, then c, come from bottoms and go to tops; so two halves make a whole."""
+    x, h, c = rng.normal(size=(4, 2, 5)), rng.normal(size=(1, 2, 3)), rng.normal(size=(1, 2, 3))
+    whole = run(text(options="expose_hidden: true"), x, np.ones((4, 2)), h, c, tops=3)
+    params = [blob.data for blob in whole.layer.blobs]
+    assert all(np.allclose(a, b) for a, b in zip(whole.ys, loops(x, np.ones((4, 2)), params, None, h[0], c[0])))
+    states, parts = (h, c), []
+    for half in (x[:2], x[2:]):
+        done = run(text(options="expose_hidden: true"), half, np.ones((2, 2)), *states, tops=3, params=params)
+        parts.append(done.ys[0])
+        states = done.ys[1:]
+    assert np.allclose(np.concatenate(parts), whole.y)
+    assert all(np.allclose(a, b) for a, b in zip(states, whole.ys[1:]))
+
+
+def test_no_gradient_passes_exposed_states(run, rng):
+    """As Caffe: those at the bottom get zeros, what the tops want is not looked at."""
+    bottoms = rng.normal(size=(3, 2, 5)), np.ones((3, 2)), *rng.normal(size=(2, 1, 2, 3))
+    done = run(text(options="expose_hidden: true"), *bottoms, tops=3)
+    wanted = [True, False, True, True]
+    dy = rng.normal(size=(3, 2, 3))
+    dx, _, dh, dc = (
+        array.copy() for array in done.backward(dy, np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), wanted=wanted)
+    )
+    assert dx.all()
+    assert not dh.any()
+    assert not dc.any()
+    assert np.array_equal(done.backward(dy, np.ones((1, 2, 3)), np.ones((1, 2, 3)), wanted=wanted)[0], dx)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "tops", "message"),
+    [
+        ([(4, 2, 5), (4, 2), (1, 2, 3)], 3, "has 3 bottoms and 3 tops, expected 4 or 5 and 3"),
+        ([(4, 2, 5), (4, 2), (1, 2, 3), (1, 2, 3)], 1, "has 4 bottoms and 1 tops, expected 4 or 5 and 3"),
+        ([(4, 2, 5), (4, 2), (1, 2, 3), (1, 2, 4)], 3, r"'bottom3' has shape \(1, 2, 4\), expected \(1, 2, 3\)"),
+        ([(4, 2, 5), (4, 2), (3, 1), (1, 2, 3), (1, 2, 3)], 3, r"'bottom2' has shape \(3, 1\), expected \(2, ...\)"),
+    ],
+    ids=str,
+)
+def test_mistakes_with_exposed_states(run, shapes, tops, message):
+    """Numbers and shapes of blobs."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options="expose_hidden: true"), *map(np.zeros, shapes), tops=tops)

@@ -1,0 +1,61 @@
+"""Crop."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(options=""):
+    """The layer with these options."""
+    return f'type: "Crop" crop_param {{ {options} }}'
+
+
+X = np.arange(20.0).reshape(1, 1, 4, 5)
+
+
+def test_by_hand(run):
+    """Two rows and three columns of an image, from row 1 and column 2 on; the rest gets no gradient."""
+    done = run(text("offset: 1 offset: 2"), X, np.zeros((7, 7, 2, 3)))
+    assert done.y.tolist() == [[[[7, 8, 9], [12, 13, 14]]]]
+    dx, dsize = done.backward([[[[1, 2, 3], [4, 5, 6]]]])
+    assert dx[0, 0].tolist() == [[0] * 5, [0, 0, 1, 2, 3], [0, 0, 4, 5, 6], [0] * 5]
+    assert not dsize.any()
+
+
+def test_one_offset_is_for_all_axes(run):
+    """And none is 0."""
+    assert run(text("offset: 1"), X, np.zeros((1, 1, 2, 2))).y.tolist() == [[[[6, 7], [11, 12]]]]
+    assert run(text(), X, np.zeros((1, 1, 1, 2))).y.tolist() == [[[[0, 1]]]]
+
+
+def test_any_axis_may_be_the_first(run):
+    """Those before it stay whole; the axes count from the back as well."""
+    x = np.arange(12.0).reshape(2, 3, 2)
+    assert run(text("axis: 1 offset: 1 offset: 0"), x, np.zeros((9, 2, 1))).y.tolist() == [[[2], [4]], [[8], [10]]]
+    assert run(text("axis: -1 offset: 1"), x, np.zeros((9, 9, 1))).y.tolist() == x[..., 1:].tolist()
+
+
+def test_gradient(check, rng):
+    """That of the size is 0."""
+    check(text("axis: 1 offset: 1"), rng.normal(size=(2, 3, 4, 3)), rng.normal(size=(2, 2, 2, 1)))
+
+
+@pytest.mark.parametrize(
+    ("options", "size", "message"),
+    [
+        (
+            "offset: 3",
+            (1, 1, 2, 2),
+            r"'bottom0' \(1, 1, 4, 5\) does not hold 'bottom1' \(1, 1, 2, 2\) at offset \(3, 3\)",
+        ),
+        ("", (1, 1, 4, 6), r"does not hold 'bottom1' \(1, 1, 4, 6\) at offset \(0, 0\), from axis 2 on"),
+        ("", (1, 1, 4), r"does not hold 'bottom1' \(1, 1, 4\)"),
+        ("offset: 1 offset: 1 offset: 1", (1, 1, 2, 2), "3 values of offset for the 2 axes from axis 2 on"),
+        ("axis: 4", (1, 1, 2, 2), "axis 4 is out of range for a blob of 4 axes"),
+    ],
+)
+def test_mistakes(run, options, size, message):
+    """Names the blobs and their shapes."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options), X, np.zeros(size))

@@ -1,0 +1,49 @@
+"""Im2col: patches as columns."""
+
+import numpy as np
+import pytest
+
+import netlib
+
+
+def text(options):
+    """The layer with these options."""
+    return f'type: "Im2col" convolution_param {{ {options} }}'
+
+
+def test_by_hand(run):
+    """Row (i, j) of the columns is what kernel element (i, j) meets; a gradient goes to all columns that read it."""
+    done = run(text("kernel_size: 2"), np.arange(6.0).reshape(1, 1, 2, 3))
+    assert done.y[0].tolist() == [[[0, 1]], [[1, 2]], [[3, 4]], [[4, 5]]]
+    [dx] = done.backward(np.ones((1, 4, 1, 2)))
+    assert dx[0, 0].tolist() == [[1, 2, 1], [1, 2, 1]]
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 7), (2, 3, 5, 6), (1, 2, 4, 3, 5)], ids=str)
+def test_a_product_with_the_kernel_is_a_convolution(run, rng, shape):
+    """In any number of axes; options of the weights are not looked at."""
+    windows = "num_output: 4 bias_term: false kernel_size: 2 stride: 2 pad: 1 dilation: 2"
+    x, w = rng.normal(size=shape), rng.normal(size=(4, shape[1], *[2] * (len(shape) - 2)))
+    columns = run(text(windows), x).y
+    y = run(f'type: "Convolution" convolution_param {{ {windows} }}', x, params=[w]).y
+    assert np.allclose(np.einsum("ok,nk...->no...", w.reshape(4, -1), columns), y)
+
+
+@pytest.mark.parametrize("options", ["kernel_size: 2 stride: 2", "kernel_size: 3 pad: 1", "kernel_size: 2 axis: 2"])
+def test_gradient(check, rng, options):
+    """With overlap, with padding, with two axes of items."""
+    check(text(options), rng.normal(size=(2, 2, 3, 4)))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("", "needs kernel_size, or kernel_h and kernel_w"),
+        ("kernel_size: 6", r"kernel \(6, 6\) is larger than the padded bottom 'bottom0' \(1, 3, 5, 5\)"),
+        ("kernel_size: 2 axis: 3", r"no spatial axis after axis 3 of bottom 'bottom0' \(1, 3, 5, 5\)"),
+    ],
+)
+def test_mistakes(run, options, message):
+    """Those that a Convolution has, and its own."""
+    with pytest.raises(netlib.LayerError, match=message):
+        run(text(options), np.zeros((1, 3, 5, 5)))

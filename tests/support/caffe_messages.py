@@ -1,0 +1,55 @@
+"""Writes Caffe's binary messages for tests, byte by byte as protocol buffers have them: Datum and BlobProto."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+
+def varint(number: int) -> bytes:
+    """Seven bits in each byte, the lowest first; a negative number as 64 bits."""
+    number %= 2**64
+    out = bytearray()
+    while number > 127:
+        out.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*out, number])
+
+
+def number(field: int, value: int) -> bytes:
+    """A field that is a number."""
+    return varint(field << 3) + varint(value)
+
+
+def content(field: int, value: bytes) -> bytes:
+    """A field that is a string, a message, or packed numbers."""
+    return varint(field << 3 | 2) + varint(len(value)) + value
+
+
+def one_by_one(field: int, values: np.ndarray) -> bytes:
+    """A field of floats that is not packed."""
+    return b"".join(varint(field << 3 | 5) + np.float32(value).tobytes() for value in np.ravel(values))
+
+
+def datum(image: np.ndarray | bytes, label: int) -> bytes:
+    """An image (C, H, W) of bytes or floats, or the bytes of a picture file."""
+    if isinstance(image, bytes):
+        return content(4, image) + number(5, label) + number(7, 1)
+    shape = b"".join(number(field, size) for field, size in zip((1, 2, 3), image.shape))
+    values = content(4, image.tobytes()) if image.dtype == np.uint8 else b""
+    floats = one_by_one(6, image) if image.dtype != np.uint8 else b""
+    return shape + values + number(5, label) + floats
+
+
+def blob(values: np.ndarray) -> bytes:
+    """A BlobProto, of floats or doubles."""
+    shape = content(7, content(1, b"".join(map(varint, values.shape))))
+    field, dtype = (8, "<f8") if values.dtype == np.float64 else (5, "<f4")
+    return content(field, values.astype(dtype).tobytes()) + shape
+
+
+def write_blob(path: Path, values: np.ndarray) -> Path:
+    """A mean file."""
+    path.write_bytes(blob(values))
+    return path
