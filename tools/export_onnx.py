@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write a net as ONNX, so that any runtime of ONNX runs it: onnxruntime, OpenCV, a browser, a telephone.
+"""Write a net as ONNX, so that any runtime of ONNX runs it: onnxruntime, OpenCV, a browser, a phone.
 
     python tools/export_onnx.py prototxt/nyu_deploy.prototxt snapshots/nyu_iter_1000.caffemodel.h5 hand.onnx
     python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \
@@ -42,9 +42,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
-                        help="give out this blob, too: DoF, the pose of a hand; may be given several times")  # fmt: skip
+                        help="give out this blob, too, for example DoF; may be given several times")  # fmt: skip
     parser.add_argument("--cube", type=float, default=CUBE_MM, metavar="MM",
-                        help="edge of the cube that a hand's crops show, for the metadata (default: %(default)g)")  # fmt: skip
+                        help="edge of the cube of a hand's crops, for the metadata (default: %(default)g)")  # fmt: skip
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     args = parser.parse_args(argv)
     if not 0 < args.cube < float("inf"):

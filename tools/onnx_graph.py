@@ -1,8 +1,8 @@
 """An ONNX graph in the making: operators and constants, one after the other, and at the end the file.
 
 The file is of opset 17 and IR version 8, those of ONNX 1.12 (June 2022): every runtime of the last three years reads
-them, onnxruntime since 1.12. Nothing newer is needed, and older runtimes often do, too: no operator here changed
-between opset 13 and 17. From opset 18 on the reductions have another form.
+them, onnxruntime since 1.12. Nothing newer is needed; and from opset 18 on reductions have another form, so that files
+of it would be useless to older runtimes.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The transform of a motion by theta (layers/hand/kinematics.py) is a sum of four 
 
     A(theta) = A_1 + A_cos cos theta + A_sin sin theta + A_theta theta
 
-Fixed DoFs and bones are constants as well. Multiplied into the motions behind them, they are gone, and what is left is a
+Fixed DoFs and bones are constants as well. Multiplied into the motions behind them, they are gone. What is left is a
 tree of the free motions alone, here called steps:
 
     world_from_step = world_from_parent @ S(theta)         S = (what is fixed between the two) @ A
@@ -62,7 +62,8 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
     frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
-    ends = graph.op("MatMul", frames, graph.constant(offsets[:, :, None], "offsets"))  # (N, K, 4, 1)
+    terms = graph.op("Mul", frames, graph.constant(offsets[:, None], "offsets"))  # not MatMul: OpenCV 5.0 gets it wrong
+    ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     xyz = graph.op("Slice", ends, *(graph.constant([n], what) for n, what in ((0, "start"), (3, "end"), (2, "axis"))))
     return [graph.reshaped(xyz, at.top[0])]
 

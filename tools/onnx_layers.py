@@ -193,34 +193,37 @@ def _pooling(graph: Graph, at: Place) -> list[str]:
 
     ONNX's ceil_mode would keep windows that Caffe drops, and its mean does not count as Caffe's. So output sizes are
     rounded down here, the pads at the end are what the last window needs, and where such a window hangs over the
-    padding, which Caffe does not count, the mean of all its places is corrected by a constant.
+    padding, which Caffe does not count, the mean of all its places is corrected by a constant. A last window beyond
+    the image (stride > kernel) has no value, and operators refuse it: it is put there afterwards.
     """
     layer: Any = at.layer
     is_max, x = layer.param.pool == "MAX", at.values[0]
     if layer.param.global_pooling and len(at.top) == 1:
         return [graph.op("GlobalMaxPool" if is_max else "GlobalAveragePool", x)]
-    sizes, outputs = at.sizes(at.bottom[0][2:]), at.sizes(at.top[0][2:])
-    before, kernel, stride = list(layer.pad), list(layer.kernel), list(layer.stride)
-    after = [max((o - 1) * s + k - n - p, 0) for o, s, k, n, p in zip(outputs, stride, kernel, sizes, before)]
-    if any(pad >= k for pad, k in zip(after, kernel)):  # windows without any value, which operators do not take
-        if len(at.top) > 1:
-            raise layer.fail("the mask of windows beyond the edge has no form in ONNX")
-        pads = graph.constant([0, 0, *before, 0, 0, *after], "pads")
-        x = graph.op("Pad", x, pads, graph.constant(float(np.finfo(np.float32).min) if is_max else 0.0, "nothing"))
-        options: dict[str, Any] = {"kernel_shape": kernel, "strides": stride}
-    else:
-        options = {"kernel_shape": kernel, "strides": stride, "pads": [*before, *after]}
+    axes = list(zip(at.sizes(at.bottom[0][2:]), layer.kernel, layer.stride, layer.pad))
+    outputs = at.sizes(at.top[0][2:])
+    inside = [min(o, -(-(n + p) // s)) for o, (n, _, s, p) in zip(outputs, axes)]
+    after = [max((o - 1) * s + k - n - p, 0) for o, (n, k, s, p) in zip(inside, axes)]
+    options: dict[str, Any] = {"kernel_shape": list(layer.kernel), "strides": list(layer.stride),
+                               "pads": [*layer.pad, *after]}  # fmt: skip
+    beyond = [o - i for o, i in zip(outputs, inside)]
+
+    def completed(y: str, nothing: float) -> str:
+        if not any(beyond):
+            return y
+        return graph.op("Pad", y, graph.constant([0] * 6 + beyond, "beyond"), graph.constant(nothing, "nothing"))
+
     if is_max:
         y = graph.ops("MaxPool", len(at.top), x, **options)
         if len(y) > 1:  # counted through all items and channels
-            y[1] = _floats(graph, graph.op("Mod", y[1], graph.constant(math.prod(sizes), "map")))
-        return y
-    mean, parts = graph.op("AveragePool", x, count_include_pad=1, **options), []
-    for o, s, k, n, p in zip(outputs, stride, kernel, sizes, before):
-        start = np.arange(o) * s - p
-        parts.append(np.minimum(start + k, n + p) - start)
-    with np.errstate(divide="ignore"):  # 0 x infinity is NaN, as in Caffe
-        correction = math.prod(kernel) / np.outer(*parts)
+            place = graph.op("Mod", y[1], graph.constant(math.prod(n for n, *_ in axes), "map"))
+            y[1] = completed(_floats(graph, place), -1.0)
+        return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
+    mean = completed(graph.op("AveragePool", x, count_include_pad=1, **options), 0.0)
+    starts = [np.arange(o) * s - p for o, (_, _, s, p) in zip(outputs, axes)]
+    counted = [np.minimum(start + k, n + p) - start for start, (n, k, _, p) in zip(starts, axes)]
+    with np.errstate(divide="ignore"):
+        correction = math.prod(layer.kernel) / np.outer(*counted)  # 0 x infinity is NaN, as Caffe's 0 / 0
     return [mean if (correction == 1).all() else graph.op("Mul", mean, graph.constant(correction, "correction"))]
 
 
@@ -251,8 +254,13 @@ def _batch_norm(graph: Graph, at: Place) -> list[str]:
         raise layer.fail("with use_global_stats: false, each item depends on its batch; expected true, or none",
                          "use_global_stats")  # fmt: skip
     mean, variance, weight = (blob.data for blob in layer.blobs)
-    factor, channels = 1 / weight[0] if weight[0] else 0.0, len(mean)
-    parts = {"gain": np.ones(channels), "bias": np.zeros(channels), "mean": factor * mean, "variance": factor * variance}
+    factor = 1 / weight[0] if weight[0] else 0.0
+    parts = {
+        "gain": np.ones_like(mean),
+        "bias": np.zeros_like(mean),
+        "mean": factor * mean,
+        "variance": factor * variance,
+    }
     constants = [graph.constant(values, what) for what, values in parts.items()]
     return [graph.op("BatchNormalization", at.values[0], *constants, epsilon=layer.param.eps)]
 

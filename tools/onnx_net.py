@@ -29,8 +29,10 @@ def load(model: str | Path, weights: str | Path) -> Net:
     """The net in phase TEST, with all its weights. Raises NetlibError, also for a layer type without a form in ONNX."""
     for spec in select_layers(load_parameter(model), NetState("TEST")):
         if spec.type not in LAYERS and (spec.type in layer_types() or spec.type == "Python"):
-            raise LayerError(f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} has no form "
-                             "in ONNX (docs/onnx.md); a deploy net has no layers for data, labels and losses")  # fmt: skip
+            raise LayerError(
+                f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} has no form in ONNX "
+                "(docs/onnx.md); a deploy net has no layers for data, labels and losses"
+            )
     return trained(model, weights, engine="plain")  # the textbook's layers have the options under their own names
 
 
@@ -135,7 +137,7 @@ def differences(image: bytes, net: Net, batches: Sequence[int], also: Sequence[s
     rng, outputs = np.random.default_rng(0), _outputs(net, also)
     worst = dict.fromkeys(outputs, 0.0)
     for batch in batches:
-        inputs = {name: _random(net, name, batch, rng) for name in net.inputs}
+        inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
         theirs = session.run(outputs, inputs)
         ours = net.forward(blobs=outputs, **inputs)
         for name, y in zip(outputs, theirs):
@@ -148,9 +150,9 @@ def difference(y: Array, expected: Array) -> float:
     if y.shape != expected.shape:
         return np.inf
     with np.errstate(invalid="ignore"):
-        error = np.abs(y - expected, dtype=np.float64)
-    error[(y == expected) | (np.isnan(y) & np.isnan(expected))] = 0
-    error[np.isnan(error)] = np.inf
+        error = np.abs(y - expected)
+    error = np.where((y == expected) | (np.isnan(y) & np.isnan(expected)), 0, error)
+    error = np.where(np.isnan(error), np.inf, error)
     scale = np.abs(expected[np.isfinite(expected)]).max(initial=0)
     return float(error.max(initial=0) / (scale or 1))
 
