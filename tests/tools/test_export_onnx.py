@@ -440,8 +440,8 @@ def test_a_type_without_a_form(kind, files, capsys):
     ("layers", "shapes", "message"),
     [
         ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
-         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4); the net must take "
-         "any number of items, here it had 2"),
+         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4); the net must "
+         "take any number of items, here it had 2"),
         ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
          [(2, 4)], "net.prototxt:3:7: error: layer 's': a shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
          "has no form in ONNX: expected one axis that counts items"),
