@@ -1,0 +1,91 @@
+"""caffe.Classifier: a net that says what images show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlib.blob import Array
+from netlib.caffe import io
+from netlib.caffe.pycaffe import Net
+from netlib.errors import NetlibError
+from netlib.layer import TEST
+
+
+def transformer_of(
+    net: Net,
+    mean: Array | None,
+    input_scale: float | None,
+    raw_scale: float | None,
+    channel_swap: Sequence[int] | None,
+) -> io.Transformer:
+    """The preprocessing of images (H, W, K) for a net's first input. Raises NetlibError."""
+    if not net.inputs:
+        raise NetlibError(f"net {net.name!r} has no input to put images into; expected one for deployment, with Input")
+    name = net.inputs[0]
+    transformer = io.Transformer({name: net.blobs[name].data.shape})
+    transformer.set_transpose(name, (2, 0, 1))
+    if mean is not None:
+        transformer.set_mean(name, mean)
+    if input_scale is not None:
+        transformer.set_input_scale(name, input_scale)
+    if raw_scale is not None:
+        transformer.set_raw_scale(name, raw_scale)
+    if channel_swap is not None:
+        transformer.set_channel_swap(name, channel_swap)
+    return transformer
+
+
+class Classifier(Net):
+    """A net of phase TEST with preprocessing for its first input.
+
+    image_dims                                   height and width that images are scaled to before crops of the
+                                                 input's size are cut out of them; by default that size
+    mean, input_scale, raw_scale, channel_swap   as Transformer takes them
+    """
+
+    def __init__(
+        self,
+        model_file: str | Path,
+        pretrained_file: str | Path,
+        image_dims: Sequence[int] | None = None,
+        mean: Array | None = None,
+        input_scale: float | None = None,
+        raw_scale: float | None = None,
+        channel_swap: Sequence[int] | None = None,
+    ) -> None:
+        super().__init__(model_file, TEST, weights=pretrained_file)
+        self.transformer = transformer_of(self, mean, input_scale, raw_scale, channel_swap)
+        self.crop_dims = np.array(self.blobs[self.inputs[0]].data.shape[2:])
+        self.image_dims = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
+        if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
+            raise io.ShapeError(
+                f"image_dims {tuple(self.image_dims)} are smaller than the net's input, {tuple(self.crop_dims)}; "
+                "expected a height and a width"
+            )
+
+    def predict(self, inputs: Sequence[Array], oversample: bool = True) -> NDArray[np.float32]:
+        """The first output of the net for each image (H, W, K); (N, ...).
+
+        With ``oversample``, the mean over corners, centre and their mirrors, (N, C); else of the centre alone. Raises
+        ShapeError.
+        """
+        if not len(inputs) or len({np.shape(image)[2:] for image in inputs}) > 1:
+            raise io.ShapeError(f"predict takes images (H, W, K) of one K, found {[np.shape(image) for image in inputs]}")
+        images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
+        crops = io.oversample(images, self.crop_dims) if oversample else _centre(images, self.crop_dims)
+        name = self.inputs[0]
+        items = np.stack([self.transformer.preprocess(name, crop) for crop in crops])
+        predictions: NDArray[np.float32] = self.forward_all(**{name: items})[self.outputs[0]]
+        if oversample:
+            return predictions.reshape(len(images), 10, -1).mean(axis=1)
+        return predictions
+
+
+def _centre(images: Array, dims: Sequence[int]) -> Array:
+    """The middle of images (N, H, W, K)."""
+    y, x = (images.shape[1] - dims[0]) // 2, (images.shape[2] - dims[1]) // 2
+    return images[:, y : y + dims[0], x : x + dims[1]]

@@ -1,0 +1,176 @@
+"""caffe.draw: a net as a picture of its graph, by the package pydot and Graphviz's program dot.
+
+Both are asked for when something is drawn, and only then.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from netlib import atomic
+from netlib.caffe.proto import caffe_pb2
+from netlib.errors import NetlibError, reason_of
+
+LAYER_STYLE_DEFAULT = {"shape": "record", "fillcolor": "#6495ED", "style": "filled"}
+NEURON_LAYER_STYLE = {"shape": "record", "fillcolor": "#90EE90", "style": "filled"}  # of layers in place
+BLOB_STYLE = {"shape": "octagon", "fillcolor": "#E0E0E0", "style": "filled"}
+COLORS = {"Convolution": "#FF5050", "Deconvolution": "#FF5050", "Pooling": "#FF9900", "InnerProduct": "#CC33FF"}
+NOTHING = '""'  # a label without text
+_WORDS = ("node", "edge", "graph", "digraph", "subgraph", "strict")  # of Graphviz's language
+
+
+class RuleError(NetlibError, ValueError):
+    """A layer of which it cannot be said whether it is to be drawn, or how."""
+
+
+def get_pooling_types_dict() -> dict[int, str]:
+    """Kinds of pooling by their numbers."""
+    return {number: name for name, number in caffe_pb2.PoolingParameter.PoolMethod.items()}
+
+
+def get_edge_label(layer: Any) -> str:
+    """What stands beside the arrows out of a layer: batch size or number of outputs, if it has one."""
+    if layer.type == "Data":
+        return f"Batch {layer.data_param.batch_size}"
+    if layer.type in ("Convolution", "Deconvolution"):
+        return str(layer.convolution_param.num_output)
+    if layer.type == "InnerProduct":
+        return str(layer.inner_product_param.num_output)
+    return NOTHING
+
+
+def get_layer_lr_mult(layer: Any) -> tuple[float, float]:
+    """The lr_mult of weights and biases, 1 where none is given. Raises RuleError for layers without weights."""
+    if layer.type not in ("Convolution", "Deconvolution", "InnerProduct"):
+        raise RuleError(f"{layer.type} layers do not have a learning rate multiplier")
+    given = [param.lr_mult for param in layer.param]
+    if len(given) > 2:
+        raise RuleError(f"layer {layer.name!r}: expected at most two params, weights and biases, found {len(given)}")
+    weights, biases = [*given, 1.0, 1.0][:2]
+    return weights, biases
+
+
+def get_layer_label(layer: Any, rankdir: str, display_lrm: bool = False) -> str:
+    """The text in a layer's box, in quotes: name, type, kernel; with ``display_lrm`` its learning rates.
+
+    A graph from top to bottom ("TB", "BT") has room for one long line, others get short ones.
+    """
+    separator = " " if rankdir in ("TB", "BT") else r"\n"
+    kind = layer.type
+    if kind == "Pooling":
+        kind += f" {get_pooling_types_dict()[layer.pooling_param.pool]}"
+    parts = [layer.name.replace("\\", "\\\\").replace('"', '\\"'), f"({kind})"]
+    if layer.type == "Pooling":
+        param = layer.pooling_param
+        parts += _kernel(param.kernel_size, param.stride, param.pad)
+    elif layer.type in ("Convolution", "Deconvolution"):
+        param = layer.convolution_param
+        parts += _kernel([*param.kernel_size, 1][0], [*param.stride, 1][0], [*param.pad, 0][0])
+    if display_lrm and layer.type in ("Convolution", "Deconvolution", "InnerProduct"):
+        weights, biases = get_layer_lr_mult(layer)
+        if weights or biases:
+            parts.append(f"lr mult: {weights:.1f}, {biases:.1f}")
+    return f'"{separator.join(parts)}"'
+
+
+def _kernel(size: int, stride: int, pad: int) -> list[str]:
+    return [f"kernel size: {size}", f"stride: {stride}", f"pad: {pad}"]
+
+
+def choose_color_by_layertype(layertype: str) -> str:
+    """The colour of a layer's box."""
+    return COLORS.get(layertype, LAYER_STYLE_DEFAULT["fillcolor"])
+
+
+def get_pydot_graph(
+    caffe_net: Any, rankdir: str, label_edges: bool = True, phase: int | None = None, display_lrm: bool = False
+) -> Any:
+    """The pydot graph of a NetParameter: layers as boxes, blobs as octagons.
+
+    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges``: sizes beside the arrows. ``phase``: only the
+    layers of caffe.TRAIN or caffe.TEST. Raises NetlibError without pydot, RuleError.
+    """
+    try:
+        pydot = importlib.import_module("pydot")
+    except ImportError as error:
+        raise NetlibError("pydot is missing: pip install '.[draw]'") from error
+    graph = pydot.Dot(_quoted(caffe_net.name or "Net"), graph_type="digraph", rankdir=rankdir)
+    layers: dict[str, Any] = {}
+    blobs: dict[str, Any] = {}
+    arrows: list[tuple[Any, Any, str]] = []
+    for layer in caffe_net.layer:
+        if phase is not None and not _is_in(layer, phase):
+            continue
+        in_place = len(layer.bottom) == len(layer.top) == 1 and layer.bottom[0] == layer.top[0]
+        style = {**LAYER_STYLE_DEFAULT, "fillcolor": choose_color_by_layertype(layer.type)}
+        box = pydot.Node(get_layer_label(layer, rankdir, display_lrm), **(NEURON_LAYER_STYLE if in_place else style))
+        layers[f"{layer.name}_{layer.type}"] = box
+        for name in [*layer.bottom, *layer.top]:
+            blobs.setdefault(name, pydot.Node(_quoted(name), **BLOB_STYLE))
+        arrows += [(blobs[name], box, NOTHING) for name in layer.bottom]
+        label = get_edge_label(layer) if label_edges else NOTHING
+        arrows += [(box, blobs[name], label) for name in layer.top]
+    for node in [*layers.values(), *blobs.values()]:
+        graph.add_node(node)
+    for source, target, label in arrows:
+        graph.add_edge(pydot.Edge(source, target, label=label))
+    return graph
+
+
+def _is_in(layer: Any, phase: int) -> bool:
+    """Is a layer in this phase? What its rules say of levels and stages does not count."""
+    if len(layer.include) and len(layer.exclude):
+        raise RuleError(f"layer {layer.name!r} has both include and exclude specified.")
+    if len(layer.include):
+        return any(not rule.HasField("phase") or rule.phase == phase for rule in layer.include)
+    return not any(rule.HasField("phase") and rule.phase == phase for rule in layer.exclude)
+
+
+def _quoted(name: str) -> str:
+    """A name as Graphviz reads it: in quotes, unless it is a plain word."""
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and name.lower() not in _WORDS:
+        return name
+    escaped = name.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def draw_net(
+    caffe_net: Any, rankdir: str, ext: str = "png", phase: int | None = None, display_lrm: bool = False
+) -> bytes:
+    """The picture of a NetParameter in a format of Graphviz's: png, svg, pdf ...; raw is Graphviz's own language.
+
+    Raises NetlibError, also if pydot or Graphviz is missing.
+    """
+    text: bytes = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm).to_string().encode()
+    if ext == "raw":
+        return text
+    program = shutil.which("dot")
+    if program is None:
+        raise NetlibError(
+            "Graphviz's program dot is missing: install Graphviz (apt install graphviz, brew install graphviz); "
+            "the format raw needs none"
+        )
+    done = subprocess.run([program, f"-T{ext}"], input=text, capture_output=True, check=False)
+    if done.returncode:
+        why = " ".join(done.stderr.decode(errors="replace").split()) or f"exit status {done.returncode}"
+        raise NetlibError(f"dot cannot draw the net as {ext!r}: {why}")
+    return done.stdout
+
+
+def draw_net_to_file(
+    caffe_net: Any, filename: str | Path, rankdir: str = "LR", phase: int | None = None, display_lrm: bool = False
+) -> None:
+    """Write the picture of a NetParameter; the ending of the name is its format. Raises NetlibError."""
+    ext = Path(filename).suffix.removeprefix(".")
+    if not ext:
+        raise NetlibError(f"{filename}: the ending of the name is the picture's format; expected .png, .svg, .pdf ...")
+    picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm)
+    try:
+        atomic.replace(Path(filename), lambda file: file.write_bytes(picture))
+    except (OSError, ValueError) as error:
+        raise NetlibError(f"{filename}: cannot write the picture: {reason_of(error)}") from error

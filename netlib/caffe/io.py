@@ -1,0 +1,313 @@
+"""caffe.io: arrays as Caffe's messages and back, and images as a net wants them.
+
+Transformer, load_image, resize_image and oversample give pycaffe's numbers. It had scikit-image for them; here SciPy
+computes the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import zoom
+
+from netlib.blob import Array
+from netlib.caffe.proto import caffe_pb2
+from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
+
+GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue
+
+
+class ShapeError(DataError, ValueError):
+    """An array whose shape does not fit; also a ValueError, which scripts for pycaffe catch."""
+
+
+# ---------------------------------------------------------------------------------------------- messages
+
+
+def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float64]:
+    """The values of a BlobProto, or its gradients, in its shape. Raises ShapeError if they do not fill the shape."""
+    single, double = (blob.diff, blob.double_diff) if return_diff else (blob.data, blob.double_data)
+    values = np.array(double if len(double) else single, np.float64)
+    legacy = ("num", "channels", "height", "width")
+    if any(blob.HasField(name) for name in legacy):
+        shape = tuple(getattr(blob, name) for name in legacy)
+    else:
+        shape = tuple(blob.shape.dim)
+    return _shaped(values, shape, "a BlobProto")
+
+
+def array_to_blobproto(arr: Array, diff: Array | None = None) -> Any:
+    """A BlobProto of an array, and of gradients of the same shape if they are given."""
+    blob = caffe_pb2.BlobProto()
+    blob.shape.dim.extend(arr.shape)
+    blob.data.extend(arr.astype(float).ravel())
+    if diff is not None:
+        blob.diff.extend(diff.astype(float).ravel())
+    return blob
+
+
+def arraylist_to_blobprotovector_str(arraylist: Iterable[Array]) -> bytes:
+    """The bytes of a BlobProtoVector of arrays."""
+    vector = caffe_pb2.BlobProtoVector()
+    vector.blobs.extend([array_to_blobproto(array) for array in arraylist])
+    return vector.SerializeToString()
+
+
+def blobprotovector_str_to_arraylist(str: bytes) -> list[NDArray[np.float64]]:
+    """The arrays in the bytes of a BlobProtoVector. Raises WireError or ShapeError."""
+    vector = caffe_pb2.BlobProtoVector()
+    vector.ParseFromString(str)
+    return [blobproto_to_array(blob) for blob in vector.blobs]
+
+
+def array_to_datum(arr: Array, label: int | None = None) -> Any:
+    """A Datum of an array (C, H, W): uint8 as bytes, anything else as floats. Raises ShapeError."""
+    if arr.ndim != 3:
+        raise ShapeError(f"Incorrect array shape: a Datum takes (channels, height, width), found {arr.shape}")
+    datum = caffe_pb2.Datum()
+    datum.channels, datum.height, datum.width = arr.shape
+    if arr.dtype == np.uint8:
+        datum.data = arr.tobytes()
+    else:
+        datum.float_data.extend(arr.astype(float).ravel())
+    if label is not None:
+        datum.label = label
+    return datum
+
+
+def datum_to_array(datum: Any) -> Array:
+    """The array (C, H, W) of a Datum, uint8 or float64; its label is ``datum.label``. Raises ShapeError."""
+    if datum.encoded:
+        raise ShapeError("a Datum holds an encoded picture, not values; decode its data, for example with OpenCV")
+    values: Array
+    if len(datum.data):
+        values = np.frombuffer(datum.data, np.uint8).copy()
+    else:
+        values = np.array(datum.float_data, np.float64)
+    return _shaped(values, (datum.channels, datum.height, datum.width), "a Datum")
+
+
+def _shaped(values: Array, shape: tuple[int, ...], what: str) -> Array:
+    try:
+        return values.reshape(shape)
+    except ValueError:
+        raise ShapeError(f"{what} has the shape {shape}, but {values.size} values") from None
+
+
+# ---------------------------------------------------------------------------------------------- preprocessing
+
+
+class Transformer:
+    """Makes inputs of a net from images, and images from inputs.
+
+    ``inputs`` gives the shape of each input blob by its name: ``{"data": net.blobs["data"].data.shape}``. What is not
+    set is left out.
+    """
+
+    def __init__(self, inputs: Mapping[str, Sequence[int]]) -> None:
+        self.inputs = inputs
+        self.transpose: dict[str, Sequence[int]] = {}
+        self.channel_swap: dict[str, Sequence[int]] = {}
+        self.raw_scale: dict[str, float] = {}
+        self.mean: dict[str, Array] = {}
+        self.input_scale: dict[str, float] = {}
+
+    def preprocess(self, in_: str, data: Array) -> NDArray[np.float32]:
+        """An image (H, W, K) as the input blob ``in_`` takes it: (K, H', W') if a transpose is set.
+
+        In this order: float32; the input's height and width; transpose; channel swap; raw scale; mean; input scale.
+        The image itself is not changed. Raises NetlibError.
+        """
+        shape = self._shape(in_)
+        if len(shape) != 4:
+            raise ShapeError(f"preprocess makes inputs (N, K, H, W), but {in_!r} has the shape {tuple(shape)}")
+        height, width = shape[2:]
+        image = np.asarray(data).astype(np.float32)
+        if image.shape[:2] != (height, width):
+            image = resize_image(image, (height, width))
+        if in_ in self.transpose:
+            image = image.transpose(self.transpose[in_])
+        if in_ in self.channel_swap:
+            image = image[list(self.channel_swap[in_])]
+        if in_ in self.raw_scale:
+            image *= self.raw_scale[in_]
+        if in_ in self.mean:
+            _subtract(image, self.mean[in_], in_)
+        if in_ in self.input_scale:
+            image *= self.input_scale[in_]
+        return image
+
+    def deprocess(self, in_: str, data: Array) -> Array:
+        """The image of an input, without axes of length 1: all that ``preprocess`` does, except resizing, undone."""
+        self._shape(in_)
+        image = data.copy()
+        if image.ndim == 4 and len(image) == 1:
+            image = image[0]
+        if in_ in self.input_scale:
+            image /= self.input_scale[in_]
+        if in_ in self.mean:
+            _subtract(image, -self.mean[in_], in_)
+        if in_ in self.raw_scale:
+            image /= self.raw_scale[in_]
+        if in_ in self.channel_swap:
+            image = image[np.argsort(self.channel_swap[in_])]
+        if in_ in self.transpose:
+            if image.ndim != len(self.transpose[in_]):
+                raise ShapeError(f"deprocess takes one item of {in_!r}, found an array of shape {data.shape}")
+            image = image.transpose(np.argsort(self.transpose[in_]))
+        return image.squeeze()
+
+    def set_transpose(self, in_: str, order: Sequence[int]) -> None:
+        """The order of the axes: (2, 0, 1) makes (H, W, K) to (K, H, W)."""
+        axes = len(self._shape(in_)) - 1
+        if sorted(order) != list(range(axes)):
+            raise ShapeError(
+                f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes each of "
+                f"{', '.join(map(str, range(axes)))} once, found {tuple(order)}"
+            )
+        self.transpose[in_] = order
+
+    def set_channel_swap(self, in_: str, order: Sequence[int]) -> None:
+        """The order of the channels, which are the first axis after the transpose: (2, 1, 0) makes RGB to BGR."""
+        channels = self._shape(in_)[1]
+        if len(order) != channels or not set(order) <= set(range(channels)):
+            raise ShapeError(
+                f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} has "
+                f"{', '.join(map(str, range(channels)))}, found {tuple(order)}"
+            )
+        self.channel_swap[in_] = order
+
+    def set_raw_scale(self, in_: str, scale: float) -> None:
+        """What an image is multiplied by before the mean is subtracted: 255 if [0, 1] shall become [0, 255]."""
+        self._shape(in_)
+        self.raw_scale[in_] = scale
+
+    def set_mean(self, in_: str, mean: Array) -> None:
+        """What is subtracted: one number per channel (K,), or an image (H, W) or (K, H, W), resized if need be."""
+        _, channels, *size = self._shape(in_)
+        mean = np.asarray(mean)
+        mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
+        if mean.ndim not in (1, 2, 3):
+            raise ShapeError(f"Mean shape invalid: expected (K,), (H, W) or (K, H, W), found {mean.shape}")
+        given = 1 if mean.ndim == 2 else len(mean)
+        if given != channels and (given != 1 or mean.ndim == 1):
+            raise ShapeError(
+                f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape {mean.shape}"
+            )
+        if mean.ndim == 1:
+            mean = mean[:, None, None]
+        elif mean.shape[-2:] != tuple(size):
+            image = mean[None] if mean.ndim == 2 else mean
+            mean = resize_image(image.transpose(1, 2, 0), size).transpose(2, 0, 1)
+        self.mean[in_] = mean
+
+    def set_input_scale(self, in_: str, scale: float) -> None:
+        """What an input is multiplied by after all else."""
+        self._shape(in_)
+        self.input_scale[in_] = scale
+
+    def _shape(self, in_: str) -> Sequence[int]:
+        """The shape of an input. Raises NetlibError if there is none of this name."""
+        if in_ not in self.inputs:
+            known = ", ".join(map(repr, self.inputs)) or "none"
+            raise NetlibError(f"{in_!r} is not one of the net inputs: {known}{did_you_mean(str(in_), self.inputs)}")
+        return self.inputs[in_]
+
+
+def _subtract(image: Array, mean: Array, in_: str) -> None:
+    try:
+        image -= mean
+    except ValueError:
+        raise ShapeError(
+            f"the mean of {in_!r} has the shape {mean.shape}, the array {image.shape}; is a transpose missing?"
+        ) from None
+
+
+# ---------------------------------------------------------------------------------------------- images
+
+
+def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
+    """An image file as (H, W, 3), red first, or gray as (H, W, 1); [0, 1]. Alpha is dropped.
+
+    8 and 16 bits are scaled to [0, 1], floats are left as they are. Raises DataError.
+    """
+    try:
+        raw = Path(filename).read_bytes()
+    except (OSError, ValueError) as error:
+        raise DataError(f"{filename}: cannot read the image: {reason_of(error)}") from error
+    try:
+        pixels = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise DataError(f"{filename}: not an image that OpenCV can read; expected PNG, JPEG, TIFF ...")
+    if pixels.dtype.kind not in "uf":
+        raise DataError(f"{filename}: an image of {pixels.dtype}; expected 8 or 16 bits without sign, or floats")
+    if pixels.ndim == 3 and pixels.shape[2] not in (3, 4):
+        raise DataError(f"{filename}: an image of {pixels.shape[2]} channels; expected gray or colour, alpha or none")
+    image = pixels.astype(np.float64)
+    if pixels.dtype.kind == "u":
+        image /= np.iinfo(pixels.dtype).max
+    if image.ndim == 2:
+        image = image[:, :, None]
+    else:
+        image = image[:, :, 2::-1]  # OpenCV has blue first
+    if color:
+        image = np.broadcast_to(image, (*image.shape[:2], 3))
+    elif image.shape[2] == 3:
+        image = (image @ np.array(GRAY))[:, :, None]
+    return image.astype(np.float32)
+
+
+def resize_image(im: Array, new_dims: Sequence[int], interp_order: int = 1) -> NDArray[np.float32]:
+    """An image (H, W, K) in another height and width, interpolated by splines of an order (1: bilinear).
+
+    With 1 or 3 channels, pixels are areas, and outside them is the least value of the image: borders fade a little.
+    With other numbers of channels the middles of the corner pixels stay where they are. Neither averages, so a much
+    smaller image shows single pixels of the larger one. Raises ShapeError.
+    """
+    im = np.asarray(im)
+    height, width = (int(n) for n in new_dims) if len(new_dims) == 2 else (0, 0)
+    if im.ndim != 3 or not im.size or height < 1 or width < 1 or interp_order not in range(6):
+        raise ShapeError(
+            "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, "
+            f"found an array of shape {im.shape}, {tuple(new_dims)} and {interp_order}"
+        )
+    factors = (height / im.shape[0], width / im.shape[1], 1)
+    if im.shape[2] not in (1, 3):
+        return zoom(im, factors, order=interp_order).astype(np.float32)
+    least, most = im.min(), im.max()
+    if not most > least:
+        return np.full((height, width, im.shape[2]), least, np.float32)
+    scaled = (im - least) / (most - least)
+    scaled = zoom(scaled, factors, order=interp_order, mode="grid-constant", cval=0, grid_mode=True)
+    np.clip(scaled, 0, 1, out=scaled)  # orders above 1 overshoot
+    return (scaled * (most - least) + least).astype(np.float32)
+
+
+def oversample(images: Sequence[Array], crop_dims: Sequence[int]) -> NDArray[np.float32]:
+    """Ten crops of every image (H, W, K): four corners, the centre, and the same mirrored; (10 N, h, w, K).
+
+    All images must have the size of the first. Raises ShapeError.
+    """
+    if not len(images):
+        raise ShapeError("oversample takes at least one image, found none")
+    height, width = (int(n) for n in crop_dims)
+    shape = np.shape(images[0])
+    if len(shape) != 3 or not (0 < height <= shape[0] and 0 < width <= shape[1]):
+        raise ShapeError(f"oversample cannot cut ({height}, {width}) out of an image of shape {shape}")
+    bottom, right = shape[0] - height, shape[1] - width
+    corners = [(0, 0), (0, right), (bottom, 0), (bottom, right), (bottom // 2, right // 2)]
+    crops = np.empty((len(images), 2, len(corners), height, width, shape[2]), np.float32)
+    for n, image in enumerate(images):
+        if np.shape(image) != shape:
+            raise ShapeError(f"oversample takes images of one shape, found {shape} and {np.shape(image)}")
+        for i, (y, x) in enumerate(corners):
+            crops[n, 0, i] = image[y : y + height, x : x + width]
+        crops[n, 1] = crops[n, 0, :, :, ::-1]
+    return crops.reshape(-1, height, width, shape[2])

@@ -1,0 +1,283 @@
+"""caffe.net_spec: nets written in Python instead of prototxt.
+
+    from caffe import layers as L, params as P
+
+    n = caffe.NetSpec()
+    n.data = L.Input(shape=dict(dim=[1, 3, 32, 32]))
+    n.conv = L.Convolution(n.data, kernel_size=5, num_output=20)
+    n.pool = L.Pooling(n.conv, kernel_size=2, stride=2, pool=P.Pooling.MAX)
+    text = str(n.to_proto())
+
+``L.Type(bottoms, options)`` is a layer and gives its tops; nothing is computed. ``ntop`` says how many there are (1),
+``in_place`` that they are the bottoms. Other options go into the block of the type (``convolution_param``), or into
+the layer itself if its block has none of that name. A list is a repeated field, a dict a message.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from netlib.caffe.proto import caffe_pb2
+from netlib.errors import NetlibError, did_you_mean
+
+MANY = 4  # blocks with an option of the same name; then none of them is a good advice
+
+
+class SpecError(NetlibError):
+    """A net that cannot be specified so."""
+
+
+class NotATopError(SpecError, TypeError):
+    """What a layer shall read, or a NetSpec holds, is no output of a layer."""
+
+
+class UnknownNameError(SpecError, AttributeError, KeyError):
+    """An option, constant or top that is not there."""
+
+    __str__ = Exception.__str__  # a KeyError would quote the message
+
+
+class OptionValueError(SpecError, TypeError, ValueError):
+    """A value that its option cannot have."""
+
+
+# ---------------------------------------------------------------------------------------------- a layer and its tops
+
+
+class Top:
+    """An output of a layer: the ``n``-th of ``fn``."""
+
+    def __init__(self, fn: Function, n: int) -> None:
+        self.fn, self.n = fn, n
+
+    def to_proto(self) -> Any:
+        """The NetParameter of all layers that this output needs."""
+        return to_proto(self)
+
+
+class Function:
+    """A layer: its type, the tops that it reads, its options. Raises NotATopError if an input is something else.
+
+    ``params`` are the options as they were given, without ``ntop`` and ``in_place``; ``tops`` are its outputs.
+    """
+
+    def __init__(self, type_name: str, inputs: Iterable[Top], params: dict[str, Any]) -> None:
+        self.type_name, self.inputs = type_name, tuple(inputs)
+        for index, found in enumerate(self.inputs):
+            if not isinstance(found, Top):
+                raise NotATopError(f"{type_name} input {index} is not a Top (type is {type(found)})")
+        self.params = params
+        self.ntop: int = params.pop("ntop", 1)
+        self.in_place: bool = params.pop("in_place", False)
+        self.tops = tuple(Top(self, n) for n in range(self.ntop))
+
+
+Made = dict[Function, Any]  # layer -> its LayerParameter
+Names = dict[Any, str]  # top, or layer without tops -> its name
+
+
+def to_proto(*tops: Top | Function) -> Any:
+    """The NetParameter of all layers that these tops need; names are made from the types: Convolution1, Convolution2.
+
+    Raises SpecError for options that a layer does not have.
+    """
+    return _net(tops, {})
+
+
+def _net(tops: Iterable[Top | Function], names: Names) -> Any:
+    """A net of these tops, each layer after those that it reads. ``names`` takes the names that are made."""
+    made: Made = {}
+    counts: Counter[str] = Counter()
+    for top in tops:
+        waiting = [top.fn if isinstance(top, Top) else top]  # a list, for deep nets outgrow Python's stack
+        while waiting:
+            unmade = [bottom.fn for bottom in waiting[-1].inputs if bottom.fn not in made]
+            if unmade:
+                waiting.append(unmade[0])
+                continue
+            fn = waiting.pop()
+            if fn not in made:
+                made[fn] = _layer(fn, made, names, counts)
+    net = caffe_pb2.NetParameter()
+    net.layer.extend(made.values())
+    return net
+
+
+def _layer(fn: Function, made: Made, names: Names, counts: Counter[str]) -> Any:
+    """The LayerParameter of a layer whose bottoms are made."""
+    named = fn.tops[:1] if fn.in_place else fn.tops
+    for unnamed in [one for one in named or [fn] if one not in names]:
+        counts[fn.type_name] += 1
+        names[unnamed] = f"{fn.type_name}{counts[fn.type_name]}"
+    layer = caffe_pb2.LayerParameter()
+    layer.type = fn.type_name
+    layer.name = names[fn] if fn in names else names[fn.tops[0]]
+    layer.bottom.extend([made[bottom.fn].top[bottom.n] for bottom in fn.inputs])
+    layer.top.extend(list(layer.bottom) if fn.in_place else [names[top] for top in fn.tops])
+    for option, value in fn.params.items():
+        try:
+            assign_proto(_holder(layer, option), option, value)
+        except SpecError as error:
+            raise type(error)(f"layer {layer.name!r} ({fn.type_name}): {error}") from None
+    return layer
+
+
+def _holder(layer: Any, option: str) -> Any:
+    """The message that an option of a layer belongs to: the block of the layer's type, or the layer itself."""
+    fields = layer.DESCRIPTOR.fields_by_name
+    if option.endswith("param"):
+        return layer
+    block = f"{_param_names.get(layer.type)}_param"
+    own = fields[block].message_type.fields_by_name if block in fields else {}
+    if option in own:
+        return getattr(layer, block)
+    if option in fields:
+        return layer
+    advice = did_you_mean(option, own)
+    others = [f"{name}=dict({option}=...)" for name, field in fields.items()
+              if name.endswith("_param") and option in field.message_type.fields_by_name]  # fmt: skip
+    if not advice and 0 < len(others) < MANY:
+        advice = f"; if the layer takes it from the block of another type, write {' or '.join(others)}"
+    raise UnknownNameError(f"unknown option {option!r}{advice or _known(own)}")
+
+
+def _known(names: Iterable[str]) -> str:
+    names = sorted(names)
+    return f"; its options: {', '.join(names)}" if names else "; it has no options of its own"
+
+
+def assign_proto(proto: Any, name: str, val: Any) -> None:
+    """Set a field of a message from a Python value: a list for a repeated field, a dict for a message.
+
+    A single value for a repeated field stands for a list of one. Raises SpecError.
+    """
+    fields = proto.DESCRIPTOR.fields_by_name
+    if name not in fields:
+        advice = did_you_mean(name, fields) or f"; it has {', '.join(fields)}"
+        raise UnknownNameError(f"{proto.DESCRIPTOR.name} has no field {name!r}{advice}")
+    message = fields[name].message_type
+    target = getattr(proto, name)
+    if hasattr(target, "extend"):
+        for one in val if isinstance(val, (list, tuple)) else [val]:
+            if message is not None and isinstance(one, Mapping):
+                _assign_all(target.add(), one)
+            else:
+                _checked(proto, name, target.append, one)
+    elif message is not None and isinstance(val, Mapping):
+        _assign_all(target, val)
+    elif message is not None:
+        _checked(proto, name, target.CopyFrom, val)
+    else:
+        _checked(proto, name, lambda value: setattr(proto, name, value), val)
+
+
+def _assign_all(proto: Any, values: Mapping[str, Any]) -> None:
+    for name, value in values.items():
+        assign_proto(proto, name, value)
+
+
+def _checked(proto: Any, name: str, put: Callable[[Any], object], value: Any) -> None:
+    try:
+        put(value)
+    except (TypeError, ValueError, AttributeError) as error:
+        text = str(error) or type(error).__name__
+        raise OptionValueError(f"{name!r} of {proto.DESCRIPTOR.name} cannot be {value!r}: {text}") from None
+
+
+def param_name_dict() -> dict[str, str]:
+    """Layer types with the names of their blocks, without the endings: ``{"InnerProduct": "inner_product", ...}``."""
+    return {
+        field.message_type.name.removesuffix("Parameter"): name.removesuffix("_param")
+        for name, field in caffe_pb2.LayerParameter.DESCRIPTOR.fields_by_name.items()
+        if name.endswith("_param")
+    }
+
+
+_param_names = param_name_dict()
+
+# ---------------------------------------------------------------------------------------------- what scripts use
+
+
+class NetSpec:
+    """A net whose tops have names: those of the attributes, or items, that they are assigned to."""
+
+    tops: dict[str, Any]
+
+    def __init__(self) -> None:
+        object.__setattr__(self, "tops", {})
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self.tops[name] = value
+
+    def __getattr__(self, name: str) -> Any:
+        tops = self.__dict__.get("tops", {})
+        if name not in tops:
+            raise UnknownNameError(f"this net has no top {name!r}{did_you_mean(name, tops)}")
+        return tops[name]
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        self.tops[key] = value
+
+    def __getitem__(self, item: str) -> Any:
+        return self.__getattr__(item)
+
+    def to_proto(self) -> Any:
+        """The NetParameter of all layers that the tops need. Raises SpecError."""
+        for name, top in self.tops.items():
+            if not isinstance(top, (Top, Function)):
+                raise NotATopError(
+                    f"{name!r} of the net is not a Top (type is {type(top)}); "
+                    "a layer of several tops gives one for each name: n.data, n.label = L.HDF5Data(..., ntop=2)"
+                )
+        return _net(self.tops.values(), {top: name for name, top in self.tops.items()})
+
+
+class Layers:
+    """``layers.Type(*bottoms, **options)``: a layer of any type. Gives its top, or tops, or the layer if ntop is 0."""
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("__"):
+            raise AttributeError(name)
+
+        def layer_fn(*args: Any, **kwargs: Any) -> Any:
+            fn = Function(name, args, kwargs)
+            return fn if fn.ntop == 0 else fn.tops[0] if fn.ntop == 1 else fn.tops
+
+        return layer_fn
+
+
+class Parameters:
+    """``params.Pooling.MAX``: the constants of the options of a layer type."""
+
+    def __getattr__(self, name: str) -> _Constants:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return _Constants(name)
+
+
+class _Constants:
+    """The enum values of one message."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, param_name: str) -> int:
+        if param_name.startswith("__"):
+            raise AttributeError(param_name)
+        message = f"{self._name}Parameter"
+        if not hasattr(caffe_pb2, message):
+            known = [name.removesuffix("Parameter") for name in dir(caffe_pb2) if name.endswith("Parameter")]
+            raise UnknownNameError(f"params has no {self._name!r}{did_you_mean(self._name, known)}")
+        enums = getattr(caffe_pb2, message).DESCRIPTOR.enum_types_by_name.values()
+        values = {name: value.number for enum in enums for name, value in enum.values_by_name.items()}
+        if param_name not in values:
+            known = ", ".join(values) or "no constants"
+            advice = did_you_mean(param_name, values) or f"; it has {known}"
+            raise UnknownNameError(f"params.{self._name} has no {param_name!r}{advice}")
+        return values[param_name]
+
+
+layers = Layers()
+params = Parameters()

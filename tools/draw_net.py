@@ -1,0 +1,52 @@
+#!/usr/bin/env python3
+"""Draw a net: its layers and blobs, and what flows where. The command line is that of Caffe's draw_net.py.
+
+    python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
+
+It takes the package pydot (pip install '.[draw]') and the program Graphviz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from netlib import prototxt
+from netlib.caffe import draw
+from netlib.caffe.proto import caffe_pb2
+from netlib.upgrade import upgraded
+from tools.arguments import parser_of
+from tools.console import DONE, guarded
+
+PHASES = {"TRAIN": caffe_pb2.TRAIN, "TEST": caffe_pb2.TEST, "ALL": None}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
+    parser.add_argument("output_image_file", help="the picture; the ending of its name says the format: png, svg, pdf; "
+                        "raw is Graphviz's own language and needs no Graphviz")  # fmt: skip
+    parser.add_argument("--rankdir", choices=["LR", "RL", "TB", "BT"], default="LR",
+                        help="the direction: left to right, top to bottom ... (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--phase", choices=list(PHASES), default="ALL",
+                        help="draw the layers of this phase (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers that learn")
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw as the parsed arguments say."""
+    net = caffe_pb2.NetParameter()
+    net.merge_tree(upgraded(prototxt.parse_file(args.input_net_proto_file)))
+    draw.draw_net_to_file(net, args.output_image_file, args.rankdir, PHASES[args.phase], args.display_lrm)
+    print(f"wrote {args.output_image_file}")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
