@@ -15,12 +15,12 @@ from layers.hand.hand_model import HandModel
 from netlib.blob import Array
 from netlib.create import layer_types
 from netlib.errors import LayerError, NetlibError, did_you_mean
-from netlib.messages import NetState
+from netlib.messages import LayerParameter, NetState
 from netlib.net import Net
 from netlib.net_parameter import load_parameter, select_layers
 from netlib.schema import position_of
 from tools.onnx_graph import PRODUCER, Graph, Place, Shape, package, symbolic
-from tools.onnx_layers import LAYERS
+from tools.onnx_layers import LAYERS, Translation
 
 Shapes = list[tuple[list[Shape], list[Shape]]]  # of each layer's bottoms and tops
 
@@ -28,16 +28,23 @@ Shapes = list[tuple[list[Shape], list[Shape]]]  # of each layer's bottoms and to
 def load(model: str | Path, weights: str | Path) -> Net:
     """The net in phase TEST, with all its weights. Raises NetlibError, also for a layer type without a form in ONNX."""
     for spec in select_layers(load_parameter(model), NetState("TEST")):
-        if spec.type not in LAYERS and (spec.type in layer_types() or spec.type == "Python"):
-            raise LayerError(
-                f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} has no form in ONNX "
-                "(docs/onnx.md); a deploy net has no layers for data, labels and losses"
-            )
+        if spec.type in layer_types() or spec.type == "Python":  # others are for the net to complain of
+            _translation(spec)
     return trained(model, weights, engine="plain")  # the textbook's layers have the options under their own names
 
 
+def _translation(spec: LayerParameter) -> Translation:
+    """What makes operators of a layer. Raises LayerError for a type without a form in ONNX."""
+    if spec.type not in LAYERS:
+        raise LayerError(
+            f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} has no form in ONNX "
+            "(docs/onnx.md); a deploy net has no layers for data, labels and losses"
+        )
+    return LAYERS[spec.type]
+
+
 def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float = CUBE_MM) -> bytes:
-    """The ONNX file of a net, as bytes; the first axis of every input is the batch, N.
+    """The ONNX file of a net in phase TEST, as bytes; the first axis of every input is the batch, N.
 
     ``also`` names more blobs to give out, ``cube_mm`` is the edge of the cube that its crops show. Raises NetlibError.
     """
@@ -45,21 +52,20 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float = CUBE_MM) -> 
     graph = Graph(net.blobs)
     graph.values = {name: name for name in net.inputs}
     at_end: dict[str, Shape] = {}
-    pose = ""
+    hand, pose = hand_layer(net), ""
     for at, (bottom, top) in zip(net.connections, shapes):
         graph.layer = at.layer.name
         values = [graph.values[name] for name in at.layer.spec.bottom]
-        if isinstance(at.layer, HandModel):
+        if at.layer is hand:
             pose = values[0]
         if not at.layer.is_input:
-            made = LAYERS[at.layer.type](graph, Place(at.layer, values, bottom, top))
+            made = _translation(at.layer.spec)(graph, Place(at.layer, values, bottom, top))
             graph.values.update(zip(at.layer.spec.top, made))
         at_end.update(zip(at.layer.spec.top, top))
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
-    if hand := hand_layer(net):
-        gives_pose = pose in [graph.values[name] for name in outputs]
-        metadata |= _about_hand(hand, net.inputs, cube_mm, gives_pose)
+    if hand:
+        metadata |= _about_hand(hand, cube_mm, pose in [graph.values[name] for name in outputs])
     return graph.finish(
         net.name, {name: at_end[name] for name in net.inputs}, {name: at_end[name] for name in outputs}, metadata
     )
@@ -79,7 +85,7 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
     return outputs
 
 
-def _about_hand(hand: HandModel, inputs: list[str], cube_mm: float, gives_pose: bool) -> dict[str, str]:
+def _about_hand(hand: HandModel, cube_mm: float, gives_pose: bool) -> dict[str, str]:
     """What a user of a hand's net must know besides names and shapes."""
     sk = hand.skeleton
     about = {
@@ -95,7 +101,7 @@ def _about_hand(hand: HandModel, inputs: list[str], cube_mm: float, gives_pose: 
 def shapes_of(net: Net) -> Shapes:
     """The shapes of each layer's bottoms and tops for N items, found by shaping the net for 2 and for 3.
 
-    Raises LayerError if the net cannot be shaped so.
+    The net is as it was afterwards. Raises LayerError if it cannot be shaped so.
     """
     declared = {name: net.blobs[name].shape for name in net.inputs}
     for name, shape in declared.items():
@@ -114,6 +120,9 @@ def shapes_of(net: Net) -> Shapes:
         except LayerError as error:
             raise LayerError(f"{error}; the net must take any number of items, here it had {batch}") from error
         found.append([([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections])
+    for name, shape in declared.items():
+        net.blobs[name].reshape(shape)
+    net.reshape()
     shapes: Shapes = []
     for at, two, three in zip(net.connections, *found):
         both = [[symbolic(a, b) for a, b in zip(*sides)] for sides in zip(two, three)]

@@ -445,6 +445,11 @@ def test_a_type_without_a_form(kind, files, capsys):
         ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
          [(2, 4)], "net.prototxt:3:7: error: layer 's': a shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
          "has no form in ONNX: expected one axis that counts items"),
+        ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
+         "net.prototxt:3:7: error: layer 'm': ArgMax along the batch has no form in ONNX; shape (N)"),
+        ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
+         [(1, 4)], "net.prototxt:3:78: error: layer 'b': with use_global_stats: false, each item depends on its batch; "
+         "expected true, or none"),
         ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
          "net.prototxt: blob 'x0' is both input and output, which ONNX does not know; let a layer read it, and give "
          "its top another name"),
@@ -456,6 +461,17 @@ def test_a_type_without_a_form(kind, files, capsys):
 def test_a_net_without_a_batch(layers, shapes, message, files, capsys):
     """Every blob has N items at most once, and it is not both input and output."""
     assert refusal(*files(layers, *shapes), capsys) == f"{message}\n"
+
+
+def test_a_net_from_python(files):
+    """It may be in use: its shapes are as before, and types without a form are refused, too."""
+    net, _ = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (5, 3))
+    used = netlib.Net(net, netlib.TEST)
+    onnx_net.onnx_image(used)
+    assert used.blobs["y"].shape == (5, 3)
+    Path("loss.prototxt").write_text(net_text('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47)))
+    with pytest.raises(NetlibError, match="layer 'bad': type 'PhysLimit' has no form in ONNX"):
+        onnx_net.onnx_image(netlib.Net("loss.prototxt", netlib.TEST))
 
 
 def test_files_that_are_not_there(files, capsys):
