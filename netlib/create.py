@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 
 import numpy as np
@@ -12,16 +11,18 @@ from netlib import python_layer, schema
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.layer import Layer, NoParameter, PythonParameter, block_name
 from netlib.messages import LayerParameter, LossParameter
+from netlib.paths import own_package
 from netlib.schema import Phase
 
 
 def layer_types() -> dict[str, type[Layer]]:
     """Every known layer type by name. The package ``layers`` is loaded here and nowhere else in netlib."""
-    package = importlib.import_module("layers")
+    package = own_package("layers")
     types: dict[str, type[Layer]] | None = getattr(package, "LAYER_TYPES", None)
     if types is None:
         raise NetlibError(
-            f"{package.__file__}: hides this project's package 'layers'; rename it, or remove its __init__.py"
+            f"{package.__file__}: was imported as 'layers', which is this project's package; import netlib before it, "
+            "or rename it"
         )
     return types
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import functools
 import importlib
-import importlib.util
 import os
+import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from netlib.paths import ROOT
+from netlib.paths import ROOT, own_package
 
 if TYPE_CHECKING:
     from netlib.plain import Engine
@@ -38,10 +38,9 @@ def prepare() -> str:
 
 
 def has_fast() -> bool:
-    """Is the fast engine there, and not hidden by something else of this name?"""
-    found = importlib.util.find_spec("fast")
-    folders = found.submodule_search_locations if found is not None else None
-    return folders is not None and str(ROOT / "fast") in folders and (ROOT / "fast" / "engine.py").is_file()
+    """Is the fast engine there, and nothing else of this name imported in its place?"""
+    is_ours = "fast" not in sys.modules or str(ROOT / "fast") in getattr(sys.modules["fast"], "__path__", [])
+    return is_ours and (ROOT / "fast" / "engine.py").is_file()
 
 
 def get(name: str | None = None, default: str | None = None) -> Engine:
@@ -61,10 +60,11 @@ def _engine(name: str) -> Engine:
         raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
     if not has_fast():
         raise NetlibError("the engine 'fast' is the folder fast/, which is not there; use the engine 'plain'")
-    layer_types()  # a user's own package that hides ours is named here, before fast/ stumbles over it
+    layer_types()  # something else that is called layers is named here, before fast/ stumbles over it
     fast: Engine = _fast("engine").FastEngine()
     return fast
 
 
 def _fast(module: str) -> ModuleType:
+    own_package("fast")
     return importlib.import_module(f"fast.{module}")

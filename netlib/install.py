@@ -47,9 +47,12 @@ def install_as_caffe() -> None:
 
 def install_if_missing() -> None:
     """The same, unless a Caffe is installed that Python would find."""
-    found = sys.modules.get("caffe") or importlib.util.find_spec("caffe")
-    is_there = isinstance(found, types.ModuleType) or getattr(found, "origin", None) is not None
-    if not is_there:  # nothing, or a mere folder of this name
+    if "caffe" in sys.modules:
+        is_there = hasattr(sys.modules["caffe"], "Net")
+    else:
+        found = importlib.util.find_spec("caffe")  # a package with code in it, no mere file or folder of this name
+        is_there = found is not None and found.origin is not None and bool(found.submodule_search_locations)
+    if not is_there:
         install_as_caffe()
 
 

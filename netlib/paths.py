@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
+import sys
 from pathlib import Path
+from types import ModuleType
 
 ROOT = Path(__file__).resolve().parent.parent  # of this project: where netlib/, layers/ and fast/ lie
 
@@ -34,3 +37,24 @@ def names_in(folder: Path) -> set[str]:
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         return {entry.name for entry in entries}
     return set()
+
+
+def own_package(name: str) -> ModuleType:
+    """This project's package ``layers`` or ``fast``, whatever else of this name Python would find first.
+
+    A module of this name that was imported before netlib was stays what it is.
+    """
+    if name not in sys.modules:
+        folder = ROOT / name
+        spec = importlib.util.spec_from_file_location(
+            name, folder / "__init__.py", submodule_search_locations=[str(folder)]
+        )
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]

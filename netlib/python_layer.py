@@ -21,6 +21,8 @@ from netlib.layer import Layer, PythonParameter
 from netlib.messages import LayerParameter
 from netlib.paths import ROOT
 
+OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2's, which old layers use
+
 
 def find_class(spec: LayerParameter) -> type[Layer]:
     """The class that a layer of type Python names. Raises PrototxtError."""
@@ -38,6 +40,8 @@ def find_class(spec: LayerParameter) -> type[Layer]:
             f"layer {spec.name!r}: cannot import {param.module!r} ({type(error).__name__}: {error}); "
             "it must lie in the working directory or on PYTHONPATH",
         ) from error
+    for name, value in OLD_NAMES.items():
+        vars(module).setdefault(name, value)
     cls = getattr(module, param.layer, None)
     if not (isinstance(cls, type) and issubclass(cls, Layer)):
         where = getattr(module, "__file__", param.module)

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 
 from netlib import create, schema
 from netlib.errors import WireError
-from netlib.messages import NetParameter
 from netlib.prototxt import Field, Message, Numbers, Place, Scalar
 from netlib.schema import ARRAYS, Double
+from netlib.upgrade import AnyNetParameter
 
 VARINT, EIGHT_BYTES, LENGTH, BEGIN_GROUP, END_GROUP, FOUR_BYTES = range(6)
 MAX_FIELDS = 1_000_000  # of a whole file; the largest nets have some ten thousand
@@ -80,7 +80,7 @@ def fields_of(cls: type) -> tuple[Known, ...]:
         else:
             name = schema.written_name(field.name)
             kind, repeated = schema.kind_of(hints[name])
-            kind = NetParameter if kind is Message else kind  # all messages that are left as trees are nets
+            kind = AnyNetParameter if kind is Message else kind  # all messages that are left as trees are nets
             known.append(Known(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
     return tuple(known)
 

@@ -74,7 +74,9 @@ class Classifier(Net):
         ShapeError.
         """
         if not len(inputs) or len({np.shape(image)[2:] for image in inputs}) > 1:
-            raise io.ShapeError(f"predict takes images (H, W, K) of one K, found {[np.shape(image) for image in inputs]}")
+            raise io.ShapeError(
+                f"predict takes images (H, W, K) of one K, found {[np.shape(image) for image in inputs]}"
+            )
         images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
         crops = io.oversample(images, self.crop_dims) if oversample else _centre(images, self.crop_dims)
         name = self.inputs[0]

@@ -107,12 +107,15 @@ class Net(core.Net):
         self.executor.backward(end, start + 1)
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Array) -> dict[str, Array]:
-        """Run any number of items, batch by batch; returns outputs, and ``blobs``, for all of them."""
+        """Run any number of items, batch by batch; returns outputs, and ``blobs``, for all of them.
+
+        Of a loss there is one for each batch.
+        """
         names = list(blobs or [])
         found: dict[str, list[Array]] = {name: [] for name in [*self.outputs, *names]}
         for batch in self._batch(inputs):
             for name, array in self.forward(names, **batch).items():
-                found[name].extend(array.copy())
+                found[name].extend(np.atleast_1d(array).copy())
         return _cut(found, inputs)
 
     def forward_backward_all(
@@ -128,11 +131,12 @@ class Net(core.Net):
         diff: dict[str, list[Array]] = {name: [] for name in [*self.inputs, *slopes]}
         forwards = self._batch({name: arrays[name] for name in self.inputs if name in arrays})
         backwards = self._batch({name: arrays[name] for name in self.outputs if name in arrays})
-        for ahead, back in zip_longest(forwards, backwards, fillvalue={}):
+        nothing: dict[str, Array] = {}
+        for ahead, back in zip_longest(forwards, backwards, fillvalue=nothing):
             for name, array in self.forward(names, **ahead).items():
-                data[name].extend(array.copy())
+                data[name].extend(np.atleast_1d(array).copy())
             for name, array in self.backward(slopes, **back).items():
-                diff[name].extend(array.copy())
+                diff[name].extend(np.atleast_1d(array).copy())
         return _cut(data, arrays), _cut(diff, arrays)
 
     def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Array]]:

@@ -127,19 +127,22 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "expected"),
+    ("file", "before", "expected"),
     [
-        ("fast.py", "plain"),
-        ("fast/__init__.py", "plain"),
-        ("layers.py", "layers.py: hides this project's package 'layers'; rename it"),
+        ("fast.py", "", "fast"),
+        ("fast/__init__.py", "", "fast"),
+        ("layers.py", "", "fast"),
+        ("fast.py", "import fast", "plain"),
+        ("layers.py", "import layers", "layers.py: was imported as 'layers', which is this project's package"),
     ],
 )
-def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, expected: str) -> None:
-    """A ``fast`` of the user's is not ours; a ``layers`` that hides ours is named."""
+@needs_fast
+def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str, expected: str) -> None:
+    """Ours are found all the same; one that was imported before netlib stays, and is named where ours is needed."""
     (tmp_path / file).parent.mkdir(exist_ok=True)
     (tmp_path / file).write_text("")
     (tmp_path / "run.py").write_text(
-        f"import sys; sys.path.append({str(ROOT)!r}); import netlib\n"
+        f"{before}\nimport sys; sys.path.append({str(ROOT)!r}); import netlib\n"
         f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
         "except netlib.NetlibError as error: print(error)\n"
     )

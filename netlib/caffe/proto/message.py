@@ -461,7 +461,9 @@ def make_class(cls: type, name: str, enum_names: Mapping[str, str], class_of: Ca
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     for field in fields:
         field.set_default(defaults.get(field.name, dataclasses.MISSING))
-    made = type(name, (Message,), {"dataclass": cls, "__doc__": cls.__doc__, "__module__": "caffe.proto.caffe_pb2"})
+    made = type(
+        name, (Message,), {"dataclass": cls, "__doc__": cls.__doc__, "__module__": "netlib.caffe.proto.caffe_pb2"}
+    )
     descriptor = Descriptor(name, sorted(fields, key=lambda field: field.number), made)
     type.__setattr__(made, "DESCRIPTOR", descriptor)
     for field in fields:

@@ -1,0 +1,266 @@
+"""Net and the solvers as pycaffe has them."""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib.caffe import process, pycaffe
+from netlib.errors import NetlibError
+
+NET = """
+    name: "n" force_backward: true
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
+    layer { name: "a" type: "InnerProduct" bottom: "x" top: "a_top"
+            inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }
+    layer { name: "loss" type: "EuclideanLoss" bottom: "a_top" bottom: "x" top: "l" loss_weight: 2 }
+    layer { name: "y" type: "Power" bottom: "a_top" top: "y" power_param { scale: 10 } }
+"""
+SOLVER = 'net: "net.prototxt" base_lr: 0.5 lr_policy: "step" stepsize: 2 gamma: 0.1 max_iter: 4 snapshot_prefix: "s"'
+
+
+@pytest.fixture(autouse=True)
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The files of a net and its solver, as the working directory."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.prototxt").write_text(NET)
+    (tmp_path / "solver.prototxt").write_text(SOLVER)
+    return tmp_path
+
+
+@pytest.fixture
+def net() -> pycaffe.Net:
+    return pycaffe.Net("net.prototxt", netlib.TRAIN)
+
+
+X = np.arange(6, dtype=np.float32).reshape(2, 3) / 3
+
+
+def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
+    """Names in order, with the Split layer that Caffe puts in; outputs by the alphabet."""
+    split = "a_top_a_0_split"
+    assert net._layer_names == ["x", "x_x_0_split", "a", split, "loss", "y"]
+    assert net.top_names["a"] == ["a_top"]
+    assert net.bottom_names["loss"] == [f"{split}_0", "x_x_0_split_1"]
+    assert net.bottom_names["x"] == []
+    assert (net.inputs, net.outputs) == (["x"], ["l", "y"])
+    assert net.blob_loss_weights["l"] == 2
+    assert net.blob_loss_weights["y"] == 0
+    assert isinstance(net.top_names, OrderedDict)
+    assert list(zip(net._blob_names, net._blobs)) == list(net.blobs.items())
+    assert [layer.type for layer in net.layers] == ["Input", "Split", "InnerProduct", "Split", "EuclideanLoss", "Power"]
+
+
+@pytest.mark.parametrize("args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})])
+def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str, object]]) -> None:
+    """Phase, level, stages, weights by place or name; and pycaffe's older order."""
+    net.save("w")
+    positional, named = args
+    made = pycaffe.Net("net.prototxt", *positional, **named)
+    assert made.phase == netlib.TEST
+    assert np.array_equal(made.params["a"][0].data, net.params["a"][0].data)
+
+
+def test_a_file_that_is_not_there_is_a_runtime_error() -> None:
+    """Which is what scripts catch."""
+    with pytest.raises(RuntimeError, match=r"nothing\.prototxt: cannot read the prototxt"):
+        pycaffe.Net("nothing.prototxt", netlib.TEST)
+
+
+def test_forward_and_backward_return_what_pycaffes_do(net: pycaffe.Net) -> None:
+    """Outputs, or the tops of ``end``; diffs of inputs, or of the bottoms of ``end``; and what is asked for."""
+    assert set(net.forward(x=X)) == {"l", "y"}
+    assert set(net.forward(["x"], end="a")) == {"a_top", "x"}
+    assert set(net.backward()) == {"x"}
+    assert set(net.backward(["a_top"], start="loss", end="a")) == {"x_x_0_split_0", "a_top"}
+
+
+def test_parts_by_number(net: pycaffe.Net) -> None:
+    """``_forward`` returns the loss of its part."""
+    net.blobs["x"].data[...] = X
+    assert net._forward(0, 5) == pytest.approx(2 * float(net.blobs["l"].data))
+    assert net._forward(5, 5) == 0
+    net._backward(5, 0)
+    assert net.params["a"][0].diff.any()
+
+
+def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
+    """It stays until it is set again, as in Caffe."""
+    net.forward(x=X)
+    net.backward()
+    once = net.params["a"][0].diff.copy()
+    assert net.blobs["l"].diff == 2
+    net.blobs["l"].diff[...] = 6
+    for _ in range(2):
+        net.clear_param_diffs()
+        net.backward()
+        assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5)
+
+
+@pytest.mark.parametrize("count", [2, 5, 6])
+def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
+    """In batches; what fills the last one is cut off."""
+    x = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
+    w, b = (blob.data for blob in net.params["a"])
+    deploy = pycaffe.Net("net.prototxt", netlib.TEST)
+    deploy.share_with(net)
+    for found in (net.forward_all(["a_top"], x=x), deploy.forward_all(["a_top"], x=x)):
+        assert found["y"].shape == (count, 3)
+        assert np.allclose(found["a_top"], x @ w.T + b, atol=1e-5)
+    data, diffs = net.forward_backward_all(["a_top"], ["a_top"], x=x, y=np.ones((count, 3), np.float32))
+    assert data["y"].shape == diffs["x"].shape == (count, 3)
+
+
+def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
+    """With the number of the layer, backwards in reverse; the numbers are those without hooks."""
+    plain = net.forward(x=X)["y"].copy()
+    calls: list[tuple[str, int]] = []
+
+    def record(what: str) -> Callable[[int], None]:
+        return lambda number: calls.append((what, number))
+
+    net.before_forward(record("before"))
+    net.after_forward(record("after"))
+    assert np.array_equal(net.forward(x=X)["y"], plain)
+    assert calls == [(what, number) for number in range(6) for what in ("before", "after")]
+    calls.clear()
+    net.before_backward(record("before"))
+    net.after_backward(record("after"))
+    net.backward()
+    assert calls == [(what, number) for number in reversed(range(6)) for what in ("before", "after")]
+
+
+def test_weights_in_both_formats(net: pycaffe.Net) -> None:
+    """``save_hdf5`` writes HDF5 whatever the name; ``load_hdf5`` reads it."""
+    net.save_hdf5("weights")
+    assert Path("weights").read_bytes().startswith(b"\x89HDF")
+    other = pycaffe.Net("net.prototxt", netlib.TRAIN)
+    other.load_hdf5("weights")
+    assert np.array_equal(other.params["a"][0].data, net.params["a"][0].data)
+
+
+def test_images_in_memory() -> None:
+    """Given to a MemoryData layer, which must be the first."""
+    memory = "memory_data_param { batch_size: 2 channels: 1 height: 1 width: 3 }"
+    Path("m.prototxt").write_text(f'layer {{ name: "m" type: "MemoryData" top: "d" top: "t" {memory} }}')
+    net = pycaffe.Net("m.prototxt", netlib.TEST)
+    net.set_input_arrays(np.arange(12, dtype=np.float32).reshape(4, 1, 1, 3), np.arange(4, dtype=np.float32))
+    net.forward()
+    assert net.forward()["t"].ravel().tolist() == [2, 3]
+    with pytest.raises(NetlibError, match="set_input_arrays is for nets whose first layer is a MemoryData layer"):
+        pycaffe.Net("net.prototxt", netlib.TEST).set_input_arrays(X, X)
+
+
+# ---------------------------------------------------------------------------------------------- solvers
+
+
+def test_the_class_of_a_solver() -> None:
+    """A class is a rule, whatever the file says; get_solver asks the file."""
+    adam = Path("adam.prototxt")
+    adam.write_text(SOLVER + ' type: "Adam" momentum: 0.9')
+    assert type(pycaffe.get_solver(adam)) is pycaffe.AdamSolver
+    assert len(pycaffe.AdamSolver(adam).history[0]) == 2
+    assert len(pycaffe.SGDSolver(adam).history[0]) == 1
+    assert isinstance(pycaffe.SGDSolver("solver.prototxt").net, pycaffe.Net)
+
+
+def test_an_update_by_hand() -> None:
+    """w <- w - lr dw."""
+    solver = pycaffe.SGDSolver("solver.prototxt")
+    w = solver.net.params["a"][0]
+    w.data[...], w.diff[...] = 0, 1
+    solver.apply_update()
+    assert np.allclose(w.data, -0.5)
+
+
+def test_options_may_change_while_it_trains() -> None:
+    """pycaffe's base_lr, and here all others; a mistake is one line and changes nothing."""
+    solver = pycaffe.SGDSolver("solver.prototxt")
+    assert (solver.lr, solver.param.max_iter) == (0.5, 4)
+    solver.param.base_lr = 0.25
+    assert solver.lr == 0.25
+    solver.step(2)
+    assert solver.lr == pytest.approx(0.025)
+    with pytest.raises(NetlibError, match="momentum 2 must be"):
+        solver.param.momentum = 2.0
+    with pytest.raises(AttributeError, match="no option 'base_rate'"):
+        solver.param.base_rate = 1
+    assert solver.param.momentum == 0
+
+
+def test_callbacks() -> None:
+    """Before each iteration, and when its gradients are there but not yet used."""
+    solver = pycaffe.SGDSolver("solver.prototxt")
+    seen: list[tuple[str, int, bool]] = []
+    w = solver.net.params["a"][0]
+
+    def note(what: str) -> Callable[[], None]:
+        return lambda: seen.append((what, solver.iter, bool(w.diff.any())))
+
+    solver.net.blobs["x"].data[...] = 1
+    solver.add_callback(note("start"), note("ready"))
+    solver.step(2)
+    assert seen == [("start", 0, False), ("ready", 0, True), ("start", 1, False), ("ready", 1, True)]
+
+
+def test_a_solver_lends_its_weights() -> None:
+    """To a net of one's own."""
+    solver = pycaffe.SGDSolver("solver.prototxt")
+    net = pycaffe.Net("net.prototxt", netlib.TEST)
+    solver.share_weights(net)
+    solver.net.params["a"][0].data[...] = 7
+    assert (net.params["a"][0].data == 7).all()
+
+
+# ---------------------------------------------------------------------------------------------- the process
+
+
+def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
+    """However often it is asked for."""
+    process._note.cache_clear()
+    for _ in range(2):
+        process.set_mode_gpu()
+        process.set_device(0)
+        process.set_mode_cpu()
+    assert caplog.messages == [
+        "set_mode_gpu: accepted, but this runs on the CPU", "set_device(0): accepted, but this runs on the CPU"
+    ]  # fmt: skip
+
+
+def test_one_solver_in_one_process() -> None:
+    """What would join several is refused, what says one is accepted."""
+    process.set_solver_count(1)
+    process.set_solver_rank(0)
+    process.set_multiprocess(True)
+    assert (process.solver_count(), process.solver_rank(), process.has_nccl()) == (1, 0, False)
+    for call in (lambda: process.set_solver_count(2), lambda: process.set_solver_rank(1), process.NCCL.new_uid):
+        with pytest.raises(NotImplementedError):
+            call()
+
+
+def test_the_log(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """glog's levels; a line of one's own."""
+    logger = logging.getLogger("netlib")
+    monkeypatch.setattr(logger, "handlers", [])
+    level = logger.level
+    process.init_log(0)
+    process.log("100% mine")
+    process.init_log(1)
+    process.log("not heard")
+    logger.setLevel(level)
+    assert caplog.messages == ["100% mine"]
+
+
+def test_a_timer() -> None:
+    """Milliseconds between start and stop."""
+    timer = process.Timer()
+    assert timer.ms == 0
+    timer.start()
+    timer.stop()
+    assert 0 < timer.ms < 1000

@@ -1,0 +1,97 @@
+"""``import caffe`` finds netlib.caffe: asked for, or where a Python layer needs it. In processes of their own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(code: str, folder: Path, *paths: Path) -> str:
+    """What a program prints; it runs in ``folder``."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [ROOT, *paths]))}
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+SAME = "import caffe.proto.caffe_pb2 as a, netlib.caffe.proto.caffe_pb2 as b, caffe.io, netlib.caffe as c\n"
+
+
+def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
+    """The same modules, not copies: whole names, parts, names from them."""
+    code = "import netlib; netlib.install_as_caffe(); netlib.install_as_caffe()\n" + SAME
+    code += "from caffe import layers as L, params as P, Net\nimport caffe\n"
+    code += "print(a is b, caffe.io is c.io, caffe is c, Net is c.Net, caffe.__name__, P.Pooling.AVE)"
+    assert run(code, tmp_path) == "True True True True netlib.caffe 1"
+
+
+def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
+    """A checkout of Caffe that was never built, say, or a file that a script has imported already."""
+    (tmp_path / "caffe").mkdir()
+    (tmp_path / "caffe" / "__init__.py").write_text("mine = 1")
+    code = "import caffe; assert caffe.mine; import netlib; netlib.install_as_caffe(); import caffe; print(caffe.Net)"
+    assert "netlib.caffe.pycaffe.Net" in run(code, tmp_path)
+
+
+def test_what_is_not_there_is_missing_as_ever(tmp_path: Path) -> None:
+    """An ImportError with the name that was written."""
+    code = "import netlib; netlib.install_as_caffe()\ntry:\n    import caffe.nothing\nexcept ImportError as e: print(e)"
+    assert run(code, tmp_path) == "No module named 'caffe.nothing'"
+
+
+LAYER = """
+import caffe
+
+class Ten(caffe.Layer):
+    def setup(self, bottom, top):
+        self.numbers = list(xrange(2))
+    def reshape(self, bottom, top):
+        top[0].reshape(*bottom[0].data.shape)
+    def forward(self, bottom, top):
+        top[0].data[...] = 10 * bottom[0].data
+    def backward(self, top, propagate_down, bottom):
+        bottom[0].diff[...] = 10 * top[0].diff
+"""
+NET = """
+layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }
+layer { name: "ten" type: "Python" bottom: "x" top: "y" python_param { module: "%s" layer: "Ten" } }
+"""
+FORWARD = (
+    "import netlib; n = netlib.Net('net.prototxt', 1); n.blobs['x'].data[...] = 3; print(n.forward()['y'].tolist())"
+)
+
+
+@pytest.mark.parametrize("module", ["ten", "layers", "tools", "tools.ten", "layers.ten"])
+def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
+    """Without being asked, and with Python 2's xrange; also from a file or folder that is called as one of ours."""
+    path = tmp_path / (module.replace(".", "/") + ".py")
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(LAYER)
+    (tmp_path / "net.prototxt").write_text(NET % module)
+    assert run(FORWARD, tmp_path) == "[30.0, 30.0]"
+
+
+def test_an_installed_caffe_is_left_alone(tmp_path: Path) -> None:
+    """A package of that name with code in it: a Python layer gets that one, whatever it is."""
+    installed = tmp_path / "installed" / "caffe"
+    installed.mkdir(parents=True)
+    (installed / "__init__.py").write_text("import netlib\nclass Layer(netlib.Layer):\n    theirs = True\n")
+    (tmp_path / "ten.py").write_text(LAYER)
+    (tmp_path / "net.prototxt").write_text(NET % "ten")
+    code = FORWARD + "; print(n.layers[1].theirs)"
+    assert run(code, tmp_path, tmp_path / "installed").split("\n") == ["[30.0, 30.0]", "True"]
+
+
+def test_text_format_where_protobuf_is_missing(tmp_path: Path) -> None:
+    """Scripts say ``from google.protobuf import text_format``."""
+    code = "import sys; sys.modules['google.protobuf.text_format'] = None\n"  # as if it were not installed
+    code += "import netlib; netlib.install_as_caffe()\n"
+    code += "from google.protobuf import text_format\nfrom caffe.proto import caffe_pb2\n"
+    code += "print(text_format.Merge('name: \"n\"', caffe_pb2.NetParameter()).name, text_format.__name__)"
+    assert run(code, tmp_path) == "n netlib.caffe.proto.text_format"
