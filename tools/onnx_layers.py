@@ -61,6 +61,11 @@ def _log(graph: Graph, at: Place) -> list[str]:
     return [graph.affine(graph.op("Log", graph.affine(at.values[0], p.scale, p.shift)), 1 / ln_base, 0)]
 
 
+def _dropout(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    return [graph.affine(at.values[0], float(layer.in_test), 0)]
+
+
 def _swish(graph: Graph, at: Place) -> list[str]:
     gate = graph.op("Sigmoid", graph.affine(at.values[0], at.layer.param.beta, 0))
     return [graph.op("Mul", at.values[0], gate)]
@@ -396,7 +401,7 @@ LAYERS: dict[str, Translation] = {
     "Crop": _crop,
     "Deconvolution": _deconvolution,
     "DeepHandModel": hand_model,  # the released system's name
-    "Dropout": _same,  # in phase TEST
+    "Dropout": _dropout,
     "ELU": _elu,
     "Eltwise": _eltwise,
     "Embed": _embed,

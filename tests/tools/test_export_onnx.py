@@ -75,7 +75,7 @@ CASES: dict[str, list[tuple[list[tuple[int, ...]], str, int]]] = {
         ([(1, 3, 5)], "convolution_param { num_output: 2 kernel_size: 4 stride: 3 }", 1),
     ],
     "DeepHandModel": [([(1, 47)], "", 1)],
-    "Dropout": [(IMAGE, "", 1)],
+    "Dropout": [(IMAGE, "", 1), (IMAGE, "dropout_param { dropout_ratio: 0.3 scale_train: false }", 1)],
     "ELU": [(IMAGE, "elu_param { alpha: 0.7 }", 1)],
     "Eltwise": [
         ([*IMAGE] * 3, "", 1),
