@@ -70,7 +70,7 @@ def test_netlib_asks_for_layers_and_fast_in_one_place_each(package: str, place: 
     users = [
         path.name
         for path in (ROOT / "netlib").glob("*.py")
-        if re.search(rf'import_module\(f?"{package}\b', path.read_text(encoding="utf-8"))
+        if re.search(rf'(import_module|own_package)\(f?"{package}\b', path.read_text(encoding="utf-8"))
     ]
     assert users == [place]
 

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from netlib import engine
+from layers import LAYER_TYPES
+from netlib import caffe, engine
+from netlib.caffe import pycaffe
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/**/*.md")])
@@ -37,3 +39,19 @@ def test_tools_that_are_named_are_there(path: Path) -> None:
     """A document must not speak of a command that is gone."""
     for tool in TOOL.findall(path.read_text(encoding="utf-8")):
         assert (ROOT / tool).is_file(), tool
+
+
+def test_every_layer_type_is_told() -> None:
+    """In the chapter on layers by its folder, in the one on Caffe by what is the same and what is not."""
+    layers, caffe = ((ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("layers", "caffe"))
+    for name in LAYER_TYPES:
+        assert re.search(rf"\b{name}\b", caffe), name
+        assert name.startswith("DeepHandModel") or re.search(rf"\b{name}\b", layers), name
+
+
+def test_all_of_pycaffe_is_told() -> None:
+    """Every name of the module, every public name of its Net and solvers."""
+    text = (ROOT / "docs/caffe.md").read_text(encoding="utf-8")
+    names = {*caffe.__all__, *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_"))}
+    ours = {"Solver", "TRAIN", "TEST", "net_class", "update_rule", "solver_count", "solver_rank", "set_multiprocess"}
+    assert {name for name in names - ours if not re.search(rf"\b{name}\b", text)} == set()

@@ -6,7 +6,8 @@ top[0]     y  same shape, may be the same blob
 TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probability 1 - p, else 0
 TEST   y = x,                  dx = dy
 
-Kept for backward: ``factor`` = keep / (1 - p). Scaling in TRAIN keeps the mean, so TEST needs no scale.
+Kept for backward: ``factor`` = keep / (1 - p). Scaling in TRAIN keeps the mean, so TEST needs no scale. With
+``scale_train: false``, Fast R-CNN's, it is the other way round: y = x keep in TRAIN, y = x (1 - p) in TEST.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ class DropoutParameter:
     """The ``dropout_param { ... }`` block."""
 
     dropout_ratio: float = numbered(1, 0.5)  # p, the part that is dropped
+    scale_train: bool = numbered(2, True)  # of Fast R-CNN's Caffe; false: TEST scales
 
 
 class Dropout(Layer):
@@ -38,17 +40,19 @@ class Dropout(Layer):
         if not 0 <= p < 1:
             raise self.fail(f"dropout_ratio {p:g} must be at least 0 and less than 1", "dropout_ratio")
         self.active = self.phase == TRAIN and p > 0
+        scales_now = self.phase == TRAIN or self.param.scale_train
+        self.in_training = self.dtype.type(1 / (1 - p) if self.param.scale_train else 1)
+        self.in_test = self.dtype.type(1 if scales_now else 1 - p)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        p, self.factor = self.param.dropout_ratio, self.dtype.type(1)
+        self.factor = self.in_test
         if self.active:
-            drawn = self.rng.integers(
-                0, 1 << 16, bottom[0].shape, dtype=np.uint16
-            )  # p to 1/65536, as older states have it
-            self.factor = (drawn >= min(round(p * (1 << 16)), (1 << 16) - 1)) * self.dtype.type(1 / (1 - p))
+            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)  # p to 1/65536, as older states
+            least = min(round(self.param.dropout_ratio * (1 << 16)), (1 << 16) - 1)
+            self.factor = (drawn >= least) * self.in_training
         top[0].data[...] = bottom[0].data * self.factor
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

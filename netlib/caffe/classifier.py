@@ -60,10 +60,10 @@ class Classifier(Net):
         super().__init__(model_file, TEST, weights=pretrained_file)
         self.transformer = transformer_of(self, mean, input_scale, raw_scale, channel_swap)
         self.crop_dims = np.array(self.blobs[self.inputs[0]].data.shape[2:])
-        self.image_dims = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
+        self.image_dims: io.Size = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
         if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
             raise io.ShapeError(
-                f"image_dims {tuple(self.image_dims)} are smaller than the net's input, {tuple(self.crop_dims)}; "
+                f"image_dims {io.plain(self.image_dims)} are smaller than the net's input, {io.plain(self.crop_dims)}; "
                 "expected a height and a width"
             )
 
@@ -87,7 +87,7 @@ class Classifier(Net):
         return predictions
 
 
-def _centre(images: Array, dims: Sequence[int]) -> Array:
+def _centre(images: Array, dims: io.Size) -> Array:
     """The middle of images (N, H, W, K)."""
     y, x = (images.shape[1] - dims[0]) // 2, (images.shape[2] - dims[1]) // 2
     return images[:, y : y + dims[0], x : x + dims[1]]

@@ -33,7 +33,7 @@ class AxisMismatchException(NetlibError):  # noqa: N818  pycaffe's name
     """Two maps from different axes on."""
 
 
-class UnconnectedError(NetlibError, RuntimeError):
+class UnconnectedError(NetlibError):
     """Two tops without a common ancestor that their points can be followed to."""
 
 

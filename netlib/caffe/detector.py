@@ -10,7 +10,7 @@ import numpy as np
 
 from netlib.blob import Array
 from netlib.caffe.classifier import transformer_of
-from netlib.caffe.io import ShapeError, load_image, resize_image
+from netlib.caffe.io import ShapeError, load_image, plain, resize_image
 from netlib.caffe.pycaffe import Net
 from netlib.errors import NetlibError
 from netlib.layer import TEST
@@ -80,7 +80,7 @@ class Detector(Net):
         part = im[inside[0] : inside[2], inside[1] : inside[3]]
         if not part.size:
             raise ShapeError(
-                f"the window {tuple(window)} (ymin, xmin, ymax, xmax) has nothing of an image of "
+                f"the window {plain(window)} (ymin, xmin, ymax, xmax) has nothing of an image of "
                 f"{im.shape[0]} x {im.shape[1]} pixels"
             )
         if not self.context_pad:

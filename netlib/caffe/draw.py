@@ -30,7 +30,8 @@ class RuleError(NetlibError, ValueError):
 
 def get_pooling_types_dict() -> dict[int, str]:
     """Kinds of pooling by their numbers."""
-    return {number: name for name, number in caffe_pb2.PoolingParameter.PoolMethod.items()}
+    kinds = caffe_pb2.LayerParameter().pooling_param.PoolMethod
+    return {number: name for name, number in kinds.items()}
 
 
 def get_edge_label(layer: Any) -> str:

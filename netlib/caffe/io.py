@@ -19,11 +19,17 @@ from netlib.blob import Array
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
 
+Size = Sequence[int] | Array  # height and width
 GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue
 
 
 class ShapeError(DataError, ValueError):
     """An array whose shape does not fit; also a ValueError, which scripts for pycaffe catch."""
+
+
+def plain(numbers: Sequence[float] | Array) -> tuple[float, ...]:
+    """Numbers as a message shows them, NumPy's like others: ``(2, 3)``."""
+    return tuple(np.asarray(numbers).tolist())
 
 
 # ---------------------------------------------------------------------------------------------- messages
@@ -84,11 +90,9 @@ def datum_to_array(datum: Any) -> Array:
     """The array (C, H, W) of a Datum, uint8 or float64; its label is ``datum.label``. Raises ShapeError."""
     if datum.encoded:
         raise ShapeError("a Datum holds an encoded picture, not values; decode its data, for example with OpenCV")
-    values: Array
+    values: Array = np.array(datum.float_data, np.float64)
     if len(datum.data):
         values = np.frombuffer(datum.data, np.uint8).copy()
-    else:
-        values = np.array(datum.float_data, np.float64)
     return _shaped(values, (datum.channels, datum.height, datum.width), "a Datum")
 
 
@@ -168,7 +172,7 @@ class Transformer:
         if sorted(order) != list(range(axes)):
             raise ShapeError(
                 f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes each of "
-                f"{', '.join(map(str, range(axes)))} once, found {tuple(order)}"
+                f"{', '.join(map(str, range(axes)))} once, found {plain(order)}"
             )
         self.transpose[in_] = order
 
@@ -178,7 +182,7 @@ class Transformer:
         if len(order) != channels or not set(order) <= set(range(channels)):
             raise ShapeError(
                 f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} has "
-                f"{', '.join(map(str, range(channels)))}, found {tuple(order)}"
+                f"{', '.join(map(str, range(channels)))}, found {plain(order)}"
             )
         self.channel_swap[in_] = order
 
@@ -252,11 +256,8 @@ def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
         raise DataError(f"{filename}: an image of {pixels.shape[2]} channels; expected gray or colour, alpha or none")
     image = pixels.astype(np.float64)
     if pixels.dtype.kind == "u":
-        image /= np.iinfo(pixels.dtype).max
-    if image.ndim == 2:
-        image = image[:, :, None]
-    else:
-        image = image[:, :, 2::-1]  # OpenCV has blue first
+        image /= 2 ** (8 * pixels.itemsize) - 1
+    image = image[:, :, None] if image.ndim == 2 else image[:, :, 2::-1]  # OpenCV has blue first
     if color:
         image = np.broadcast_to(image, (*image.shape[:2], 3))
     elif image.shape[2] == 3:
@@ -264,7 +265,7 @@ def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
     return image.astype(np.float32)
 
 
-def resize_image(im: Array, new_dims: Sequence[int], interp_order: int = 1) -> NDArray[np.float32]:
+def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np.float32]:
     """An image (H, W, K) in another height and width, interpolated by splines of an order (1: bilinear).
 
     With 1 or 3 channels, pixels are areas, and outside them is the least value of the image: borders fade a little.
@@ -276,7 +277,7 @@ def resize_image(im: Array, new_dims: Sequence[int], interp_order: int = 1) -> N
     if im.ndim != 3 or not im.size or height < 1 or width < 1 or interp_order not in range(6):
         raise ShapeError(
             "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, "
-            f"found an array of shape {im.shape}, {tuple(new_dims)} and {interp_order}"
+            f"found an array of shape {im.shape}, {plain(new_dims)} and {interp_order}"
         )
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
@@ -290,7 +291,7 @@ def resize_image(im: Array, new_dims: Sequence[int], interp_order: int = 1) -> N
     return (scaled * (most - least) + least).astype(np.float32)
 
 
-def oversample(images: Sequence[Array], crop_dims: Sequence[int]) -> NDArray[np.float32]:
+def oversample(images: Sequence[Array] | Array, crop_dims: Size) -> NDArray[np.float32]:
     """Ten crops of every image (H, W, K): four corners, the centre, and the same mirrored; (10 N, h, w, K).
 
     All images must have the size of the first. Raises ShapeError.

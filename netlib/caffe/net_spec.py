@@ -19,10 +19,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from netlib import create
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError, did_you_mean
-
-MANY = 4  # blocks with an option of the same name; then none of them is a good advice
+from netlib.layer import block_name
 
 
 class SpecError(NetlibError):
@@ -135,17 +135,21 @@ def _holder(layer: Any, option: str) -> Any:
         return getattr(layer, block)
     if option in fields:
         return layer
-    advice = did_you_mean(option, own)
-    others = [f"{name}=dict({option}=...)" for name, field in fields.items()
-              if name.endswith("_param") and option in field.message_type.fields_by_name]  # fmt: skip
-    if not advice and 0 < len(others) < MANY:
-        advice = f"; if the layer takes it from the block of another type, write {' or '.join(others)}"
-    raise UnknownNameError(f"unknown option {option!r}{advice or _known(own)}")
+    others = [name for name in _blocks_of(layer.type) if name in fields]
+    for name in others:
+        if option in fields[name].message_type.fields_by_name:
+            raise UnknownNameError(f"option {option!r} is in another block; write {name}=dict({option}=...)")
+    known = [*own, *(f"{name}=dict(...)" for name in others if name != block)]
+    advice = did_you_mean(option, own) or (f"; its options: {', '.join(known)}" if known else "; it has none")
+    raise UnknownNameError(f"unknown option {option!r}{advice}")
 
 
-def _known(names: Iterable[str]) -> str:
-    names = sorted(names)
-    return f"; its options: {', '.join(names)}" if names else "; it has no options of its own"
+def _blocks_of(type_name: str) -> list[str]:
+    """The blocks that a layer type of this project reads."""
+    cls = create.layer_types().get(type_name)
+    if cls is None:
+        return []
+    return [block_name(cls, type_name), *cls.other_blocks, *(["loss_param"] if cls.loss_weight else [])]
 
 
 def assign_proto(proto: Any, name: str, val: Any) -> None:
@@ -273,8 +277,7 @@ class _Constants:
         enums = getattr(caffe_pb2, message).DESCRIPTOR.enum_types_by_name.values()
         values = {name: value.number for enum in enums for name, value in enum.values_by_name.items()}
         if param_name not in values:
-            known = ", ".join(values) or "no constants"
-            advice = did_you_mean(param_name, values) or f"; it has {known}"
+            advice = did_you_mean(param_name, values) or f"; it has {', '.join(values) or 'no constants'}"
             raise UnknownNameError(f"params.{self._name} has no {param_name!r}{advice}")
         return values[param_name]
 

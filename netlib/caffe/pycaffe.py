@@ -19,6 +19,7 @@ from netlib import weights as weights_of
 from netlib.blob import Array, Blob
 from netlib.errors import LayerError
 from netlib.messages import SolverParameter
+from netlib.plain import Executor
 from netlib.snapshot import write_weights
 from netlib.updates import learning_rate
 
@@ -106,7 +107,7 @@ class Net(core.Net):
         self._seed_losses()
         self.executor.backward(end, start + 1)
 
-    def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Array) -> dict[str, Array]:
+    def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs, and ``blobs``, for all of them.
 
         Of a loss there is one for each batch.
@@ -119,7 +120,7 @@ class Net(core.Net):
         return _cut(found, inputs)
 
     def forward_backward_all(
-        self, blobs: Iterable[str] | None = None, diffs: Iterable[str] | None = None, **arrays: Array
+        self, blobs: Iterable[str] | None = None, diffs: Iterable[str] | None = None, **arrays: Any
     ) -> tuple[dict[str, Array], dict[str, Array]]:
         """Run any number of items forwards and backwards, batch by batch.
 
@@ -131,7 +132,7 @@ class Net(core.Net):
         diff: dict[str, list[Array]] = {name: [] for name in [*self.inputs, *slopes]}
         forwards = self._batch({name: arrays[name] for name in self.inputs if name in arrays})
         backwards = self._batch({name: arrays[name] for name in self.outputs if name in arrays})
-        nothing: dict[str, Array] = {}
+        nothing: dict[str, Any] = {}
         for ahead, back in zip_longest(forwards, backwards, fillvalue=nothing):
             for name, array in self.forward(names, **ahead).items():
                 data[name].extend(np.atleast_1d(array).copy())
@@ -139,7 +140,7 @@ class Net(core.Net):
                 diff[name].extend(np.atleast_1d(array).copy())
         return _cut(data, arrays), _cut(diff, arrays)
 
-    def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Array]]:
+    def _batch(self, arrays: Mapping[str, Array]) -> Iterator[dict[str, Any]]:
         """Parts of the arrays, as long as the net's batch; the last one is filled up with zeros."""
         if not arrays:
             return
@@ -179,14 +180,23 @@ def _cut(found: Mapping[str, list[Array]], given: Mapping[str, Array]) -> dict[s
     return {name: np.asarray(items[:count]) for name, items in found.items()}
 
 
-class _HookedExecutor:
+class _HookedExecutor(Executor):
     """Runs layer by layer and calls hooks in between."""
 
-    def __init__(self, inner: Any, hooks: Mapping[str, list[Hook]]) -> None:
+    def __init__(self, inner: Executor, hooks: Mapping[str, list[Hook]]) -> None:
         self._inner, self._hooks = inner, hooks
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
+
+    def reshape(self) -> None:
+        self._inner.reshape()
+
+    def hidden(self) -> list[Blob]:
+        return self._inner.hidden()
+
+    def clear_diffs(self, params: Iterable[Blob]) -> None:
+        self._inner.clear_diffs(params)
 
     def _call(self, when: str, number: int) -> None:
         for hook in self._hooks.get(when, []):

@@ -14,7 +14,7 @@ net: "net.prototxt"
 base_lr: 0.003 momentum: 0.9 lr_policy: "fixed"
 max_iter: 6 display: 2 average_loss: 2
 test_iter: 2 test_interval: 3
-snapshot: 3 snapshot_prefix: "snapshots/net" snapshot_format: HDF5
+snapshot: 3 snapshot_prefix: "snapshots/net"
 random_seed: 1
 """
 

@@ -17,7 +17,7 @@ from tools import test, train
 @pytest.fixture
 def snapshot(work):
     assert train.main(["solver.prototxt", "--max-iter", "1"]) == 0
-    return "snapshots/net_iter_1.caffemodel.h5"
+    return "snapshots/net_iter_1.caffemodel"
 
 
 def test_figures_are_those_of_the_frames(work, small_data, snapshot, capsys):

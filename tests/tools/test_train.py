@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
+from netlib import snapshot
 from tests.tools.conftest import ROOT
 from tools import train, training
 
@@ -28,8 +29,7 @@ def mistake(capsys, argv, status=1):
 
 
 def weights(path):
-    with h5py.File(path) as file:
-        return {f"{k}/{i}": v[i][...] for k, v in file["data"].items() for i in v}
+    return {f"{name}/{i}": v for name, arrays in snapshot.read_weights(path).items() for i, v in arrays.items()}
 
 
 def test_log_is_caffes(work, capsys):
@@ -74,9 +74,7 @@ def test_a_resumed_training_adds_to_its_log(work):
     """The first part is not lost; another training begins the file anew."""
     assert train.main(["solver.prototxt", "--max-iter", "3", "--log", "train.log"]) == 0
     first = (work / "train.log").read_text()
-    assert (
-        train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate.h5", "--log", "train.log"]) == 0
-    )
+    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log"]) == 0
     both = (work / "train.log").read_text()
     assert both.startswith(first) and both.count("Optimization Done.") == 2
     assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "train.log"]) == 0
@@ -86,9 +84,9 @@ def test_a_resumed_training_adds_to_its_log(work):
 def test_resume_is_exact(work):
     """Six iterations are three, a new process's resume, and three more."""
     assert train.main(["solver.prototxt"]) == 0
-    whole = weights("snapshots/net_iter_6.caffemodel.h5")
-    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate.h5"]) == 0
-    resumed = weights("snapshots/net_iter_6.caffemodel.h5")
+    whole = weights("snapshots/net_iter_6.caffemodel")
+    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate"]) == 0
+    resumed = weights("snapshots/net_iter_6.caffemodel")
     assert all(np.array_equal(whole[name], resumed[name]) for name in whole)
 
 
@@ -97,7 +95,7 @@ def test_seed_and_threads(work):
     results = []
     for extra in (["--seed", "5"], ["--seed", "5", "--threads", "1"], ["--seed", "6"]):
         assert train.main(["solver.prototxt", "--max-iter", "2", *extra]) == 0
-        results.append(weights("snapshots/net_iter_2.caffemodel.h5")["DoF/0"])
+        results.append(weights("snapshots/net_iter_2.caffemodel")["DoF/0"])
     assert np.array_equal(results[0], results[1])
     assert not np.array_equal(results[0], results[2])
 
@@ -121,7 +119,7 @@ def test_signal_snapshots_and_stops(work, number, status):
     assert process.returncode == status
     assert "Optimization stopped early." in lines[-1]
     last = int(re.search(r"net_iter_(\d+)\.solverstate", "".join(lines[-4:])).group(1))
-    assert (work / f"snapshots/net_iter_{last}.caffemodel.h5").exists()
+    assert (work / f"snapshots/net_iter_{last}.caffemodel").exists()
 
 
 def test_hangup_snapshots_and_goes_on(work, monkeypatch):
@@ -138,7 +136,7 @@ def test_hangup_snapshots_and_goes_on(work, monkeypatch):
 
     monkeypatch.setattr(training, "requests_by_signal", catch)
     assert train.main(["solver.prototxt", "--max-iter", "2"]) == 0
-    assert (work / "snapshots/net_iter_1.solverstate.h5").exists()
+    assert (work / "snapshots/net_iter_1.solverstate").exists()
 
 
 @pytest.fixture(autouse=True)
@@ -163,7 +161,7 @@ def test_mistakes(work, capsys):
     """Each mistake is one line with its place."""
     train.main(["solver.prototxt", "--max-iter", "3"])
     capsys.readouterr()
-    state, model = "snapshots/net_iter_3.solverstate.h5", "snapshots/net_iter_3.caffemodel.h5"
+    state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
     assert (
         mistake(capsys, ["nothing.prototxt"]) == "nothing.prototxt: cannot read the prototxt: No such file or directory"
     )
@@ -173,8 +171,8 @@ def test_mistakes(work, capsys):
     assert mistake(capsys, ["bad.prototxt"]).startswith(
         "bad.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean"
     )
-    (work / "cut.h5").write_bytes((work / state).read_bytes()[:3000])
-    assert "cut.h5: damaged or truncated" in mistake(capsys, ["solver.prototxt", "--snapshot", "cut.h5"])
+    (work / "cut.state").write_bytes((work / state).read_bytes()[:3000])
+    assert "cut.state: byte 890: truncated" in mistake(capsys, ["solver.prototxt", "--snapshot", "cut.state"])
 
 
 def test_usage(capsys):
@@ -198,7 +196,7 @@ def test_nan_in_the_data_stops(work, small_data, capsys):
     (work / "net.prototxt").write_text(net.replace("shuffle: true", ""))
     line = mistake(capsys, ["solver.prototxt"])
     assert "iteration 0: the loss is nan" in line and "top blob 'depth' of layer 'data'" in line
-    assert not list(work.glob("snapshots/*.h5"))
+    assert not list(work.glob("snapshots/*iter*"))
 
 
 def test_a_full_disk_ends_the_log_not_the_training(work, capsys, monkeypatch):
@@ -206,4 +204,4 @@ def test_a_full_disk_ends_the_log_not_the_training(work, capsys, monkeypatch):
     assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "/dev/full"]) == 0
     errors = capsys.readouterr().err
     assert errors.count("/dev/full: cannot write the log any more: No space left on device") == 1
-    assert (work / "snapshots/net_iter_1.solverstate.h5").exists()
+    assert (work / "snapshots/net_iter_1.solverstate").exists()

@@ -309,7 +309,7 @@ class RepeatedScalars(MutableSequence[Any]):
 
     def extend(self, values: Iterable[Any]) -> None:
         """As of a list; None is nothing."""
-        self._list.extend([checked(self._field, value) for value in values or ()])
+        self._list.extend([checked(self._field, value) for value in (() if values is None else values)])
         self._touch()
 
     MergeFrom = extend

@@ -50,6 +50,15 @@ def test_gradient(check, rng, phase, in_place):
     check(HALF, rng.normal(size=(3, 5)), phase=phase, in_place=in_place)
 
 
+def test_fast_rcnns_dropout_scales_in_test(run):
+    """``scale_train: false``: kept values stay as they are in TRAIN, and TEST makes up for the dropped ones."""
+    text = 'type: "Dropout" dropout_param { dropout_ratio: 0.25 scale_train: false }'
+    train, test = (run(text, np.full(1000, 8.0), phase=phase) for phase in ("TRAIN", "TEST"))
+    assert set(train.y) == {0, 8}
+    assert set(test.y) == {6}
+    assert set(test.backward(np.ones(1000))[0]) == {0.75}
+
+
 @pytest.mark.parametrize("ratio", [1, -0.1, 2])
 def test_mistakes(run, ratio):
     """A part is at least 0 and less than 1."""

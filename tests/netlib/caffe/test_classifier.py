@@ -1,0 +1,85 @@
+"""caffe.Classifier: images in, one prediction for each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import netlib.caffe as caffe
+from netlib import prototxt
+from netlib.errors import NetlibError
+
+MEANS = """
+layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 4 dim: 3 dim: 2 dim: 2 } } }
+layer { name: "means" type: "Convolution" bottom: "data" top: "means"
+        convolution_param { num_output: 3 kernel_size: 2 group: 3 weight_filler { type: "constant" value: 0.25 } } }
+"""  # the mean of each channel
+
+
+@pytest.fixture
+def make(tmp_path):
+    """``make(**options)``: the Classifier whose predictions are the means of each channel of its input."""
+    (tmp_path / "net.prototxt").write_text(MEANS)
+    caffe.Net(prototxt.parse(MEANS), caffe.TEST).save(tmp_path / "net.caffemodel")
+    return lambda **options: caffe.Classifier(
+        str(tmp_path / "net.prototxt"), str(tmp_path / "net.caffemodel"), **options
+    )
+
+
+def image(height, width):
+    """Red counts the pixels, green is 100, blue is 0."""
+    red = np.arange(height * width, dtype=np.float32).reshape(height, width)
+    return np.dstack([red, np.full_like(red, 100), np.zeros_like(red)])
+
+
+def test_the_centre(make):
+    """Of an image of the size image_dims; more images than the net's batch are run in several."""
+    classifier = make(image_dims=(4, 4))
+    found = classifier.predict([image(4, 4)] * 5, oversample=False)
+    assert found.shape == (5, 3, 1, 1) and found.dtype == np.float32
+    np.testing.assert_allclose(found[4, :, 0, 0], [(5 + 6 + 9 + 10) / 4, 100, 0])
+
+
+def test_ten_crops(make):
+    """Corners, centre and mirrors, averaged; here all of them have the mean of the image on average."""
+    found = make(image_dims=[4, 4]).predict([image(4, 4), 2 * image(4, 4)])
+    np.testing.assert_allclose(found, [[7.5, 100, 0], [15, 200, 0]], rtol=1e-6)
+
+
+def test_the_whole_image(make):
+    """Without image_dims it is scaled to the input."""
+    classifier = make()
+    assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
+    found = classifier.predict([image(4, 4)], oversample=False)
+    np.testing.assert_allclose(found[0, :, 0, 0], [7.5, 100, 0], rtol=1e-6)
+
+
+def test_preprocessing(make):
+    """Blue first, times the raw scale, less the mean, times the input scale."""
+    classifier = make(mean=np.array([1.0, 2, 3]), raw_scale=10, input_scale=0.5, channel_swap=(2, 1, 0))
+    found = classifier.predict([image(2, 2)], oversample=False)
+    np.testing.assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
+    assert list(classifier.transformer.transpose["data"]) == [2, 0, 1]
+
+
+def test_it_is_a_net(make):
+    """Of phase TEST."""
+    classifier = make()
+    assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
+
+
+def test_mistakes(make, tmp_path):
+    """Images smaller than the input, none at all, colour among gray ones, a net that reads its own data."""
+    with pytest.raises(NetlibError, match=r"image_dims \(1, 4\) are smaller than the net's input, \(2, 2\)"):
+        make(image_dims=(1, 4))
+    with pytest.raises(NetlibError, match=r"predict takes images \(H, W, K\) of one K, found \[\]"):
+        make().predict([])
+    with pytest.raises(NetlibError, match=r"of one K, found \[\(4, 4, 3\), \(4, 4, 1\)\]"):
+        make().predict([image(4, 4), image(4, 4)[..., :1]])
+    (tmp_path / "net.prototxt").write_text(
+        'name: "own" layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } } }'
+        'layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_param { num_output: 1 } }'
+    )
+    caffe.Net(str(tmp_path / "net.prototxt"), caffe.TEST).save(tmp_path / "net.caffemodel")
+    with pytest.raises(NetlibError, match="net 'own' has no input to put images into"):
+        make()

@@ -1,0 +1,133 @@
+"""caffe.coord_map: where points of a top lie in another, worked by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from netlib.caffe import layers as L
+from netlib.caffe.coord_map import (
+    AxisMismatchException,
+    CropError,
+    UndefinedMapException,
+    compose,
+    coord_map,
+    coord_map_from_to,
+    crop,
+    inverse,
+)
+from netlib.errors import NetlibError
+
+
+@pytest.fixture
+def data():
+    return L.Input(shape={"dim": [1, 1, 64, 64]})
+
+
+def numbers(found):
+    """A map with plain lists."""
+    axis, a, b = found
+    return axis, np.ravel(a).tolist(), np.ravel(b).tolist()
+
+
+@pytest.mark.parametrize(
+    ("type_name", "options", "expected"),
+    [
+        ("Convolution", {"kernel_size": 3}, (1, [1], [-1])),
+        ("Convolution", {"kernel_size": 3, "pad": 1}, (1, [1], [0])),
+        ("Convolution", {"kernel_size": 5, "stride": 2, "pad": 1}, (1, [0.5], [-0.5])),
+        ("Convolution", {"kernel_size": 3, "dilation": 2}, (1, [1], [-2])),
+        ("Convolution", {"kernel_size": [3, 5], "stride": [1, 2]}, (1, [1, 0.5], [-1, -1])),
+        ("Convolution", {"convolution_param": {"kernel_size": 3, "axis": 2}}, (2, [1], [-1])),
+        ("Im2col", {"kernel_size": 1}, (1, [1], [0])),
+        ("Pooling", {"kernel_size": 2, "stride": 2}, (1, [0.5], [-0.25])),
+        ("Pooling", {"pooling_param": {"kernel_size": 2, "stride": 2}}, (1, [0.5], [-0.25])),
+        ("Deconvolution", {"kernel_size": 4, "stride": 2}, (1, [2], [1.5])),
+        ("Deconvolution", {"kernel_size": 4, "stride": 2, "pad": 1}, (1, [2], [0.5])),
+        ("Crop", {"offset": 3}, (1, [1], [-3])),
+        ("Crop", {"crop_param": {"axis": 3, "offset": [4]}}, (2, [1], [-4])),
+        ("ReLU", {"negative_slope": 0.1}, (None, [1], [0])),
+    ],
+)
+def test_one_layer(data, type_name, options, expected):
+    """Point x of the bottom is at a x + b of the top: strides divide, kernels and pads shift."""
+    assert numbers(coord_map(getattr(L, type_name)(data, **options).fn)) == expected
+
+
+def test_compose_and_inverse():
+    """3 (2 x + 1) + 5 = 6 x + 8, and back."""
+    both = compose((1, 3, 5), (1, 2, 1))
+    assert both == (1, 6, 8)
+    axis, a, b = compose(both, inverse(both))
+    assert axis == 1 and a == pytest.approx(1) and b == pytest.approx(0)
+    assert compose((None, 1, 0), (2, 3, 4)) == compose((2, 3, 4), (None, 1, 0)) == (2, 3, 4)
+    with pytest.raises(AxisMismatchException, match="from axis 1 on cannot follow one from axis 2 on"):
+        compose((1, 1, 0), (2, 1, 0))
+
+
+def test_from_a_net_to_its_input(data):
+    """conv 3, pool 4 and upsampling by 4 move by one."""
+    pooled = L.Pooling(L.ReLU(L.Convolution(data, kernel_size=3)), kernel_size=4, stride=4)
+    up = L.Deconvolution(pooled, kernel_size=8, stride=4)
+    assert numbers(coord_map_from_to(up, data)) == (1, [1], [-1])
+    assert numbers(coord_map_from_to(data, up)) == (1, [1], [1])
+    assert numbers(coord_map_from_to(up, up)) == (None, [1], [0])
+
+
+def test_between_two_branches(data):
+    """They meet in a common ancestor; of a Crop's bottoms only the first is followed."""
+    left = L.Convolution(data, kernel_size=3)
+    right = L.Convolution(data, kernel_size=7)
+    assert numbers(coord_map_from_to(right, left)) == (1, [1], [2])
+    cut = L.Crop(left, right, axis=2, offset=2)
+    assert numbers(coord_map_from_to(cut, right)) == (1, [1], [0])
+    assert numbers(coord_map_from_to(L.Eltwise(left, left), data)) == (1, [1], [1])
+
+
+def test_crop_makes_the_layer(data):
+    """Scores of FCN-32s, cut to the image: the offset is what real FCN has."""
+    conv = L.Convolution(data, kernel_size=3, pad=100)
+    for _ in range(5):
+        conv = L.Pooling(conv, kernel_size=2, stride=2)
+    score = L.Convolution(conv, kernel_size=7)
+    up = L.Deconvolution(score, convolution_param={"kernel_size": 64, "stride": 32})
+    made = crop(up, data)
+    assert made.fn.type_name == "Crop" and made.fn.inputs == (up, data)
+    assert made.fn.params == {"crop_param": {"axis": 2, "offset": [19]}}
+    assert list(made.to_proto().layer[-1].crop_param.offset) == [19]
+
+
+def test_crop_of_tops_that_lie_alike(data):
+    """Through layers without axis, it cuts at the end only."""
+    assert crop(L.ReLU(data), data).fn.params == {"crop_param": {"axis": 2, "offset": [0]}}
+
+
+def test_crop_cannot(data):
+    """AssertionErrors, as in pycaffe."""
+    pooled = L.Pooling(data, kernel_size=2, stride=2)
+    with pytest.raises(AssertionError, match=r"scale mismatch on crop \(a = \[2\.\]\)"):
+        crop(pooled, data)
+    with pytest.raises(AssertionError, match=r"cannot crop negative offset \(b = \[1\.\]\)"):
+        crop(L.Convolution(data, kernel_size=3), data)
+    with pytest.raises(AssertionError, match=r"cannot crop noninteger offset \(b = \[-0\.5\]\)"):
+        crop(L.Convolution(data, kernel_size=2, pad=1), data)
+
+
+def test_what_cannot_be_followed(data):
+    """InnerProduct mixes all points; so does a pooling of the whole map."""
+    flat = L.InnerProduct(data, num_output=1)
+    with pytest.raises(RuntimeError, match="Could not compute map between tops"):
+        coord_map_from_to(flat, data)
+    with pytest.raises(RuntimeError, match="Could not compute map between tops"):
+        coord_map_from_to(data, L.Input(shape={"dim": 1}))
+    with pytest.raises(UndefinedMapException, match="layers of type 'InnerProduct' have no coordinate map"):
+        coord_map(flat.fn)
+    with pytest.raises(UndefinedMapException, match="a Pooling layer without kernel_size"):
+        coord_map(L.Pooling(data, global_pooling=True).fn)
+    assert issubclass(UndefinedMapException, NetlibError) and issubclass(CropError, NetlibError)
+
+
+def test_old_fields(data):
+    """kernel_h and its like are refused, as in pycaffe."""
+    with pytest.raises(AssertionError, match=r"a Convolution layer has pad_w: .* does not support legacy _h/_w params"):
+        coord_map(L.Convolution(data, kernel_size=3, pad_w=1).fn)

@@ -1,0 +1,191 @@
+"""caffe.draw: a net as a graph. What needs pydot or Graphviz is skipped without them."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+
+import pytest
+
+import netlib.caffe as caffe
+from netlib import prototxt
+from netlib.caffe import draw
+from netlib.caffe.proto import caffe_pb2
+from netlib.errors import NetlibError
+
+NET = """
+name: "small net"
+layer { name: "data" type: "Data" top: "data" top: "label" data_param { source: "x" batch_size: 64 }
+        include { phase: TRAIN } }
+layer { name: "data" type: "Input" top: "data" include { phase: TEST } }
+layer { name: "conv1/3x3" type: "Convolution" bottom: "data" top: "conv1/3x3" param { lr_mult: 2 }
+        convolution_param { num_output: 20 kernel_size: 3 pad: 1 } }
+layer { name: "relu" type: "ReLU" bottom: "conv1/3x3" top: "conv1/3x3" }
+layer { name: "pool" type: "Pooling" bottom: "conv1/3x3" top: "pool"
+        pooling_param { pool: AVE kernel_size: 2 stride: 2 } }
+layer { name: "drop" type: "Dropout" bottom: "pool" top: "drop" exclude { phase: TEST } }
+layer { name: "node" type: "InnerProduct" bottom: "pool" top: "node" inner_product_param { num_output: 10 } }
+"""
+
+
+@pytest.fixture
+def net():
+    made = caffe_pb2.NetParameter()
+    made.merge_tree(prototxt.parse(NET))
+    return made
+
+
+def layer_of(text):
+    made = caffe_pb2.LayerParameter()
+    made.merge_tree(prototxt.parse(text))
+    return made
+
+
+# ---------------------------------------------------------------------------------------------- labels
+
+
+def test_labels_of_layers(net):
+    """Name, type, kernel; on lines of their own where the graph goes from left to right."""
+    labels = [draw.get_layer_label(layer, "TB") for layer in net.layer]
+    assert labels == [
+        '"data (Data)"', '"data (Input)"', '"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1"', '"relu (ReLU)"',
+        '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0"', '"drop (Dropout)"', '"node (InnerProduct)"',
+    ]  # fmt: skip
+    assert draw.get_layer_label(net.layer[6], "LR") == r'"node\n(InnerProduct)"'
+
+
+def test_labels_with_learning_rates(net):
+    """Of layers that learn, if not all are 0."""
+    assert draw.get_layer_label(net.layer[6], "TB", display_lrm=True) == '"node (InnerProduct) lr mult: 1.0, 1.0"'
+    assert draw.get_layer_label(net.layer[3], "TB", display_lrm=True) == '"relu (ReLU)"'
+    frozen = layer_of('name: "ip" type: "InnerProduct" param { lr_mult: 0 } param { lr_mult: 0 }')
+    assert draw.get_layer_label(frozen, "TB", display_lrm=True) == '"ip (InnerProduct)"'
+
+
+def test_learning_rates(net):
+    """Weights, then biases; 1 where none is given."""
+    assert draw.get_layer_lr_mult(net.layer[2]) == (2, 1)
+    assert draw.get_layer_lr_mult(net.layer[6]) == (1, 1)
+    both = 'name: "c" type: "Convolution" param { lr_mult: 3 } param { lr_mult: 4 }'
+    assert draw.get_layer_lr_mult(layer_of(both)) == (3, 4)
+    with pytest.raises(ValueError, match="ReLU layers do not have a learning rate multiplier"):
+        draw.get_layer_lr_mult(net.layer[3])
+    with pytest.raises(ValueError, match="layer 'c': expected at most two params, weights and biases, found 3"):
+        draw.get_layer_lr_mult(layer_of(both + "param {}"))
+
+
+def test_labels_of_arrows(net):
+    """Batch size, number of outputs, or nothing."""
+    labels = [draw.get_edge_label(layer) for layer in net.layer]
+    assert labels == ["Batch 64", '""', "20", '""', '""', '""', "10"]
+
+
+def test_colours_and_kinds_of_pooling():
+    """The colours are Caffe's."""
+    types = ["Convolution", "Deconvolution", "Pooling", "InnerProduct", "ReLU"]
+    colours = ["#FF5050", "#FF5050", "#FF9900", "#CC33FF", "#6495ED"]
+    assert [draw.choose_color_by_layertype(name) for name in types] == colours
+    assert draw.get_pooling_types_dict() == {0: "MAX", 1: "AVE", 2: "STOCHASTIC"}
+
+
+# ---------------------------------------------------------------------------------------------- the graph
+
+
+def text_of(net, *args, **options):
+    pytest.importorskip("pydot")
+    return draw.get_pydot_graph(net, *args, **options).to_string()
+
+
+def test_the_graph(net):
+    """Boxes for layers, octagons for blobs; names that Graphviz would misread are in quotes."""
+    text = text_of(net, "TB")
+    assert text.startswith('digraph "small net" {\nrankdir=TB;\n')
+    assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text  # in place
+    assert '"node (InnerProduct)" [shape=record, fillcolor="#CC33FF", style=filled];\n' in text
+    assert '\n"conv1/3x3" [shape=octagon, fillcolor="#E0E0E0", style=filled];\n' in text
+    assert "\nlabel [shape=octagon, " in text and '\n"node" [shape=octagon, ' in text
+    assert '\n"conv1/3x3" -> "relu (ReLU)" [label=""];\n' in text
+    assert '\n"data (Data)" -> data [label="Batch 64"];\n' in text
+    assert '\n"node (InnerProduct)" -> "node" [label=10];\n' in text
+    assert "Batch" not in text_of(net, "TB", label_edges=False)
+
+
+@pytest.mark.parametrize(
+    ("phase", "shown"),
+    [
+        (None, ["data (Data)", "data (Input)", "drop"]),
+        (caffe.TRAIN, ["data (Data)", "drop"]),
+        (caffe.TEST, ["data (Input)"]),
+    ],
+)
+def test_phases(net, phase, shown):
+    """Only the layers of a phase, or all."""
+    text = text_of(net, "TB", phase=phase)
+    assert [name for name in ("data (Data)", "data (Input)", "drop") if f'"{name}' in text] == shown
+
+
+def test_rules_without_a_phase(net):
+    """Stages and levels are not asked for; both kinds of rules are a mistake."""
+    net.layer[3].include.add(stage=["deploy"])
+    net.layer[5].exclude.add(stage=["deploy"])
+    assert "relu" in text_of(net, "LR", phase=caffe.TRAIN) and "drop" in text_of(net, "LR", phase=caffe.TRAIN)
+    net.layer[3].exclude.add(phase=caffe.TEST)
+    with pytest.raises(ValueError, match="layer 'relu' has both include and exclude specified"):
+        text_of(net, "LR", phase=caffe.TRAIN)
+
+
+def test_raw(net, tmp_path):
+    """Graphviz's language, without Graphviz."""
+    pytest.importorskip("pydot")
+    draw.draw_net_to_file(net, str(tmp_path / "net.raw"), phase=caffe.TRAIN, display_lrm=True)
+    text = (tmp_path / "net.raw").read_text()
+    assert text.startswith('digraph "small net" {\nrankdir=LR;\n') and "lr mult: 2.0, 1.0" in text
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+def test_a_picture(net, tmp_path):
+    """In the format of the name's ending."""
+    pytest.importorskip("pydot")
+    draw.draw_net_to_file(net, tmp_path / "net.svg")
+    assert "conv1/3x3" in (tmp_path / "net.svg").read_text()
+    assert draw.draw_net(net, "LR", "dot").startswith(b'digraph "small net" {')
+    with pytest.raises(NetlibError, match=r"dot cannot draw the net as 'xyz': .*not recognized"):
+        draw.draw_net_to_file(net, tmp_path / "net.xyz")
+
+
+# ---------------------------------------------------------------------------------------------- what is missing
+
+
+def test_without_pydot(net, monkeypatch):
+    """One line says how to get it."""
+    monkeypatch.setitem(sys.modules, "pydot", None)
+    with pytest.raises(NetlibError, match=r"^pydot is missing: pip install '\.\[draw\]'$"):
+        draw.draw_net(net, "LR")
+
+
+def test_without_graphviz(net, monkeypatch):
+    """One line says how to get it."""
+    pytest.importorskip("pydot")
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(NetlibError, match="program dot is missing: install Graphviz"):
+        draw.draw_net(net, "LR")
+
+
+def test_a_dot_that_fails(net, monkeypatch, tmp_path):
+    """Its words, on one line."""
+    pytest.importorskip("pydot")
+    program = tmp_path / "dot"
+    program.write_text("#!/bin/sh\ncat > /dev/null\necho 'Error: no' >&2\necho 'at all' >&2\nexit 1\n")
+    program.chmod(0o755)
+    monkeypatch.setattr("shutil.which", lambda name: str(program))
+    with pytest.raises(NetlibError, match=r"^dot cannot draw the net as 'png': Error: no at all$"):
+        draw.draw_net(net, "LR")
+
+
+def test_names_of_pictures(net, tmp_path):
+    """Must say the format, and lie where one can write."""
+    with pytest.raises(NetlibError, match="net: the ending of the name is the picture's format"):
+        draw.draw_net_to_file(net, tmp_path / "net")
+    pytest.importorskip("pydot")
+    with pytest.raises(NetlibError, match=r"cannot write the picture: No such file"):
+        draw.draw_net_to_file(net, tmp_path / "none" / "net.raw")

@@ -1,0 +1,341 @@
+"""caffe.io: messages and arrays, the Transformer, images. Numbers of resized images are scikit-image's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from netlib.caffe import io
+from netlib.caffe.proto import caffe_pb2
+from netlib.errors import DataError, NetlibError
+
+SMALL = np.array([[0, 10, 20], [40, 30, 60]], np.float32)
+
+# ---------------------------------------------------------------------------------------------- messages
+
+
+def test_blobproto_and_back():
+    """Values and gradients in the array's own shape, in double precision, as pycaffe gives them."""
+    blob = io.array_to_blobproto(np.arange(6).reshape(1, 2, 3), np.full((1, 2, 3), 0.5))
+    assert list(blob.shape.dim) == [1, 2, 3]
+    data, diff = io.blobproto_to_array(blob), io.blobproto_to_array(blob, return_diff=True)
+    assert data.dtype == np.float64 and data.tolist() == [[[0, 1, 2], [3, 4, 5]]]
+    assert diff.tolist() == [[[0.5] * 3] * 2]
+
+
+def test_blobproto_of_four_axes():
+    """Old files say num, channels, height and width instead of a shape."""
+    blob = caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4])
+    assert io.blobproto_to_array(blob).tolist() == [[[[1, 2]], [[3, 4]]]]
+
+
+def test_blobproto_in_double_precision():
+    """pycaffe overlooks these values."""
+    blob = caffe_pb2.BlobProto(double_data=[0.1, 0.2])
+    blob.shape.dim.append(2)
+    assert io.blobproto_to_array(blob).tolist() == [0.1, 0.2]
+
+
+def test_blobproto_without_shape():
+    """Is a single number, or a ValueError."""
+    assert io.blobproto_to_array(caffe_pb2.BlobProto(data=[7])).shape == ()
+    with pytest.raises(ValueError, match=r"a BlobProto has the shape \(\), but 2 values") as found:
+        io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8]))
+    assert isinstance(found.value, NetlibError)
+
+
+def test_blobprotovector():
+    """Several arrays as bytes."""
+    arrays = [np.arange(3.0), np.ones((2, 1))]
+    found = io.blobprotovector_str_to_arraylist(io.arraylist_to_blobprotovector_str(arrays))
+    assert [a.tolist() for a in found] == [[0, 1, 2], [[1], [1]]]
+
+
+@pytest.mark.parametrize(("dtype", "back"), [(np.uint8, np.uint8), (np.float32, np.float64), (np.int64, np.float64)])
+def test_datum_and_back(dtype, back):
+    """Bytes stay bytes, all else becomes floats."""
+    array = np.arange(12).reshape(3, 2, 2).astype(dtype)
+    datum = io.array_to_datum(array, label=4)
+    assert (datum.channels, datum.height, datum.width, datum.label) == (3, 2, 2, 4)
+    assert (len(datum.data), len(datum.float_data)) == ((12, 0) if dtype == np.uint8 else (0, 12))
+    found = io.datum_to_array(caffe_pb2.Datum.FromString(datum.SerializeToString()))
+    assert found.dtype == back and (found == array).all()
+    found[0] = 1  # it is the caller's own
+
+
+def test_datum_without_label():
+    """The label is not set then, not 0."""
+    assert not io.array_to_datum(np.zeros((1, 1, 1))).HasField("label")
+
+
+def test_datum_mistakes():
+    """Each says what was expected."""
+    with pytest.raises(ValueError, match=r"takes \(channels, height, width\), found \(2, 2\)"):
+        io.array_to_datum(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match=r"a Datum has the shape \(0, 0, 0\), but 2 values"):
+        io.datum_to_array(caffe_pb2.Datum(data=b"ab"))
+    with pytest.raises(ValueError, match="holds an encoded picture"):
+        io.datum_to_array(caffe_pb2.Datum(data=b"ab", encoded=True))
+
+
+# ---------------------------------------------------------------------------------------------- Transformer
+
+
+@pytest.fixture
+def transformer() -> io.Transformer:
+    """For colour images of 2 x 3."""
+    made = io.Transformer({"data": (4, 3, 2, 3)})
+    made.set_transpose("data", (2, 0, 1))
+    return made
+
+
+def test_preprocess_step_by_step(transformer):
+    """Transposed, blue first, times 255, less the mean, times the scale; worked by hand for one pixel."""
+    transformer.set_channel_swap("data", (2, 1, 0))
+    transformer.set_raw_scale("data", 255)
+    transformer.set_mean("data", np.array([100.0, 110, 120]))
+    transformer.set_input_scale("data", 0.5)
+    image = np.zeros((2, 3, 3))
+    image[1, 2] = 0.2, 0.4, 0.6  # red, green, blue
+    found = transformer.preprocess("data", image)
+    assert found.dtype == np.float32 and found.shape == (3, 2, 3)
+    np.testing.assert_allclose(found[:, 1, 2], [(153 - 100) / 2, (102 - 110) / 2, (51 - 120) / 2], rtol=1e-6)
+    np.testing.assert_allclose(found[:, 0, 0], [-50, -55, -60])
+
+
+def test_preprocess_of_an_image_of_another_size():
+    """Numbers of pycaffe with scikit-image."""
+    transformer = io.Transformer({"data": (1, 3, 3, 4)})
+    transformer.set_transpose("data", (2, 0, 1))
+    transformer.set_channel_swap("data", (2, 1, 0))
+    transformer.set_raw_scale("data", 255.0)
+    transformer.set_mean("data", np.array([104.0, 117, 123]))
+    transformer.set_input_scale("data", 0.017)
+    found = transformer.preprocess("data", np.arange(18, dtype=np.float32).reshape(2, 3, 3) / 17)
+    expected = [
+        [-1.39613, -0.94456, -0.46644, -0.2805],
+        [-0.31769, 0.36763, 0.94138, 1.02106],
+        [0.27731, 0.96794, 1.44606, 1.39294],
+    ]
+    np.testing.assert_allclose(found[0], expected, atol=1e-5)
+    np.testing.assert_allclose(found[2, 2], [-0.41756, 0.21994, 0.69806, 0.69806], atol=1e-5)
+
+
+def test_preprocess_leaves_the_image_alone(transformer):
+    """pycaffe writes into a float32 image of the input's size."""
+    transformer.set_raw_scale("data", 255)
+    image = np.ones((2, 3, 3), np.float32)
+    transformer.preprocess("data", image)
+    assert (image == 1).all()
+
+
+def test_deprocess_undoes_preprocess(transformer, rng):
+    """All but resizing, for one item of the blob."""
+    transformer.set_channel_swap("data", (1, 2, 0))
+    transformer.set_raw_scale("data", 255)
+    transformer.set_mean("data", rng.uniform(0, 255, (3, 2, 3)))
+    transformer.set_input_scale("data", 0.01)
+    image = rng.uniform(size=(2, 3, 3)).astype(np.float32)
+    item = transformer.preprocess("data", image)
+    before = item.copy()
+    np.testing.assert_allclose(transformer.deprocess("data", item[None]), image, atol=1e-6)
+    assert (item == before).all()
+
+
+def test_deprocess_of_a_gray_image():
+    """Axes of length 1 go, as for matplotlib; pycaffe fails where a transpose is set."""
+    transformer = io.Transformer({"data": (1, 1, 2, 3)})
+    transformer.set_transpose("data", (2, 0, 1))
+    transformer.set_mean("data", np.array([1], np.uint8))
+    assert transformer.deprocess("data", np.zeros((1, 1, 2, 3), np.float32)).tolist() == [[1, 1, 1], [1, 1, 1]]
+
+
+@pytest.mark.parametrize(
+    ("mean", "kept"),
+    [
+        (np.arange(3.0), (3, 1, 1)),
+        (np.ones((2, 3)), (2, 3)),
+        (np.ones((3, 2, 3)), (3, 2, 3)),
+        (np.ones((1, 5, 5)), (1, 2, 3)),
+        (np.ones((5, 5)), (1, 2, 3)),
+    ],
+)
+def test_means(transformer, mean, kept):
+    """One number per channel, or an image, of one channel for all or of all channels."""
+    transformer.set_mean("data", mean)
+    assert transformer.mean["data"].shape == kept
+    if mean.ndim > 1:
+        assert (transformer.mean["data"] == 1).all()
+
+
+def test_a_mean_of_another_size():
+    """Is resized; numbers of pycaffe with scikit-image."""
+    transformer = io.Transformer({"data": (1, 3, 3, 4)})
+    transformer.set_mean("data", np.arange(12.0).reshape(3, 2, 2))
+    expected = [[0, 0.20833, 0.625, 0.625], [0.75, 1.25, 1.75, 1.5], [1.25, 1.875, 2.29167, 1.875]]
+    np.testing.assert_allclose(transformer.mean["data"][0], expected, atol=1e-5)
+
+
+def test_transformer_mistakes(transformer):
+    """Each says what was found and what was expected."""
+    with pytest.raises(NetlibError, match=r"'dat' is not one of the net inputs: 'data' \(did you mean 'data'\?\)"):
+        transformer.preprocess("dat", np.zeros((2, 3, 3)))
+    with pytest.raises(ValueError, match=r"takes each of 0, 1, 2 once, found \(0, 1\)"):
+        transformer.set_transpose("data", (0, 1))
+    with pytest.raises(ValueError, match=r"'data' has 0, 1, 2, found \(3, 2, 1\)"):
+        transformer.set_channel_swap("data", (3, 2, 1))
+    with pytest.raises(ValueError, match=r"'data' has 3, found a mean of shape \(2,\)"):
+        transformer.set_mean("data", np.zeros(2))
+    with pytest.raises(ValueError, match=r"'data' has 3, found a mean of shape \(2, 4, 4\)"):
+        transformer.set_mean("data", np.zeros((2, 4, 4)))
+    with pytest.raises(ValueError, match=r"expected \(K,\), \(H, W\) or \(K, H, W\), found \(\)"):
+        transformer.set_mean("data", np.float64(3))
+    with pytest.raises(ValueError, match=r"one item of 'data', found an array of shape \(4, 3, 2, 3\)"):
+        transformer.deprocess("data", np.zeros((4, 3, 2, 3)))
+    with pytest.raises(ValueError, match=r"inputs \(N, K, H, W\), but 'x' has the shape \(1, 5\)"):
+        io.Transformer({"x": (1, 5)}).preprocess("x", np.zeros((2, 3, 3)))
+
+
+def test_a_mean_without_transpose():
+    """The channels are last then, and the mean does not fit."""
+    transformer = io.Transformer({"data": (1, 3, 2, 4)})
+    transformer.set_mean("data", np.zeros((3, 2, 4)))
+    with pytest.raises(ValueError, match=r"shape \(3, 2, 4\), the array \(2, 4, 3\); is a transpose missing\?"):
+        transformer.preprocess("data", np.zeros((2, 4, 3)))
+
+
+# ---------------------------------------------------------------------------------------------- resize_image
+
+RESIZED = {
+    (3, 4): [[0, 5.208333, 11.458333, 14.583334], [17.5, 20, 27.5, 35], [29.166668, 28.125, 34.375, 43.75]],
+    (4, 6): [
+        [0, 1.875, 5.625, 9.375, 13.125, 11.25],
+        [7.5, 11.25, 13.75, 18.75, 26.25, 22.5],
+        [22.5, 28.75, 26.25, 31.25, 43.75, 37.5],
+        [22.5, 28.125, 24.375, 28.125, 39.375, 33.75],
+    ],
+    (1, 2): [[20, 35]],
+}
+
+
+@pytest.mark.parametrize("size", RESIZED)
+def test_resized_as_scikit_image_does(size):
+    """One channel or three: pixels are areas, and outside them is the least value."""
+    found = io.resize_image(SMALL[..., None], size)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found[..., 0], RESIZED[size], atol=1e-5)
+    in_colour = io.resize_image(np.stack([SMALL] * 3, axis=-1), size)
+    np.testing.assert_allclose(in_colour, np.stack([found[..., 0]] * 3, axis=-1), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("order", "first_row"), [(0, [0, 10, 10, 20]), (3, [0, 1.425636, 11.090056, 11.989746])], ids=["nearest", "cubic"]
+)
+def test_other_orders(order, first_row):
+    """Nearest pixels; cubic splines, which are cut off where they leave the image's range."""
+    found = io.resize_image(SMALL[..., None], (3, 4), interp_order=order)
+    np.testing.assert_allclose(found[0, :, 0], first_row, atol=1e-5)
+    assert found.min() >= 0 and found.max() <= 60
+
+
+def test_resized_with_other_channels():
+    """The corners stay the corners."""
+    found = io.resize_image(np.stack([SMALL, SMALL + 1], axis=-1), (3, 4))
+    expected = [[0, 6.666667, 13.333333, 20], [20, 20, 26.666666, 40], [40, 33.333332, 40, 60]]
+    np.testing.assert_allclose(found[..., 0], expected, atol=1e-5)
+    np.testing.assert_allclose(found[..., 1], np.array(expected) + 1, atol=1e-5)
+
+
+def test_a_constant_image_stays_constant():
+    """Its borders do not fade."""
+    assert (io.resize_image(np.full((2, 2, 3), 5), (3, 7)) == np.full((3, 7, 3), 5)).all()
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"), [((4, 4), (2, 2)), ((4, 4, 3), (2,)), ((4, 4, 3), (0, 2)), ((0, 4, 3), (2, 2))]
+)
+def test_what_cannot_be_resized(shape, size):
+    """One line says what it takes."""
+    with pytest.raises(ValueError, match=r"takes an image \(H, W, K\), a \(height, width\) and an order from 0 to 5"):
+        io.resize_image(np.zeros(shape), size)
+    with pytest.raises(ValueError, match=r"\(2, 2\) and 7"):
+        io.resize_image(np.zeros((4, 4, 3)), (2, 2), interp_order=7)
+
+
+# ---------------------------------------------------------------------------------------------- oversample
+
+
+def test_ten_crops():
+    """Four corners, the centre, then the same mirrored; image after image."""
+    image = np.arange(20, dtype=np.float32).reshape(4, 5, 1)
+    crops = io.oversample([image, image + 100], (2, 2))
+    assert crops.shape == (20, 2, 2, 1) and crops.dtype == np.float32
+    assert crops[:5, 0, 0, 0].tolist() == [0, 3, 10, 13, 6]
+    assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]] and crops[5, ..., 0].tolist() == [[1, 0], [6, 5]]
+    assert (crops[5:10] == crops[:5, :, ::-1]).all() and (crops[10:] == crops[:10] + 100).all()
+
+
+def test_what_cannot_be_cut():
+    """Crops larger than the image, images of two sizes, no image."""
+    with pytest.raises(ValueError, match=r"cannot cut \(5, 2\) out of an image of shape \(4, 4, 1\)"):
+        io.oversample([np.zeros((4, 4, 1))], (5, 2))
+    with pytest.raises(ValueError, match=r"images of one shape, found \(4, 4, 1\) and \(4, 5, 1\)"):
+        io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2))
+    with pytest.raises(ValueError, match="at least one image"):
+        io.oversample([], (2, 2))
+
+
+# ---------------------------------------------------------------------------------------------- load_image
+
+BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white
+RGB = [[[1, 0.2, 0], [1, 1, 1]]]
+LUMA = [[[0.2125 + 0.7154 * 0.2], [1]]]
+
+
+def written(path, pixels):
+    assert cv2.imwrite(str(path), pixels)
+    return path
+
+
+def test_colour(tmp_path):
+    """Red first, in [0, 1]; or gray by scikit-image's weights."""
+    path = written(tmp_path / "a.png", BGR)
+    found = io.load_image(path)
+    assert found.dtype == np.float32 and found.shape == (1, 2, 3)
+    np.testing.assert_allclose(found, RGB)
+    np.testing.assert_allclose(io.load_image(str(path), color=False), LUMA, rtol=1e-6)
+
+
+def test_alpha_is_dropped(tmp_path):
+    """Whatever it is."""
+    path = written(tmp_path / "a.png", np.dstack([BGR, [[0, 128]]]).astype(np.uint8))
+    np.testing.assert_allclose(io.load_image(path), RGB)
+    np.testing.assert_allclose(io.load_image(path, color=False), LUMA, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("dtype", "most"), [(np.uint8, 255), (np.uint16, 65535)])
+def test_gray(tmp_path, dtype, most):
+    """Of 8 and of 16 bits; in colour it has three equal channels."""
+    path = written(tmp_path / "a.png", np.array([[0, most // 5, most]], dtype))
+    np.testing.assert_allclose(io.load_image(path, color=False)[..., 0], [[0, 0.2, 1]], rtol=1e-6)
+    np.testing.assert_allclose(io.load_image(path), [[[0] * 3, [0.2] * 3, [1] * 3]], rtol=1e-6)
+
+
+def test_floats_stay(tmp_path):
+    """They are in [0, 1] already."""
+    path = written(tmp_path / "a.tiff", np.array([[0.25, 0.5]], np.float32))
+    assert io.load_image(path, color=False)[..., 0].tolist() == [[0.25, 0.5]]
+
+
+def test_what_is_no_image(tmp_path):
+    """One line with the file's name."""
+    with pytest.raises(DataError, match=r"none\.png: cannot read the image: No such file"):
+        io.load_image(tmp_path / "none.png")
+    for content in (b"", b"hello"):
+        (tmp_path / "a.png").write_bytes(content)
+        with pytest.raises(DataError, match=r"a\.png: not an image that OpenCV can read"):
+            io.load_image(tmp_path / "a.png")
+    signed = written(tmp_path / "a.tiff", np.zeros((2, 2), np.int16))
+    with pytest.raises(DataError, match=r"an image of int16; expected 8 or 16 bits without sign"):
+        io.load_image(signed)
