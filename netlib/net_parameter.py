@@ -27,10 +27,15 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
 def distinct(names: Sequence[str]) -> list[str]:
     """The names, repeated ones told apart: ``relu``, ``relu (2)``."""
     seen: dict[str, int] = {}
-    result = []
+    taken, result = set(names), []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        result.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        made = name
+        while name in seen and made in taken:  # the file may itself have a layer called ``relu (2)``
+            seen[name] += 1
+            made = f"{name} ({seen[name]})"
+        seen.setdefault(name, 1)
+        taken.add(made)
+        result.append(made)
     return result
 
 
