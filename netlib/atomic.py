@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -40,6 +41,8 @@ def replace_all(files: Sequence[tuple[Path, bytes]]) -> None:
     try:
         for path, content in files:
             current = path
+            if path.is_dir():  # which could be put aside like an old file
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             path.parent.mkdir(parents=True, exist_ok=True)
             with open(fresh[path], "wb") as out:
                 out.write(content)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Array = NDArray[Any]
+MOST_AXES = 32  # Caffe's limit, too
 
 
 class Blob:
@@ -26,7 +27,7 @@ class Blob:
 
     def __init__(self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32) -> None:
         self.dtype = np.dtype(dtype)
-        self._shape = tuple(int(n) for n in shape)
+        self._shape = self._possible(tuple(int(n) for n in shape))
         self._data: Array | None = None
         self._diff: Array | None = None
         self._owner: Blob | None = None  # whose memory this blob uses
@@ -65,14 +66,21 @@ class Blob:
             shape = tuple(shape[0])
         shape = tuple(int(n) for n in shape)
         if shape != self._shape:
-            if min(shape, default=0) < 0:
-                raise ValueError(f"a blob cannot have the shape {shape}")
+            self._possible(shape)
             keep = math.prod(shape) == self.count
             self._data, self._diff = (
                 array.reshape(shape) if keep and array is not None and array.shape == self._shape else None
                 for array in (self._data, self._diff)
             )
             self._shape = shape
+
+    def _possible(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """The shape, if an array can have it. Raises ValueError."""
+        if min(shape, default=0) < 0 or len(shape) > MOST_AXES:
+            raise ValueError(f"a blob cannot have the shape {shape}")
+        if max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize >= 2**63:
+            raise ValueError(f"a blob cannot have the shape {shape}: no computer has so much memory")
+        return shape
 
     def share(self, owner: Blob) -> None:
         """Use the memory of ``owner``, data and diff, in this blob's own shape (of the same count)."""

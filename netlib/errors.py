@@ -14,6 +14,9 @@ from collections.abc import Iterable
 class NetlibError(RuntimeError):  # which is what pycaffe raises
     """Base of every error that a user's input can cause."""
 
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message.replace("\r", "\\r").replace("\n", "\\n"))  # a name in a file may hold them
+
 
 class PrototxtError(NetlibError):
     """Text that is not a valid prototxt, or a field that its message does not have."""

@@ -74,6 +74,8 @@ def _fault(shape: tuple[int, ...], filler: Filler) -> str:
     """What is wrong with the options, or with a shape for them; empty if nothing."""
     if filler.type == "gaussian" and not filler.std >= 0:
         return f"std {filler.std:g} must not be negative"
+    if filler.type == "gaussian" and filler.sparse >= 0 and not shape:
+        return "sparse is for weights with an axis of outputs, not for a single number"
     if filler.type == "uniform" and not -np.inf < filler.min <= filler.max < np.inf:
         return f"min {filler.min:g} and max {filler.max:g} must be finite, and in this order"
     if filler.type in ("xavier", "msra", "positive_unitball") and (not shape or 0 in shape):

@@ -62,6 +62,8 @@ class File:
         if dataset.dtype.kind not in "fiu":
             raise DataError(f"{self.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
         offset = dataset.id.get_offset()
+        if fault := storage_fault(dataset):
+            raise DataError(f"{self.path}: data set {dataset.name!r} {fault}; expected data")
         if offset is None or dataset.size == 0:  # in chunks, compressed, in a raw file elsewhere, or empty
             return np.asarray(dataset[...])
         home = dataset.file.filename  # another file for an external link
@@ -80,6 +82,18 @@ class File:
             if size < len(mapped):
                 raise DataError(f"{home}: was cut to {size} bytes while in use, expected {len(mapped)}; "
                                 "restore the file and run again")  # fmt: skip
+
+
+def storage_fault(dataset: h5py.Dataset) -> str:
+    """What is wrong with a data set that claims far more values than its file holds; empty if nothing.
+
+    HDF5 makes up values that were never written, so a small file could fill the memory. No compression that HDF5 has
+    by itself makes data a thousand times smaller.
+    """
+    stored = dataset.id.get_storage_size()
+    if dataset.nbytes < 1 << 26 or dataset.nbytes <= 2000 * stored or dataset.is_virtual or dataset.external:
+        return ""
+    return f"claims {dataset.nbytes} bytes, but only {stored} are stored"
 
 
 def read_list(source: str, prototxt: str | None) -> list[Path]:

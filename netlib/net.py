@@ -18,7 +18,7 @@ from netlib import engine as engines
 from netlib import weights as weights_of
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError, NetlibError, did_you_mean
-from netlib.layer import PHASES, Layer
+from netlib.layer import PHASES, TEST, TRAIN, Layer
 from netlib.messages import LayerParameter, NetParameter, NetState
 from netlib.net_parameter import distinct, load_parameter, select_layers
 from netlib.plain import Connection, guarded
@@ -79,6 +79,8 @@ class Net:
             raise NetlibError(f"a net computes in float32 or float64, not in {self.dtype}")
         self.source = str(model) if isinstance(model, (str, Path)) else "<net>"
         param = load_parameter(model)
+        if phase not in (None, TRAIN, TEST):
+            raise NetlibError(f"phase {phase} is unknown; expected {TRAIN} (TRAIN) or {TEST} (TEST)")
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
         self.state = state or NetState(phase_name, level or param.state.level, tuple(stages or ()) or param.state.stage)
         self.phase = PHASES[self.state.phase]

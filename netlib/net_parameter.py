@@ -27,16 +27,21 @@ def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
 def distinct(names: Sequence[str]) -> list[str]:
     """The names, repeated ones told apart: ``relu``, ``relu (2)``."""
     seen: dict[str, int] = {}
-    result = []
+    taken, result = set(names), []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        result.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        made = name
+        while name in seen and made in taken:  # the file may itself have a layer called ``relu (2)``
+            seen[name] += 1
+            made = f"{name} ({seen[name]})"
+        seen.setdefault(name, 1)
+        taken.add(made)
+        result.append(made)
     return result
 
 
 def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
     """The layers that a net in this state has; old-style inputs become an Input layer."""
-    chosen = [_input_layer(param)] if param.input else []
+    chosen = [input_layer(param)] if param.input else []
     for spec in param.layer:
         if spec.include and spec.exclude:
             raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")
@@ -60,7 +65,7 @@ def meets(state: NetState, rule: NetStateRule) -> bool:
     )
 
 
-def _input_layer(param: NetParameter) -> LayerParameter:
+def input_layer(param: NetParameter) -> LayerParameter:
     """``input: "x" input_dim: 1 ...`` or ``input_shape { ... }`` as the Input layer it stands for."""
     where = schema.position_of(param, "input")
     dims: list[Sequence[int]]

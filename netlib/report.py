@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,18 @@ log = logging.getLogger("netlib")
 
 def outputs(what: str, net: Net, values_of: Mapping[str, Array]) -> None:
     """``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)``, a line for each value of each output."""
+    for number, score in enumerate(scores(net, values_of)):
+        log.info("    %s net output #%d: %s", what, number, score)
+
+
+def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
+    """``loss = 0.86 (* 1 = 0.86 loss)`` for each value of each output."""
     weights = {name: weight for _, weight, name in net.losses}
-    number = 0
     for name, values in values_of.items():
         weight = weights.get(name)
         for value in values.reshape(-1):
             tail = f" (* {weight:.6g} = {weight * value:.6g} loss)" if weight else ""
-            log.info("    %s net output #%d: %s = %.6g%s", what, number, name, value, tail)
-            number += 1
+            yield f"{name} = {value:.6g}{tail}"
 
 
 def debug(net: Net) -> None:

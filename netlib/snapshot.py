@@ -49,8 +49,9 @@ def _replace(files: Sequence[tuple[Path, bytes]]) -> None:
     """Write all files or none. Raises WeightsError if the disk says no."""
     try:
         replace_all(files)
-    except OSError as error:
-        raise WeightsError(f"{error.filename}: cannot write the snapshot: {reason_of(error)}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        name = getattr(error, "filename", None) or files[0][0]
+        raise WeightsError(f"{name}: cannot write the snapshot: {reason_of(error)}") from error
 
 
 def probe_directory(prefix: str | Path) -> None:

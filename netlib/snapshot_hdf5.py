@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 
 from netlib.errors import NetlibError, WeightsError
+from netlib.hdf5 import storage_fault
 from netlib.saved import SolverState, Weights
 
 MAGIC = b"\x89HDF\r\n\x1a\n"  # how every such file begins
@@ -64,7 +65,7 @@ def state_image(state: SolverState) -> bytes:
         history = file.create_group("history")
         for i, array in enumerate(state.history):
             history[str(i)] = array
-        file["netlib"] = json.dumps(state.extra)
+        _write_c_string(file, "netlib", json.dumps(state.extra))  # of a fixed length: HDF5 can hang in a damaged heap
     return image.getvalue()
 
 
@@ -104,6 +105,8 @@ def read_weights(path: str | Path) -> Weights:
             for key in sorted(group):
                 if not key.isdecimal() or not key.isascii() or str(int(key)) != key:
                     raise WeightsError(f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on")
+                if fault := storage_fault(group[key]):
+                    raise WeightsError(f"{path}: layer {name!r} parameter {key} {fault}; expected weights")
                 array = np.asarray(group[key][...])
                 if array.dtype.kind not in "fiu":
                     raise WeightsError(f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers")

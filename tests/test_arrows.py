@@ -19,7 +19,7 @@ MAY_IMPORT = {  # besides itself
     "tools": {"netlib", "layers", "handpose"},
 }
 CORE = {"numpy", "scipy", "cv2", "h5py"}
-ONLY_WHEN_USED = {"layers/data/data.py": {"lmdb"}}  # imported by the layer that needs it, when a net has one
+ONLY_WHEN_USED = {"layers/data/database.py": {"lmdb"}}  # imported when a layer reads a database
 SHARED_BY_LAYERS = {
     "layers.hand.skeleton",
     "layers.hand.skeleton_file",
@@ -28,6 +28,7 @@ SHARED_BY_LAYERS = {
     "layers.recurrent.lstm_unit",
     "layers.recurrent.recurrent",
     "layers.vision.convolution",
+    "layers.data.database",
     "layers.data.transform",
     "layers.data.images",
     "layers.data.datum",

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
+import sys
+from collections.abc import Sequence
 
 from handpose.facts.cameras import CAMERAS, Camera
 from netlib import engine
@@ -21,6 +24,26 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
         choices=engine.NAMES,
         help="what computes the net (default: NETLIB_ENGINE if it is set, else fast if the folder fast/ is there)",
     )
+
+
+def caffes_flags(argv: Sequence[str] | None, switches: Sequence[str] = ()) -> list[str]:
+    """A command line as Caffe's programs take it, as argparse takes it; ``argv`` None is the program's own.
+
+    A flag has one dash or two, and its value follows it or an equals sign. ``-gray=true`` and ``-nogray`` are ways to
+    write a switch.
+    """
+    result = []
+    for word in sys.argv[1:] if argv is None else argv:
+        flag = re.fullmatch(r"--?([A-Za-z]\w+)(=.*)?", word, re.DOTALL)
+        if flag is None:
+            result.append(word)
+        elif flag[1] in switches and flag[2] in ("=true", "=t", "=1", "=yes", "=y"):
+            result.append(f"--{flag[1]}")
+        elif flag[1] in switches and flag[2] in ("=false", "=f", "=0", "=no", "=n"):
+            continue
+        elif not (flag[1].removeprefix("no") in switches and flag[1] not in switches and flag[2] is None):
+            result.append(f"--{flag[1]}{flag[2] or ''}")
+    return result
 
 
 def positive(text: str) -> int:

@@ -70,6 +70,7 @@ def log_to(path: str | Path | None, append: bool = False) -> Iterator[BarHandler
             handlers.append(LogFile(path, mode="a" if append else "w", encoding="utf-8"))
         except OSError as error:
             raise NetlibError(f"{path}: cannot write the log: {reason_of(error)}") from error
+    before = log.level, log.propagate
     log.setLevel(logging.INFO)
     log.propagate = False
     for handler in handlers:
@@ -82,3 +83,5 @@ def log_to(path: str | Path | None, append: bool = False) -> Iterator[BarHandler
             log.removeHandler(handler)
             if handler is not console:
                 handler.close()
+        log.setLevel(before[0])
+        log.propagate = before[1]

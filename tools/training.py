@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Literal
 
 import netlib
 from netlib import engine as engines
@@ -24,6 +24,8 @@ from tools.console import DONE, duration
 from tools.progress import ProgressBar
 
 log = logging.getLogger("netlib")
+
+Effect = Literal["stop", "snapshot", "none"]  # of a signal
 
 
 def train(
@@ -48,16 +50,40 @@ def train(
             chosen.set_threads(threads)
         count = chosen.threads()
         log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
-        log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(solver_file)).rstrip())
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
-        if snapshot or weights:
-            changes["weights"] = tuple(map(str, weights))
-        with advice.on_missing_data():
-            solver = netlib.get_solver(solver_file, seed, engine, **changes)
-        _describe(solver)
-        with requests_by_signal(solver) as stopped, _time_left(solver, console):
-            finished = solver.solve(snapshot)
-        return DONE if finished or not stopped else 128 + stopped[0]
+        solver = new_solver(solver_file, snapshot, weights, seed, engine, **changes)
+        return solve(solver, console, snapshot)
+
+
+def new_solver(
+    solver_file: str | Path,
+    snapshot: str | Path | None = None,
+    weights: Sequence[str | Path] = (),
+    seed: int | None = None,
+    engine: str | None = None,
+    **changes: Any,
+) -> Solver:
+    """The solver for ``train``, described in the log; ``changes`` replace fields of its file. Raises NetlibError."""
+    log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(solver_file)).rstrip())
+    if snapshot or weights:
+        changes["weights"] = tuple(map(str, weights))
+    with advice.on_missing_data():
+        solver = netlib.get_solver(solver_file, seed, engine, **changes)
+    _describe(solver)
+    return solver
+
+
+def solve(
+    solver: Solver,
+    console: BarHandler,
+    snapshot: str | Path | None = None,
+    on_sigint: Effect = "stop",
+    on_sighup: Effect = "snapshot",
+) -> int:
+    """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
+    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
+        finished = solver.solve(snapshot)
+    return DONE if finished or not stopped else 128 + stopped[0]
 
 
 def _describe(solver: Solver) -> None:
@@ -79,8 +105,10 @@ def _describe(solver: Solver) -> None:
 
 
 @contextlib.contextmanager
-def requests_by_signal(solver: Solver) -> Iterator[list[int]]:
-    """Within it, SIGINT and SIGTERM ask the solver to stop, and SIGHUP asks it for a snapshot.
+def requests_by_signal(
+    solver: Solver, on_sigint: Effect = "stop", on_sighup: Effect = "snapshot"
+) -> Iterator[list[int]]:
+    """Within it, signals ask the solver to stop or for a snapshot; SIGTERM always asks it to stop.
 
     Yields a list, which is empty until a signal asks to stop, and then holds that signal. A second one ends the process
     at once.
@@ -95,9 +123,10 @@ def requests_by_signal(solver: Solver) -> Iterator[list[int]]:
     def snapshot(number: int, frame: FrameType | None) -> None:
         solver.requested = solver.requested or "snapshot"
 
-    handlers = {signal.SIGINT: stop, signal.SIGTERM: stop}
+    effects: dict[Effect, Any] = {"stop": stop, "snapshot": snapshot, "none": signal.SIG_IGN}
+    handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
-        handlers[signal.SIGHUP] = snapshot
+        handlers[signal.SIGHUP] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield stopped

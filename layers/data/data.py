@@ -10,21 +10,17 @@ the same, unless they are cropped. Reading needs the package lmdb, which nothing
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from layers.data.database import open_database
 from layers.data.datum import decode_datum
 from layers.data.transform import TransformationParameter, Transformer, misplaced
 from netlib.blob import Array, Blobs
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError
 from netlib.layer import Layer
 from netlib.paths import find
 from netlib.schema import UInt, numbered
-
-# The databases in use, by their file: LMDB may open each only once in a process, and several nets may read it.
-_open: weakref.WeakValueDictionary[tuple[int, int], Any] = weakref.WeakValueDictionary()
 
 
 @dataclass(frozen=True)
@@ -80,27 +76,9 @@ class Data(Layer):
     def _database(self) -> Any:
         """The open database. Raises DataError."""
         try:
-            import lmdb
+            return open_database(self.path)
         except ImportError:
             raise self.fail("needs the package lmdb to read a database; install it: pip install lmdb") from None
-        try:
-            file = self.path / "data.mdb" if self.path.is_dir() else self.path
-            status = file.stat()
-            key = (status.st_dev, status.st_ino)
-            database = _open.get(key)
-            if database is None:
-                database = lmdb.open(str(self.path), subdir=self.path.is_dir(), readonly=True, lock=False)
-                _open[key] = database
-            used = database.stat()
-        except (OSError, ValueError, lmdb.Error) as error:
-            raise DataError(f"{self.path}: cannot open the database: {_reason(error, self.path)}") from error
-        # To read what is gone would kill the process. A whole file may lack pages that were never used, so those that
-        # hold something are counted, and two at the beginning.
-        pages = 2 + used["branch_pages"] + used["leaf_pages"] + used["overflow_pages"]
-        needed = pages * used["psize"]
-        if status.st_size < needed:
-            raise DataError(f"{file}: truncated: it has {status.st_size} bytes, expected at least {needed}")
-        return database
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Nothing below can change the shape; only the images can, in forward."""
@@ -134,8 +112,3 @@ class Data(Layer):
 
     def _identity(self) -> list[Any]:
         return [self.path.name, self.entries]
-
-
-def _reason(error: BaseException, path: Path) -> str:
-    """LMDB begins its messages with the path."""
-    return reason_of(error).removeprefix(f"{path}: ")

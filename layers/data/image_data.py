@@ -73,7 +73,7 @@ class ImageData(Layer):
                             "new_height" if p.new_height else "new_width")  # fmt: skip
         self.transformer = Transformer(self)
         self.list = find(p.source, self.source)
-        self.items, self.checksum = _read_list(self.list)
+        self.items, self.checksum = read_list(self.list)
         self.seed = int(self.rng.integers(2**62))
         skip = int(self.rng.integers(p.rand_skip)) if p.rand_skip else 0
         if skip >= len(self.items):
@@ -134,7 +134,7 @@ class ImageData(Layer):
         return [len(self.items), self.checksum]
 
 
-def _read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
+def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
     """The paths and labels of a list, and a checksum of it. Raises DataError."""
     try:
         text = path.read_text(encoding="utf-8-sig")

@@ -149,6 +149,9 @@ class WindowData(Layer):
     def _cut(self, window: Window, mirrored: bool, y: Array) -> None:
         """Write one window, stretched, into its place (3, S, S)."""
         p, S = self.param, self.size
+        if window.x2 < window.x1 or window.y2 < window.y1:
+            raise DataError(f"{self.list}: window {window[2:]} of {window.path} ends before it begins; "
+                            "expected x1 y1 x2 y2")  # fmt: skip
         image = read_image(find(p.root_folder + window.path, self.source if p.root_folder else str(self.list)), True)
         rows, columns = (window.y1, window.y2), (window.x1, window.x2)
         at_row = at_column = 0

@@ -70,6 +70,8 @@ class BatchNorm(Layer):
         if len(shape) < 2 or shape[1] != channels:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
                             f"{channels} channels: expected (N, {channels}, ...)")  # fmt: skip
+        if bottom[0].count == 0 and not self.uses_sums:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {shape} has no values to take a mean of")
         self.others = (0, *range(2, len(shape)))  # all axes but the channels'
         self.wide = (channels, *(1,) * (len(shape) - 2))  # of a number per channel
         top[0].reshape(shape)

@@ -74,6 +74,7 @@ class LRN(Layer):
         """Of every value's neighbours."""
         size = self.param.local_size
         for axis in self.axes:
-            padding = [(size // 2, size // 2) if i == axis else (0, 0) for i in range(4)]
-            values = sliding_window_view(np.pad(values, padding), size, axis).sum(axis=-1) / size
+            side = min(size // 2, max(values.shape[axis] - 1, 0))  # farther away there are only zeros
+            padding = [(side, side) if i == axis else (0, 0) for i in range(4)]
+            values = sliding_window_view(np.pad(values, padding), 2 * side + 1, axis).sum(axis=-1) / size
         return values

@@ -80,24 +80,30 @@ class Pooling(Layer):
             raise self.fail("stride must be at least 1", "stride")
         if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
             raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
+        self.whole_kernel = self.kernel
         self.is_max = p.pool == "MAX"
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        if len(bottom[0].shape) != 4:
+        if len(bottom[0].shape) != 4 or 0 in bottom[0].shape[2:]:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
         N, C, H, W = bottom[0].shape
         if self.param.global_pooling:
-            self.kernel = (H, W)
+            self.whole_kernel = (H, W)
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
+        # What hangs over in any case is cut off: it would be padding, and there may be much of it.
+        kh, kw = (min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
+        self.kernel = (kh, kw)
 
     def _outputs(self, i: int, size: int) -> int:
-        extent = size + 2 * self.pad[i] - self.kernel[i]  # negative if the only window hangs over
+        extent = size + 2 * self.pad[i] - self.whole_kernel[i]  # negative if the only window hangs over
         count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
         if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
             count -= 1
         if count < 1:
-            raise self.fail(f"kernel {self.kernel[i]} is larger than the padded bottom ({size} + 2 * {self.pad[i]})")
+            raise self.fail(
+                f"kernel {self.whole_kernel[i]} is larger than the padded bottom ({size} + 2 * {self.pad[i]})"
+            )
         return count
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -72,7 +72,12 @@ class Detector(Net):
         Without, it has the window's own size; with them, that of the net's input. Raises ShapeError if nothing of it
         lies in the image.
         """
-        box = np.array([int(x) for x in window])
+        try:
+            box = np.array([int(x) for x in window])
+        except (TypeError, ValueError, OverflowError):
+            box = np.zeros(0)
+        if box.shape != (4,):
+            raise ShapeError(f"a window is (ymin, xmin, ymax, xmax) in pixels, found {window!r}")
         size = int(self.crop_dims[1])
         if self.context_pad:
             box = _around(box, size / (size - 2 * self.context_pad))

@@ -49,3 +49,11 @@ def test_text_of(tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_bytes(b"\xff")
     with pytest.raises(DataError, match="not a text file"):
         atomic.text_of(tmp_path / "list.txt")
+
+
+def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
+    """A file cannot take its place, and it is not put aside."""
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="Is a directory"):
+        atomic.replace_all([(tmp_path / "a", b"1"), (tmp_path / "folder", b"2")])
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]

@@ -33,6 +33,15 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_c
         blob.reshape(2, -1)
 
 
+@pytest.mark.parametrize("shape", [(2**62,), (0, 2**64), (10**10, 10**10), (1,) * 33])
+def test_shapes_that_no_array_can_have(shape: tuple[int, ...]) -> None:
+    """Found when they are asked for, not by the first who looks at the values."""
+    with pytest.raises(ValueError, match="a blob cannot have the shape"):
+        Blob(shape)
+    with pytest.raises(ValueError, match="a blob cannot have the shape"):
+        Blob().reshape(shape)
+
+
 def test_caffes_names_of_the_axes() -> None:
     """Missing axes have size 1."""
     blob = Blob((5, 4, 3))

@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from netlib.errors import did_you_mean, reason_of
+from netlib.errors import NetlibError, did_you_mean, reason_of
 
 
 @pytest.mark.parametrize(
@@ -35,3 +35,8 @@ def test_the_nearest_name() -> None:
     """Or nothing, if none is near."""
     assert did_you_mean("Convolutoin", ["Convolution", "Pooling"]) == " (did you mean 'Convolution'?)"
     assert did_you_mean("abc", ["Convolution"]) == ""
+
+
+def test_a_message_is_one_line() -> None:
+    """Whatever the names in it hold."""
+    assert str(NetlibError("unknown bottom 'a\n\rb'")) == "unknown bottom 'a\\n\\rb'"

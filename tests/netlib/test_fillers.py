@@ -65,6 +65,12 @@ def test_sparse_gaussian() -> None:
     assert np.mean(array != 0) == pytest.approx(5 / 50, rel=0.05)
 
 
+def test_sparse_is_for_weights() -> None:
+    """A single number has no outputs to count by."""
+    with pytest.raises(netlib.PrototxtError, match="'gaussian': sparse is for weights"):
+        fill(np.empty(()), Filler("gaussian", sparse=1), np.random.default_rng(0))
+
+
 def test_positive_unitball() -> None:
     """Positive, and the weights of an output sum to one."""
     array = filled(Filler("positive_unitball"))

@@ -592,6 +592,21 @@ def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.
         assert np.array_equal(again.params["a"][0].data, net.params["a"][0].data)
 
 
+def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
+    """No layer takes the place of another."""
+    names = ["a", "a (2)", "a", "a (3)", "a"]
+    net = net_of(X + "".join(ip(name, "x", f"y{i}") for i, name in enumerate(names)))
+    assert [layer.name for layer in net.layers if layer.blobs] == ["a", "a (2)", "a (4)", "a (3)", "a (5)"]
+    assert len(net.params) == len(names)
+
+
+def test_a_phase_that_is_none(net_of: MakeNet) -> None:
+    """Only 0 and 1 are phases."""
+    for phase in (-1, 2):
+        with pytest.raises(netlib.NetlibError, match=rf"phase {phase} is unknown; expected 0 \(TRAIN\) or 1 \(TEST\)"):
+            net_of(X, phase=phase)
+
+
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
     """Caffe calls it "(automatic)"; it counts, and is no output."""
     net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')

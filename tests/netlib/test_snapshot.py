@@ -174,6 +174,30 @@ def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["w.h5"]
 
 
+def test_a_name_that_no_file_can_have(net: netlib.Net) -> None:
+    """One line, too."""
+    with pytest.raises(netlib.WeightsError, match="cannot write the snapshot"):
+        net.save("")
+
+
+def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, Path]) -> None:
+    """HDF5 itself hangs in some damaged heaps, where strings of any length are kept."""
+    write_pair(net, state_of(net), *names)
+    if snapshot.is_hdf5(names[1]):
+        with h5py.File(names[1]) as file:
+            assert file["netlib"].dtype.kind == "S"
+    assert snapshot.read_state(names[1]).extra["seed"] == 3
+
+
+@pytest.mark.parametrize("options", [{}, {"chunks": (1024,)}, {"chunks": (1024,), "compression": "gzip"}], ids=str)
+def test_values_that_were_never_written(tmp_path: Path, options: dict[str, Any]) -> None:
+    """HDF5 would make them up, more than there is memory for."""
+    with h5py.File(tmp_path / "w.h5", "w") as file:
+        file.create_dataset("data/ip/0", (10**12,), "f4", **options)
+    with pytest.raises(netlib.WeightsError, match="layer 'ip' parameter 0 claims 4000000000000 bytes, but only 0 are"):
+        snapshot.read_weights(tmp_path / "w.h5")
+
+
 def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before training: can snapshots be written here at all?"""
     snapshot.probe_directory(tmp_path / "new" / "prefix")

@@ -57,3 +57,19 @@ def test_mistakes(kind: Callable[[str], object], text: str, expected: str) -> No
     with pytest.raises(argparse.ArgumentTypeError) as raised:
         kind(text)
     assert str(raised.value) == f"expected {expected}, found {text!r}"
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("train -solver a.b --model=c", "train --solver a.b --model=c"),
+        ("-level -1 -h --help", "--level -1 -h --help"),
+        ("-gray --shuffle in/ out", "--gray --shuffle in/ out"),
+        ("-gray=true --shuffle=1 in/", "--gray --shuffle in/"),
+        ("-gray=false --noshuffle in/", "in/"),
+        ("-gray=perhaps -noise", "--gray=perhaps --noise"),
+    ],
+)
+def test_caffes_flags(written: str, read: str) -> None:
+    """One dash or two; switches may say true or false, or no."""
+    assert arguments.caffes_flags(written.split(), ["gray", "shuffle"]) == read.split()

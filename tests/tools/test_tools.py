@@ -16,13 +16,13 @@ from tests.tools.conftest import ROOT
 
 # Modules that tools and other programs may import; all other files in tools/ are commands, which nobody imports.
 SHARED = {
-    "advice", "arguments", "caffe_log", "console", "costs", "findings", "pictures", "plots", "preparing", "progress",
-    "stopper", "training",
+    "advice", "arguments", "caffe_log", "console", "costs", "databases", "findings", "onnx_graph", "onnx_hand",
+    "onnx_layers", "onnx_net", "pictures", "plots", "preparing", "progress", "stopper", "training",
 }  # fmt: skip
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES if path.stem not in SHARED]
 LONGEST = 160  # lines; what is longer has logic that belongs elsewhere
-WITH_ENGINE = ["measure_fit", "predict", "test", "time", "train"]
+WITH_ENGINE = ["extract_features", "measure_fit", "predict", "test", "time", "train"]
 
 
 def imported_from_tools(path: Path) -> set[str]:

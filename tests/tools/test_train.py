@@ -128,8 +128,8 @@ def test_hangup_snapshots_and_goes_on(work, monkeypatch):
     original = training.requests_by_signal
 
     @contextlib.contextmanager
-    def catch(solver):
-        with original(solver) as stopped:
+    def catch(solver, *effects):
+        with original(solver, *effects) as stopped:
             timer.start()
             timer.join()
             yield stopped

@@ -100,7 +100,7 @@ class FloatList(MutableSequence[float]):
     @property
     def array(self) -> np.ndarray[Any, Any]:
         """All of them."""
-        return np.frombuffer(self._items, f"<{self._code}{self._items.itemsize}") if self._items else np.zeros(0)
+        return np.frombuffer(self._items, self._code) if self._items else np.zeros(0)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray[Any, Any]:
         found = np.array(self._items, dtype=self._code)  # a copy: who looks at an array must not hold the list fast

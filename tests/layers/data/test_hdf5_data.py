@@ -126,6 +126,15 @@ def test_any_storage_is_read(data, options, kind, shuffle):
     assert net.blobs["x"].data.dtype == np.float32
 
 
+def test_rows_that_were_never_written(tmp_path, net_of):
+    """HDF5 would make them up, more than there is memory for."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", (10**12, 1), "f4", chunks=(1024, 1))
+    (tmp_path / "list").write_text("a.h5")
+    with pytest.raises(netlib.DataError, match="data set '/x' claims 4000000000000 bytes, but only 0 are stored"):
+        net_of(f'layer {{ type: "HDF5Data" top: "x" hdf5_data_param {{ source: "{tmp_path}/list" batch_size: 1 }} }}')
+
+
 def test_compressed_data(tmp_path, net_of):
     """Are read whole."""
     with h5py.File(tmp_path / "c.h5", "w") as file:

@@ -207,7 +207,7 @@ BOTH = "1 1 0 0 3 3 0 0 0 0 3 3"
             "# 0 0.png 3 2 2 2 1 1 0 0 16 3 0 0 0 0 3 3",
             r"window \(0, 0, 16, 3\) does not lie in 0.png, which has 16 col",
         ),
-        ("# 0 0.png 3 2 2 2 1 1 5 5 3 9 0 0 0 0 3 3", r"window \(5, 5, 3, 9\) does not lie in 0.png"),
+        ("# 0 0.png 3 2 2 2 1 1 5 5 3 9 0 0 0 0 3 3", r"window \(5, 5, 3, 9\) of 0.png ends before it begins"),
     ],
 )
 def test_lists_with_something_wrong_in_them(tmp_path, images, net_of, content, message):

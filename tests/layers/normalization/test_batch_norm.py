@@ -91,3 +91,10 @@ def test_another_number_of_channels(run):
     layer = gradcheck.make_layer(TEXT, [np.zeros((2, 3))])
     with pytest.raises(netlib.LayerError, match=r"shape \(2, 4\), its statistics are of 3 channels"):
         gradcheck.check(layer, [np.zeros((2, 4))])
+
+
+def test_a_batch_without_items(run):
+    """It has no mean, and NaN must not get into the sums; to apply the sums is no problem."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' \(0, 2\) has no values to take a mean of"):
+        run('type: "BatchNorm"', np.zeros((0, 2)))
+    assert run('type: "BatchNorm" batch_norm_param { use_global_stats: true }', np.zeros((0, 2))).y.shape == (0, 2)

@@ -31,7 +31,7 @@ def test_the_constant_and_the_power(run):
     assert np.allclose(run(text(local_size=1, alpha=2, beta=0.5, k=7), np.full((1, 1, 1, 1), 3.0)).y, 3 / 5)
 
 
-@pytest.mark.parametrize("size", [1, 3, 5, 15])
+@pytest.mark.parametrize("size", [1, 3, 5, 15, 10**9 + 1])
 @pytest.mark.parametrize("region", ["ACROSS_CHANNELS", "WITHIN_CHANNEL"])
 def test_any_size_gives_what_plain_loops_give(run, rng, size, region):
     """The definition, also where the region is larger than the blob."""

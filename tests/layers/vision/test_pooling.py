@@ -99,6 +99,15 @@ def test_a_window_larger_than_its_bottom(run):
     assert run(text(pool="AVE", kernel_size=5, stride=3, pad=1), x).y.tolist() == [[[[11 / 16]]]]
 
 
+def test_a_window_far_larger_than_its_bottom(run):
+    """What hangs over costs nothing, and a mask counts as ever."""
+    x = np.array([[1.0, 5], [7, 2]]).reshape(1, 1, 2, 2)
+    best = run(text(kernel_size=10**9, stride=10**9), x, tops=2)
+    assert [y.item() for y in best.ys] == [7, 2]
+    assert best.backward([[[[1]]]])[0].tolist() == [[[[0, 0], [1, 0]]]]
+    assert run(text(pool="AVE", kernel_size=10**9, stride=10**9), x).y.item() == 15 / 4
+
+
 def test_padding_on_one_axis_drops_empty_windows_on_the_other(run):
     """As Caffe: of 6 columns, those at 0 and 3; without any padding also one at 6, which is empty."""
     options = {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}
@@ -213,3 +222,9 @@ def test_a_bottom_that_is_no_image(run):
     """Names the blob and its shape."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(3, 5\), expected \(N, C, H, W\)"):
         run(text(kernel_size=2), np.zeros((3, 5)))
+
+
+def test_a_map_without_values(run):
+    """There is nothing to take the maximum of."""
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(1, 1, 0, 2\), expected \(N, C, H, W\)"):
+        run(text(global_pooling="true"), np.zeros((1, 1, 0, 2)))

@@ -89,6 +89,9 @@ def test_mistakes(make):
     for detector in (make(), make(context_pad=1)):
         with pytest.raises(NetlibError, match=r"the window \(20, 20, 25, 25\) .* has nothing of an image of 8 x 8"):
             detector.crop(GRAY, np.array([20, 20, 25, 25]))
+    for window in [(0, 0, 4), (0, 0, 4, "a"), (0, 0, 4, np.nan), 4]:
+        with pytest.raises(NetlibError, match=r"a window is \(ymin, xmin, ymax, xmax\) in pixels, found"):
+            make().crop(GRAY, window)
     with pytest.raises(NetlibError, match="context_pad 3 needs a square input of more than twice as many pixels"):
         make(context_pad=3)
     with pytest.raises(NetlibError, match="needs MATLAB"):

@@ -44,6 +44,14 @@ def test_blobs_hold_arrays() -> None:
     assert again.data == [2]
 
 
+def test_blobs_in_double_precision_have_bytes() -> None:
+    """Those of a net in float64."""
+    blob = caffe_pb2.BlobProto(double_data=[0.1, -2], double_diff=[3])
+    again = caffe_pb2.BlobProto.FromString(blob.SerializeToString())
+    assert (list(again.double_data), list(again.double_diff), again == blob) == ([0.1, -2], [3], True)
+    assert "double_data: 0.1\n" in str(blob)
+
+
 def test_lists_say_what_they_hold() -> None:
     """And are equal to lists of the same."""
     made, blob = layer(), caffe_pb2.BlobProto(data=[1, 2.5])

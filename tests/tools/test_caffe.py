@@ -1,0 +1,268 @@
+"""tools/caffe.py: Caffe's command line, Caffe's logs line for line, and what BVLC's scripts take from such a log."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from netlib import snapshot, snapshot_binary
+from tests.caffe.recorded import COMPARED, check_same_log, log_lines, said, solver_text, texts
+from tools import caffe, training
+
+FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = ")
+
+
+@pytest.fixture(autouse=True)
+def solvers(caffe_data, monkeypatch):
+    """The folder of the recorded trainings, as the working directory: their files name each other from there."""
+    monkeypatch.chdir(caffe_data / "solvers")
+
+
+@pytest.fixture
+def solver_of(tmp_path):
+    """``solver_of("sigint.log", max_iter="9")``: a file with the solver of a log, which snapshots into a new folder."""
+
+    def make(log: str, **changes: str) -> str:
+        path = tmp_path / "solver.prototxt"
+        path.write_text(solver_text(log, snapshot_prefix=f'"{tmp_path}/a"', **changes))
+        return str(path)
+
+    return make
+
+
+@pytest.fixture
+def log_of(capsys):
+    """``log_of("train", "-solver", ...)``: the lines that this command writes, with their stamps."""
+
+    def run(*argv: str, status: int = 0) -> list[str]:
+        assert caffe.main(list(argv)) == status
+        out, err = capsys.readouterr()
+        assert out == ""
+        return err.splitlines()
+
+    return run
+
+
+def spoken(lines):
+    """The lines of a log that both have, from its first to its last."""
+    return [w for line in lines for w in (said([line]) if COMPARED.match(line) else [line]) if _is_both(line)]
+
+
+def _is_both(line):
+    return COMPARED.match(line) or FRAME.match(line)
+
+
+# ---------------------------------------------------------------------------------------------- train
+
+
+def test_train_writes_the_recorded_log(solver_of, log_of):
+    """The training in a_avgloss.log, from its first line to its last; Caffe loads the weights into both nets."""
+    mine = texts(log_of("train", "-solver", solver_of("a_avgloss.log"), "--weights=init.caffemodel"))
+    theirs = log_lines("a_avgloss.log")
+    assert len(spoken(theirs)) == 46
+    check_same_log(spoken(mine), spoken(theirs))
+    assert "Finetuning from init.caffemodel" in mine and "Finetuning from init.caffemodel" in theirs
+
+
+def test_train_goes_on_from_a_snapshot(solver_of, log_of, tmp_path):
+    """The training in a_resume_from8.log. The solver's own weights are not read."""
+    log_of("train", "-solver", solver_of("a_avgloss.log"), "-weights", "init.caffemodel")
+    state_path = tmp_path / "a_iter_8.solverstate"
+    state = snapshot.read_state(state_path)
+    state.extra = {}  # what Caffe does not write
+    state_path.write_bytes(snapshot_binary.state_image(state))
+    solver = solver_of("a_resume_from8.log", weights='"nothing.caffemodel"')
+    mine = texts(log_of("train", f"-solver={solver}", f"-snapshot={state_path}"))
+    check_same_log(spoken(mine), spoken(log_lines("a_resume_from8.log")))
+    assert mine.index(f"Resuming from {state_path}") < mine.index("SGDSolver: restoring history")
+
+
+@pytest.mark.parametrize(
+    ("number", "flags", "last", "ends"),
+    [
+        (signal.SIGINT, [], 1, ["Optimization stopped early.", "Optimization Done."]),
+        (signal.SIGHUP, [], 3, ["Optimization Done.", "Optimization Done."]),
+        (signal.SIGINT, ["-sigint_effect=snapshot"], 3, ["Optimization Done.", "Optimization Done."]),
+        (signal.SIGINT, ["-sigint_effect=none"], 3, ["Optimization Done.", "Optimization Done."]),
+        (signal.SIGHUP, ["-sighup_effect", "stop"], 1, ["Optimization stopped early.", "Optimization Done."]),
+    ],
+    ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop"],
+)
+def test_signals(solver_of, log_of, tmp_path, monkeypatch, number, flags, last, ends):
+    """A signal before the first iteration has ended. The status is Caffe's 0, and the last lines those of its log."""
+    original = training.requests_by_signal
+
+    @contextlib.contextmanager
+    def with_signal(*given):
+        with original(*given) as stopped:
+            os.kill(os.getpid(), number)
+            yield stopped
+
+    monkeypatch.setattr(training, "requests_by_signal", with_signal)
+    solver = solver_of("sigint.log", max_iter="3", test_interval="0", test_iter="1")
+    assert texts(log_of("train", "-solver", solver, *flags))[-2:] == ends
+    made = {path.name for path in tmp_path.glob("*.solverstate")}
+    wanted = {f"a_iter_{last}.solverstate"} | ({"a_iter_1.solverstate"} if "none" not in str(flags) else set())
+    assert made == wanted
+
+
+def test_caffes_log_of_signals_ends_alike():
+    """What Caffe wrote when it was stopped by SIGINT."""
+    assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]
+
+
+def test_sigterm_keeps_its_status(solver_of, log_of, monkeypatch):
+    """Caffe dies of it; here it writes a snapshot first, and the status says what ended the training."""
+    original = training.requests_by_signal
+
+    @contextlib.contextmanager
+    def with_signal(*given):
+        with original(*given) as stopped:
+            os.kill(os.getpid(), signal.SIGTERM)
+            yield stopped
+
+    monkeypatch.setattr(training, "requests_by_signal", with_signal)
+    solver = solver_of("sigint.log", max_iter="3", test_interval="0", test_iter="1")
+    assert "Snapshotting" in log_of("train", "-solver", solver, status=143)[-2]
+
+
+def test_level_and_stage_choose_layers(solver_of, log_of, tmp_path):
+    """Of the training net: -level, and -stage beside the solver's own train_state."""
+    net = Path("net.prototxt").read_text()
+    for name, rule in (("a", 'stage: "a" stage: "own"'), ("b", "min_level: 2"), ("c", "min_level: 1")):
+        net += f'layer {{ name: "{name}" type: "Silence" bottom: "ip1" include {{ phase: TRAIN {rule} }} }}\n'
+    (tmp_path / "net.prototxt").write_text(net)
+    solver = Path(solver_of("sigint.log", net=f'"{tmp_path}/net.prototxt"', max_iter="1", test_iter="1"))
+    solver.write_text(solver.read_text().replace("level: 0", "level: 7").replace('stage: ""', 'stage: "own"'))
+    mine = texts(log_of("train", "-solver", str(solver), "-stage", "a,x", "-level", "1"))
+    made = {line.removeprefix("Creating Layer ") for line in mine if line.startswith("Creating Layer ")}
+    assert made & {"a", "b", "c"} == {"a", "c"}  # Caffe, too, replaces the solver's level
+
+
+# ---------------------------------------------------------------------------------------------- the others
+
+
+def test_test_writes_the_recorded_log(log_of):
+    """Every batch, the mean loss, every output with its weight as a loss."""
+    mine = texts(log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3"))
+    theirs = log_lines("test.log")
+    assert spoken(theirs)[-6:-2] == [
+        "Running for 3 iterations.", "Batch 0, loss = 2.54403", "Batch 1, loss = 3.22669", "Batch 2, loss = 2.28123",
+    ]  # fmt: skip
+    check_same_log(spoken(mine), spoken(theirs))
+
+
+def test_test_tells_of_layers_without_a_pair(log_of, tmp_path):
+    """Weights that the net does not have are ignored, as Caffe says it; layers without weights are named, too."""
+    (tmp_path / "net.prototxt").write_text(Path("net.prototxt").read_text().replace('"ip1"', '"other"'))
+    net = str(tmp_path / "net.prototxt")
+    mine = texts(log_of("test", "-model", net, "-weights", "init.caffemodel", "-iterations", "1"))
+    assert "Ignoring source layer ip1" in mine
+    assert "Not in init.caffemodel, keeps its initial values: layer other" in mine
+
+
+def test_time_writes_the_recorded_log(log_of):
+    """All lines of time.log from the first pass on, but for the times."""
+    mine, theirs = texts(log_of("time", "-model", "net.prototxt", "-iterations", "3")), log_lines("time.log")
+    cut = [lines[lines.index("Performing Forward") :] for lines in (mine, theirs)]
+    numberless = [[re.sub(r": [\d.e+-]+( ms\.)?", r": #\1", line) for line in lines] for lines in cut]
+    assert numberless[0] == numberless[1]
+    assert len(cut[0]) == 30
+
+
+@pytest.mark.parametrize(("flags", "loss"), [([], "3"), (["-phase=TRAIN"], "3"), (["-phase", "TEST"], "5")])
+def test_time_of_a_phase(log_of, tmp_path, flags, loss):
+    """TRAIN, unless it is said."""
+    layers = [
+        f"""layer {{ name: "x" type: "DummyData" top: "x" include {{ phase: {phase} }} loss_weight: 1
+        dummy_data_param {{ shape {{ dim: 1 }} data_filler {{ value: {value} }} }} }}"""
+        for phase, value in (("TRAIN", 3), ("TEST", 5))
+    ]
+    (tmp_path / "net.prototxt").write_text("\n".join(layers))
+    assert f"Initial loss: {loss}" in texts(log_of("time", "-model", f"{tmp_path}/net.prototxt", *flags))
+
+
+def test_device_query_and_gpu(log_of):
+    """One line each: this runs on the CPU."""
+    assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to ask"]
+    mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
+    assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
+
+
+# ---------------------------------------------------------------------------------------------- usage
+
+
+def test_without_a_command(capsys):
+    """The usage, and Caffe's status."""
+    assert caffe.main([]) == 0
+    out = capsys.readouterr().out
+    assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["train"], "train needs -solver"),
+        (["train", "-solver", "s", "-snapshot", "a", "-weights", "b"], "-snapshot brings its own weights"),
+        (["test", "-model", "m"], "test needs -weights"),
+        (["time"], "time needs -model"),
+        (["tarin", "-solver", "s"], "invalid choice: 'tarin'"),
+        (["train", "-solver", "s", "-sigint_effect", "die"], "invalid choice: 'die'"),
+        (["train", "-slover", "s"], "unrecognized arguments: --slover"),
+        (["test", "-iterations", "0"], "expected a whole number of at least 1, found '0'"),
+    ],
+)
+def test_wrong_usage(capsys, argv, message):
+    """argparse's line, status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        caffe.main(argv)
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["train", "-solver", "nothing"], "nothing: cannot read the prototxt: No such file or directory"),
+        (["test", "-model", "net.prototxt", "-weights", "no"], "no: cannot read weights: No such file or directory"),
+        (["time", "-model", "solver_adam.prototxt"], "solver_adam.prototxt:1:1: error: unknown field 'net'"),
+    ],
+)
+def test_mistakes(log_of, argv, message):
+    """Where Caffe aborts with a stack trace: one line, status 1."""
+    assert log_of(*argv, status=1)[-1].startswith(message)
+
+
+# ---------------------------------------------------------------------------------------------- BVLC's scripts
+
+
+def test_what_bvlcs_scripts_take_from_the_log(solver_of, log_of):
+    """parse_log.py, parse_log.sh, extract_seconds.py and plot_training_log.py cut lines at blanks, from the left.
+
+    Word 1 is a letter, month and day, word 2 the time of day; of a test output the value is word 11, of a learning rate
+    word 9; time begins at a line with ``] Solving ``. The loss is what follows the first equals sign.
+    """
+    lines = log_of("train", "-solver", solver_of("a_avgloss.log"), "-weights", "init.caffemodel")
+    start = next(i for i, line in enumerate(lines) if "] Solving " in line)
+    for line in lines[start:]:
+        day, clock, thread, _ = line.split()[:4]
+        assert re.fullmatch(r"[IWE]\d{4}", day) and re.fullmatch(r"\d\d:\d\d:\d\d\.\d{6}", clock) and thread.isdigit()
+        datetime.datetime.strptime(f"2024{day[1:]} {clock}", "%Y%m%d %H:%M:%S.%f")
+    tests = [line.split() for line in lines if "Test net output #0" in line]
+    assert [float(words[10]) for words in tests][:2] == pytest.approx([2.68399, 2.18246], abs=1e-5)
+    rates = [line.split() for line in lines if ", lr = " in line]
+    assert [words[8] for words in rates] == ["0.02", "0.02", "0.02", "0.01", "0.01", "0.005", "0.005"]
+    losses = [line.split("=")[1] for line in lines if ", loss = " in line]
+    assert [float(loss) for loss in losses][:2] == pytest.approx([2.5937, 2.92355], abs=1e-5)
+    assert re.search(r"Iteration \d+, Testing net", lines[start + 2])
+    outputs = re.findall(r"(Train|Test) net output #(\d+): (\S+) = ([.\deE+-]+)", "\n".join(lines))
+    assert {(which, number, name) for which, number, name, _ in outputs} == {
+        ("Train", "0", "loss"),
+        ("Test", "0", "loss"),
+    }

@@ -1,0 +1,99 @@
+"""tools/compute_image_mean.py: the mean of a database, as a file for transform_param and as numbers."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import netlib
+from netlib import prototxt
+from netlib.binaryproto import read_blob
+from netlib.messages import Datum
+from tools.compute_image_mean import main
+from tools.databases import write_databases
+
+
+@pytest.fixture
+def images(tmp_path, monkeypatch, rng):
+    """Seven, bytes (3, 4, 5), in the database db."""
+    monkeypatch.chdir(tmp_path)
+    images = rng.integers(0, 256, (7, 3, 4, 5)).astype(np.uint8)
+    write(tmp_path / "db", [Datum(3, 4, 5, image.tobytes()) for image in images])
+    return images
+
+
+def write(path, datums):
+    def fill(writers):
+        for i, datum in enumerate(datums):
+            writers[0].put(f"{i:08d}", datum)
+
+    assert write_databases([path], fill) == 0
+
+
+def test_the_mean(images, capsys):
+    """(1, C, H, W) in float32; what Caffe prints, number for number."""
+    capsys.readouterr()
+    assert main(["-backend=lmdb", "db", "mean.binaryproto"]) == 0
+    mean = read_blob("mean.binaryproto")
+    assert mean.shape == (1, 3, 4, 5) and mean.dtype == np.float32
+    assert np.allclose(mean[0], images.mean(axis=0), rtol=1e-6)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "Number of channels: 3"
+    assert lines[1:] == [f"mean_value channel [{c}]: {images[:, c].mean():.6g}" for c in range(3)]
+
+
+def test_a_net_that_subtracts_it_has_the_mean_zero(images):
+    """Every value of the whole database, over the images."""
+    assert main(["db", "mean.binaryproto"]) == 0
+    net = netlib.Net(prototxt.parse("""layer { name: "d" type: "Data" top: "x"
+        data_param { source: "db" batch_size: 7 backend: LMDB }
+        transform_param { mean_file: "mean.binaryproto" } }"""), netlib.TEST)  # fmt: skip
+    x = net.forward()["x"]
+    assert np.abs(x).mean() > 10
+    assert np.abs(x.mean(axis=0)).max() < 1e-4
+
+
+def test_floats_and_pictures(tmp_path, images, rng):
+    """What else a Datum may hold."""
+    floats = rng.normal(size=(2, 1, 3, 4)).astype(np.float32)
+    write(tmp_path / "floats", [Datum(1, 3, 4, float_data=one.ravel()) for one in floats])
+    assert main(["floats", "floats.binaryproto"]) == 0
+    assert np.allclose(read_blob("floats.binaryproto")[0], floats.mean(axis=0), atol=1e-7)
+    files = [cv2.imencode(".png", image.transpose(1, 2, 0))[1].tobytes() for image in images]
+    write(tmp_path / "files", [Datum(data=content, encoded=True) for content in files])
+    assert main(["files", "files.binaryproto"]) == 0
+    assert np.allclose(read_blob("files.binaryproto")[0], images.mean(axis=0), rtol=1e-6)
+
+
+def test_without_a_file(images, capsys, tmp_path):
+    """The numbers alone."""
+    capsys.readouterr()
+    assert main(["db"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["db"]
+
+
+def test_mistakes(tmp_path, images, capsys):
+    """One line each; no mean is written."""
+    write(tmp_path / "sizes", [Datum(1, 1, 2, b"ab"), Datum(1, 2, 1, b"ab")])
+    write(tmp_path / "bad", [Datum(1, 1, 2, b"abc")])
+    capsys.readouterr()
+    for argv in (["sizes", "m"], ["bad", "m"], ["none", "m"], ["db", "db"]):
+        assert main(argv) == 1
+    assert capsys.readouterr().err.splitlines() == [
+        "sizes: entry '00000001': an image (C, H, W) (1, 2, 1), but the first has (1, 1, 2); expected the same; "
+        "convert_imageset.py can resize pictures",
+        "bad: entry '00000000': a Datum of channels, height, width (1, 1, 2) with 3 values",
+        "none: cannot open the database: No such file or directory",
+        "db: cannot write the blob: Is a directory",
+    ]
+    assert not (tmp_path / "m").exists()
+
+
+def test_wrong_usage(capsys):
+    """argparse's line, status 2."""
+    for argv in ([], ["db", "m", "more"], ["-backend", "leveldb", "db"]):
+        with pytest.raises(SystemExit) as stopped:
+            main(argv)
+        assert stopped.value.code == 2

@@ -1,0 +1,176 @@
+"""tools/convert_imageset.py: pictures in a database, as a Data layer reads them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import netlib
+from netlib import prototxt, schema, wire
+from netlib.messages import Datum
+from tools import convert_imageset
+from tools.convert_imageset import main
+from tools.databases import read_database
+
+NET = """layer {{ name: "d" type: "Data" top: "x" top: "t"
+         data_param {{ source: "{0}" batch_size: {1} backend: LMDB }} transform_param {{ {2} }} }}"""
+
+
+@pytest.fixture
+def pictures(tmp_path, monkeypatch, rng):
+    """Five pictures of 6 x 8 px in p/, PNG and so without loss; list.txt gives them labels 10, 9, 8 ..."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "p").mkdir()
+    images = rng.integers(0, 256, (5, 6, 8, 3)).astype(np.uint8)
+    for i, image in enumerate(images):
+        cv2.imwrite(f"p/im {i}.png", image)
+    (tmp_path / "list.txt").write_text("".join(f"im {i}.png {10 - i}\n" for i in range(5)))
+    return images
+
+
+def batch(database="db", count=5, transform=""):
+    """The first batch of a net that reads the database: pictures and labels."""
+    tops = netlib.Net(prototxt.parse(NET.format(database, count, transform)), netlib.TEST).forward()
+    return tops["x"], tops["t"].tolist()
+
+
+def entries(database="db"):
+    """Key -> Datum."""
+    _, found = read_database(database)
+    return {what.split("'")[1]: schema.read(wire.decode(value, Datum), Datum) for what, value in found}
+
+
+def test_a_net_reads_the_same_pixels(pictures, capsys):
+    """Blue, green, red, as OpenCV has them; keys are Caffe's."""
+    assert main(["p/", "list.txt", "db"]) == 0
+    x, t = batch()
+    assert np.array_equal(x, pictures.transpose(0, 3, 1, 2)) and t == [10, 9, 8, 7, 6]
+    assert list(entries()) == [f"0000000{i}_im {i}.png" for i in range(5)]
+    assert capsys.readouterr() == ("db: 5 entries\n", "")
+
+
+def test_gray(pictures):
+    """One channel, as OpenCV reads it."""
+    assert main(["-gray", "p/", "list.txt", "db"]) == 0
+    wanted = [cv2.imread(f"p/im {i}.png", cv2.IMREAD_GRAYSCALE) for i in range(5)]
+    assert np.array_equal(batch()[0][:, 0], wanted)
+
+
+def test_resize(pictures):
+    """To any size, by linear interpolation."""
+    assert main(["-resize_height=3", "--resize_width", "12", "p/", "list.txt", "db"]) == 0
+    wanted = [cv2.resize(image, (12, 3)).transpose(2, 0, 1) for image in pictures]
+    assert np.array_equal(batch()[0], wanted)
+
+
+def test_shuffle(pictures):
+    """Another order, the same in every run; the number of the key is the place in it."""
+    assert main(["-shuffle", "p/", "list.txt", "a"]) == 0
+    assert main(["--shuffle=true", "p/", "list.txt", "b"]) == 0
+    (x, t), again = batch("a"), batch("b")
+    assert np.array_equal(x, again[0]) and t == again[1]
+    assert sorted(t) == [6, 7, 8, 9, 10] and t != [10, 9, 8, 7, 6]
+    assert [key[:9] for key in entries("a")] == [f"0000000{i}_" for i in range(5)]
+    assert np.array_equal(x, pictures[[10 - int(label) for label in t]].transpose(0, 3, 1, 2))
+
+
+def test_encoded(pictures, tmp_path):
+    """The files themselves; a net decodes them to the same pixels."""
+    assert main(["-encoded", "p/", "list.txt", "db"]) == 0
+    found = list(entries().values())
+    assert all(datum.encoded for datum in found)
+    assert [datum.data for datum in found] == [(tmp_path / f"p/im {i}.png").read_bytes() for i in range(5)]
+    x, t = batch()
+    assert np.array_equal(x, pictures.transpose(0, 3, 1, 2)) and t == [10, 9, 8, 7, 6]
+
+
+@pytest.mark.parametrize(
+    ("flags", "magic", "shape"),
+    [
+        (["-encode_type=jpg"], b"\xff\xd8\xff", (5, 3, 6, 8)),
+        (["-encoded", "-encode_type", "png", "-gray"], b"\x89PNG", (5, 1, 6, 8)),
+        (["-encoded", "-resize_width=4", "-resize_height=4"], b"\x89PNG", (5, 3, 4, 4)),
+    ],
+    ids=["another type", "gray", "resized"],
+)
+def test_encoded_anew(pictures, flags, magic, shape):
+    """Where the file is not what is wanted. Caffe would store the coloured file of -gray."""
+    assert main([*flags, "p/", "list.txt", "db"]) == 0
+    assert all(datum.data.startswith(magic) for datum in entries().values())
+    assert batch()[0].shape == shape
+
+
+def test_pictures_that_cannot_be_read_are_left_out(pictures, capsys, tmp_path):
+    """They keep their numbers, as in Caffe, and are named."""
+    (tmp_path / "p/im 1.png").write_text("no picture")
+    (tmp_path / "p/im 3.png").unlink()
+    assert main(["p/", "list.txt", "db"]) == 0
+    assert list(entries()) == [f"0000000{i}_im {i}.png" for i in (0, 2, 4)]
+    assert capsys.readouterr().err.splitlines() == [
+        "p/im 1.png: not an image that OpenCV can decode (10 bytes); left out",
+        "p/im 3.png: cannot read the image: No such file or directory; left out",
+        "2 of 5 pictures left out",
+    ]
+
+
+def test_sizes(pictures, capsys):
+    """Pictures may differ, unless -check_size is given or -resize makes them equal."""
+    cv2.imwrite("p/im 3.png", pictures[0][:5])
+    assert main(["p/", "list.txt", "db"]) == 0
+    assert [datum.height for datum in entries().values()] == [6, 6, 6, 5, 6]
+    assert main(["-check_size", "p/", "list.txt", "checked"]) == 1
+    assert capsys.readouterr().err == (
+        "p/im 3.png: a picture (H, W, C) (5, 8, 3), but the first has (6, 8, 3); expected the same, as -check_size "
+        "asks\n"
+    )
+    assert main(["-check_size", "-resize_width=4", "-resize_height=4", "p/", "list.txt", "checked"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["p", "list.txt", "db"], "list.txt: none of its 5 pictures can be read; ROOTFOLDER/ stands before every path, "
+                                  "as in 'pim 0.png'"),
+        (["p/", "none.txt", "db"], "none.txt: cannot read the list of images: No such file or directory"),
+        (["p/", "list.txt", "p"], "p: is there already; a new database needs a name of its own"),
+        (["-encode_type=tga7", "p/", "list.txt", "db"], "p/im 0.png: OpenCV cannot encode pictures of type 'tga7'; say "
+                                                        "-encode_type png, for example"),
+    ],
+)  # fmt: skip
+def test_mistakes(pictures, capsys, tmp_path, argv, message):
+    """One line, status 1, and no database."""
+    before = sorted(tmp_path.rglob("*"))
+    assert main(argv) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == message
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["p/", "list.txt"], "the following arguments are required: DB_NAME"),
+        (["-backend=leveldb", "p/", "list.txt", "db"], "leveldb is not supported; use lmdb, and in the net"),
+        (["-resize_width=4", "p/", "list.txt", "db"], "-resize_width and -resize_height must be given together"),
+        (["-gray=perhaps", "p/", "list.txt", "db"], "ignored explicit argument 'perhaps'"),
+    ],
+)  # fmt: skip
+def test_wrong_usage(capsys, argv, message):
+    """argparse's line, status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        main(argv)
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_progress(pictures, monkeypatch):
+    """Every picture of the list counts, whether it can be read or not."""
+    counted = []
+
+    class Bar(convert_imageset.ProgressBar):
+        def __call__(self, count):
+            counted.append((count, self.total))
+
+    monkeypatch.setattr(convert_imageset, "ProgressBar", Bar)
+    assert main(["p/", "list.txt", "db"]) == 0
+    assert counted == [(1, 5)] * 5

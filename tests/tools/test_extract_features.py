@@ -1,0 +1,110 @@
+"""tools/extract_features.py: blobs in databases, value for value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import netlib
+from layers.data.datum import decode_datum
+from netlib import prototxt, schema, wire
+from netlib.messages import Datum
+from tools.databases import read_database
+from tools.extract_features import main
+
+ENGINES = pytest.mark.parametrize("engine", ["plain", "fast"] if netlib.engine.has_fast() else ["plain"])
+
+
+@pytest.fixture(autouse=True)
+def solvers(caffe_data, monkeypatch):
+    """The folder of a net that Caffe trained, with its data and weights: batches of five."""
+    monkeypatch.chdir(caffe_data / "solvers")
+
+
+def features(path):
+    """Key -> its array (C, H, W)."""
+    _, entries = read_database(path)
+    return {what.split("'")[1]: decode_datum(value, None, what)[0] for what, value in entries}
+
+
+@ENGINES
+def test_the_values_are_those_of_the_blobs(tmp_path, capsys, engine):
+    """Of every batch, in order. Blobs of two and four axes, of a layer in place, and a loss, which has none."""
+    blobs = ["conv", "pool", "ip1", "loss"]
+    databases = ",".join(str(tmp_path / blob) for blob in blobs)
+    argv = ["init.caffemodel", "net.prototxt", ",".join(blobs), databases, "3", "lmdb", "--engine", engine]
+    assert main(argv) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        f"{tmp_path}/{blob}: {count} entries" for blob, count in zip(blobs, (15, 15, 15, 3))
+    ]
+    net = netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST, engine=engine)
+    for i in range(3):
+        net.forward()
+        for blob, shape in zip(blobs, ((6, 11, 11), (6, 6, 6), (16, 1, 1), (1, 1, 1))):
+            found = features(tmp_path / blob)
+            values = net.blobs[blob].data.reshape(-1, *shape)
+            for n, value in enumerate(values, i * len(values)):
+                assert np.array_equal(found[f"{n:010d}"], value), (blob, n)
+
+
+def test_an_entry(tmp_path):
+    """Floats in a Datum, no bytes and no label."""
+    assert main(["init.caffemodel", "net.prototxt", "ip2", str(tmp_path / "f"), "1", "lmdb", "CPU"]) == 0
+    _, entries = read_database(tmp_path / "f")
+    datum = schema.read(wire.decode(next(entries)[1], Datum), Datum)
+    assert (datum.channels, datum.height, datum.width, datum.data, datum.label) == (5, 1, 1, b"", 0)
+    assert datum.float_data.dtype == np.float32
+
+
+def test_a_net_reads_them(tmp_path):
+    """Features are data for the next net."""
+    assert main(["init.caffemodel", "net.prototxt", "ip1", str(tmp_path / "f"), "1", "lmdb", "GPU", "DEVICE_ID=0"]) == 0
+    net = netlib.Net(prototxt.parse(f"""layer {{ name: "d" type: "Data" top: "x"
+        data_param {{ source: "{tmp_path}/f" batch_size: 5 backend: LMDB }} }}"""), netlib.TEST)  # fmt: skip
+    first = netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST)
+    first.forward()
+    assert np.array_equal(net.forward()["x"].reshape(5, 16), first.blobs["ip1"].data)
+
+
+def test_gpu_is_noted(tmp_path, capsys):
+    """Once."""
+    assert main(["init.caffemodel", "net.prototxt", "ip1", str(tmp_path / "f"), "1", "lmdb", "GPU"]) == 0
+    assert capsys.readouterr().err == "GPU is accepted, but this runs on the CPU\n"
+
+
+def test_mistakes(tmp_path, capsys):
+    """One line each, and no database."""
+    deep = tmp_path / "deep.prototxt"
+    deep.write_text('layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 dim: 1 '
+                    "dim: 1 dim: 1 } } }")  # fmt: skip
+    a, b = str(tmp_path / "a"), str(tmp_path / "b")
+    for argv in (
+        ["init.caffemodel", "net.prototxt", "ip7,ip1", f"{a},{b}", "1", "lmdb"],
+        ["init.caffemodel", "none.prototxt", "ip1", a, "1", "lmdb"],
+        ["none.caffemodel", "net.prototxt", "ip1", a, "1", "lmdb"],
+        ["init.caffemodel", str(deep), "x", a, "1", "lmdb"],
+        ["init.caffemodel", "net.prototxt", "ip1,ip1", f"{a},{a}", "1", "lmdb"],
+    ):
+        assert main(argv) == 1
+    assert capsys.readouterr().err.splitlines() == [
+        "net.prototxt: no blob 'ip7' in it (did you mean 'ip2'?)",
+        "none.prototxt: cannot read the prototxt: No such file or directory",
+        "none.caffemodel: cannot read weights: No such file or directory",
+        f"{deep}: blob 'x' has the shape (1, 1, 1, 1, 1); a Datum holds an item of at most three axes",
+        f"{a}: is named twice; a new database needs a name of its own",
+    ]
+    assert [path.name for path in tmp_path.iterdir()] == ["deep.prototxt"]
+
+
+def test_wrong_usage(capsys):
+    """argparse's line, status 2."""
+    for argv, message in (
+        (["w", "n", "a,b", "d", "1", "lmdb"], "2 blobs need as many databases, found 1"),
+        (["w", "n", "a", "d", "0", "lmdb"], "expected a whole number of at least 1, found '0'"),
+        (["w", "n", "a", "d", "1", "leveldb"], "leveldb is not supported"),
+        (["w", "n", "a", "d", "1"], "the following arguments are required: lmdb"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            main(argv)
+        assert stopped.value.code == 2
+        assert message in capsys.readouterr().err

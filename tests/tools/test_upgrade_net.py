@@ -1,0 +1,173 @@
+"""tools/upgrade_net.py: nets of all formats, text and binary, and solvers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import binaryproto, prototxt, schema, wire
+from netlib.messages import NetParameter
+from netlib.prototxt import Field, Message
+from netlib.upgrade import AnyNetParameter
+from tools import upgrade_net
+
+V0 = """
+    # a net of 2013
+    name: "n" input: "x" input_dim: 1 input_dim: 2 input_dim: 5 input_dim: 5
+    layers { layer { name: "pad" type: "padding" pad: 2 } bottom: "x" top: "padded" }
+    layers { layer { name: "c" type: "conv" num_output: 4 kernelsize: 5 blobs_lr: 1 blobs_lr: 2 }
+             bottom: "padded" top: "c" }
+    layers { layer { name: "r" type: "relu" } bottom: "c" top: "c" }
+"""
+V1 = """
+    name: "n" input: "x" input_shape { dim: 1 dim: 2 dim: 5 dim: 5 }
+    layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 2
+             convolution_param { num_output: 4 kernel_size: 5 pad: 2 } }
+    layers { name: "r" type: RELU bottom: "c" top: "c" }
+"""
+TODAY = """name: "n"
+layer {
+  name: "input"
+  type: "Input"
+  top: "x"
+  input_param {
+    shape {
+      dim: 1
+      dim: 2
+      dim: 5
+      dim: 5
+    }
+  }
+}
+layer {
+  name: "c"
+  type: "Convolution"
+  bottom: "x"
+  top: "c"
+  convolution_param {
+    num_output: 4
+    kernel_size: 5
+    pad: 2
+  }
+  param {
+    lr_mult: 1
+  }
+  param {
+    lr_mult: 2
+  }
+}
+layer {
+  name: "r"
+  type: "ReLU"
+  bottom: "c"
+  top: "c"
+}
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def parsed(text: str) -> NetParameter:
+    return schema.read(prototxt.parse(text), NetParameter)
+
+
+@pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
+def test_a_text(here, capsys, old):
+    """Types, options, rates and inputs as they are written today; what is of today is said to be."""
+    (here / "old").write_text(old)
+    assert upgrade_net.main(["old", "new.prototxt"]) == 0
+    assert parsed((here / "new.prototxt").read_text()) == parsed(TODAY)
+    out, err = capsys.readouterr()
+    assert (out, err) == ("wrote new.prototxt\n", "old: already in today's format\n" if old is TODAY else "")
+    assert upgrade_net.main(["new.prototxt", "again"]) == 0
+    assert (here / "again").read_text() == (here / "new.prototxt").read_text()
+
+
+def test_the_text_is_as_a_person_would_write_it(here):
+    """Of a V1 net, line for line."""
+    (here / "old").write_text(V1)
+    assert upgrade_net.main(["old", "new"]) == 0
+    new = (here / "new").read_text()
+    assert sorted(new.splitlines()) == sorted(TODAY.splitlines())
+
+
+@pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
+def test_weights(here, rng, old):
+    """A binary file stays one. The upgraded weights are the same, and a net of today takes them."""
+    tree = prototxt.parse(old)
+    place = tree.position
+    weights = [rng.normal(size=shape).astype(np.float32) for shape in ((4, 2, 5, 5), (4,))]
+    blobs = [Field("blobs", binaryproto.tree_of(array), place) for array in weights]
+    for layer in (schema.message_of(field) for field in tree.fields if field.name in ("layer", "layers")):
+        inner = next((field.value for field in layer.fields if field.name == "layer"), layer)
+        if isinstance(inner, Message) and [str(name) for name in inner.values("name")] == ['"c"']:
+            inner.fields += blobs
+    (here / "old.caffemodel").write_bytes(wire.encode(tree, AnyNetParameter))
+    assert upgrade_net.main(["old.caffemodel", "new.caffemodel"]) == 0
+    new = schema.read(wire.decode((here / "new.caffemodel").read_bytes(), NetParameter), NetParameter)
+    assert [layer.type for layer in new.layer] == ["Input", "Convolution", "ReLU"]
+    net = netlib.Net(prototxt.parse(TODAY), "new.caffemodel", netlib.TEST)
+    assert all(np.array_equal(blob.data, array) for blob, array in zip(net.params["c"], weights))
+
+
+def test_inputs_without_shapes(here):
+    """Old weights name them; a layer cannot be made of that, and Caffe drops them."""
+    tree = prototxt.parse('input: "x" layers { name: "r" type: RELU bottom: "x" top: "y" }')
+    (here / "old").write_bytes(wire.encode(tree, AnyNetParameter))
+    assert upgrade_net.main(["old", "new"]) == 0
+    new = schema.read(wire.decode((here / "new").read_bytes(), NetParameter), NetParameter)
+    assert (new.input, [layer.name for layer in new.layer]) == ((), ["r"])
+
+
+@pytest.mark.parametrize(("written", "means"), [("ADAGRAD", "AdaGrad"), ("1", "Nesterov"), ("SGD", "SGD")])
+def test_a_solver(here, written, means):
+    """solver_type was an enum, type is a word; nothing else changes."""
+    (here / "old").write_text(f"base_lr: 0.5 solver_type: {written} max_iter: 9")
+    assert upgrade_net.main(["--solver", "old", "new"]) == 0
+    assert (here / "new").read_text() == f'base_lr: 0.5\ntype: "{means}"\nmax_iter: 9\n'
+
+
+def test_a_solver_of_today(here, capsys):
+    """Is written as it is, and that is said."""
+    (here / "old").write_text('type: "Adam" base_lr: 0.5')
+    assert upgrade_net.main(["--solver", "old", "new"]) == 0
+    assert (here / "new").read_text() == 'type: "Adam"\nbase_lr: 0.5\n'
+    assert capsys.readouterr().err == "old: already in today's format\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "flags", "message"),
+    [
+        (b"layers { type: CONVOLUTION\n num: 3 }", [], "old:2:2: error: unknown field 'num'"),
+        (b"layer { } layers { }", [], "old:1:11: error: this net has both 'layer' and 'layers'"),
+        (b'name: "n"', [], "old:1:1: error: no layer in this file; expected a net"),
+        (b"net: 'a' base_lr: 1", [], "old:1:1: error: this is a solver; add --solver"),
+        (b"\x12\xff", [], "old: byte 1: truncated"),
+        (b"solver_type: SGD type: 'SGD'", ["--solver"], "old:1:1: error: both solver_type and type"),
+        (b"layer { }", ["--solver"], "old:1:1: error: unknown field 'layer'"),
+    ],
+)
+def test_mistakes(here, capsys, content, flags, message):
+    """One line, status 1, and no file."""
+    (here / "old").write_bytes(content)
+    assert upgrade_net.main(["old", "new", *flags]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(message)
+    assert not (here / "new").exists()
+
+
+def test_files_that_cannot_be(here, capsys):
+    """Not there to be read; not there to be written in."""
+    assert upgrade_net.main(["old", "new"]) == 1
+    (here / "old").write_text(V1)
+    (here / "new").mkdir()
+    assert upgrade_net.main(["old", "new"]) == 1
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "old: cannot read the net: No such file or directory"
+    assert second == "new: Is a directory"
+    assert sorted(path.name for path in here.iterdir()) == ["new", "old"]

@@ -1,0 +1,67 @@
+#!/usr/bin/env python3
+"""Compute the mean image of a database, for transform_param { mean_file: ... }: Caffe's compute_image_mean.
+
+    python tools/compute_image_mean.py train_lmdb mean.binaryproto
+
+Prints the mean of each channel, for mean_value. Without OUTPUT_FILE that is all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import numpy as np
+
+from layers.data.datum import decode_datum
+from netlib.binaryproto import write_blob
+from netlib.errors import DataError
+from tools import databases
+from tools.arguments import caffes_flags, parser_of
+from tools.console import DONE, guarded
+from tools.progress import ProgressBar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("database", metavar="INPUT_DB", help="the folder of the database")
+    parser.add_argument("output", metavar="OUTPUT_FILE", nargs="?", help="the .binaryproto to write, (1, C, H, W)")
+    parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
+    args = parser.parse_args(caffes_flags(argv))
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute as the parsed arguments say."""
+    count, entries = databases.read_database(args.database)
+    total = None
+    with ProgressBar(count, "images") as progress:
+        for what, value in entries:
+            image, _ = decode_datum(value, None, what)
+            if total is None:
+                total = np.zeros(image.shape)
+            if image.shape != total.shape:
+                raise DataError(f"{what}: an image (C, H, W) {image.shape}, but the first has {total.shape}; "
+                                "expected the same; convert_imageset.py can resize pictures")  # fmt: skip
+            total += image
+            progress(1)
+    assert total is not None  # no database is empty
+    mean = (total / count).astype(np.float32)
+    if args.output:
+        write_blob(mean[None], args.output)
+    print(f"Number of channels: {len(mean)}")
+    for c, channel in enumerate(mean):
+        print(f"mean_value channel [{c}]: {channel.mean(dtype=np.float64):.6g}")
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

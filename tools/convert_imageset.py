@@ -1,0 +1,120 @@
+#!/usr/bin/env python3
+"""Make a database of pictures, which Data layers read: Caffe's convert_imageset. Flags have one dash or two.
+
+    python tools/convert_imageset.py -resize_height=256 -resize_width=256 -shuffle pictures/ list.txt train_lmdb
+
+LISTFILE has a line for each picture: its path, which follows ROOTFOLDER/, a space, and its label, a whole number. A
+picture that cannot be read is named and left out. The database is written whole, or not at all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+
+# isort: split
+
+import cv2
+import numpy as np
+
+from layers.data.image_data import read_list
+from layers.data.images import decode_image, planes, read_image, resize_image
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.messages import Datum
+from tools import databases
+from tools.arguments import caffes_flags, natural, parser_of
+from tools.console import guarded
+from tools.progress import ProgressBar
+
+SWITCHES = ("gray", "shuffle", "check_size", "encoded")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("root", metavar="ROOTFOLDER/", help="is written before every path of the list")
+    parser.add_argument("list", metavar="LISTFILE", type=Path, help="paths and labels")
+    parser.add_argument("database", metavar="DB_NAME", type=Path, help="the folder to be made")
+    parser.add_argument("--gray", action="store_true", help="read pictures as grey ones")
+    parser.add_argument("--shuffle", action="store_true", help="in an order by chance, the same in every run")
+    parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
+    parser.add_argument("--resize_width", type=natural, default=0, metavar="W", help="in px; 0: as they are")
+    parser.add_argument("--resize_height", type=natural, default=0, metavar="H", help="in px; 0: as they are")
+    parser.add_argument("--check_size", action="store_true", help="all pictures must have the same size")
+    parser.add_argument("--encoded", action="store_true", help="store picture files instead of pixels")
+    parser.add_argument(
+        "--encode_type", default="", metavar="png|jpg|...", help="... of this type (default: their own)"
+    )
+    args = parser.parse_args(caffes_flags(argv, SWITCHES))
+    if (args.resize_width == 0) != (args.resize_height == 0):
+        parser.error("-resize_width and -resize_height must be given together")
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Convert as the parsed arguments say."""
+    items, _ = read_list(args.list)
+    if args.shuffle:
+        items = [items[i] for i in np.random.default_rng(0).permutation(len(items))]
+
+    def fill(writers: Sequence[databases.Writer]) -> None:
+        with ProgressBar(len(items), "images") as progress:
+            first = None
+            for number, (name, label) in enumerate(items):
+                progress(1)
+                path = Path(args.root + name)
+                try:
+                    image = read_image(path, color=not args.gray)
+                except DataError as error:
+                    progress.print(f"{error}; left out", sys.stderr)
+                    continue
+                if args.resize_height:
+                    image = resize_image(image, args.resize_height, args.resize_width)
+                first = image.shape if first is None else first
+                if args.check_size and image.shape != first:
+                    raise DataError(f"{path}: a picture (H, W, C) {image.shape}, but the first has {first}; "
+                                    "expected the same, as -check_size asks")  # fmt: skip
+                writers[0].put(f"{number:08d}_{name}", datum_of(path, image, label, args))
+        if not writers[0].entries:
+            raise DataError(f"{args.list}: none of its {len(items)} pictures can be read; ROOTFOLDER/ stands before "
+                            f"every path, as in {args.root + items[0][0]!r}")  # fmt: skip
+        if left := len(items) - writers[0].entries:
+            print(f"{left} of {len(items)} pictures left out", file=sys.stderr)
+
+    return databases.write_databases([args.database], fill)
+
+
+def datum_of(path: Path, image: Array, label: int, args: argparse.Namespace) -> Datum:
+    """The entry of a picture (H, W, C): its pixels, or the bytes of a file."""
+    if args.encoded or args.encode_type:
+        kind = args.encode_type or path.suffix[1:].lower()
+        return Datum(data=_file_of(path, image, kind, args), label=label, encoded=True)
+    H, W, C = image.shape
+    return Datum(C, H, W, planes(image).tobytes(), label)
+
+
+def _file_of(path: Path, image: Array, kind: str, args: argparse.Namespace) -> bytes:
+    """The bytes of the file itself, if it is of that type and the picture as it is wanted; else a new file's."""
+    own = {"jpeg": "jpg"}.get(path.suffix[1:].lower(), path.suffix[1:].lower())
+    if own == {"jpeg": "jpg"}.get(kind.lower(), kind.lower()) and not args.resize_height:
+        content = path.read_bytes()
+        if not args.gray or decode_image(content, None, str(path)).shape[2] == 1:
+            return content
+    try:
+        written, buffer = cv2.imencode(f".{kind}", image)
+    except cv2.error:
+        written = False
+    if not written:
+        raise DataError(f"{path}: OpenCV cannot encode pictures of type {kind!r}; say -encode_type png, for example")
+    return buffer.tobytes()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

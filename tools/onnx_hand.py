@@ -1,0 +1,126 @@
+"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, for all fingers at once.
+
+The transform of a motion by theta (layers/hand/kinematics.py) is a sum of four constant matrices:
+
+    A(theta) = A_1 + A_cos cos theta + A_sin sin theta + A_theta theta
+
+Fixed DoFs and bones are constants as well. Multiplied into the motions behind them, they are gone. What is left is a
+tree of the free motions alone, here called steps:
+
+    world_from_step = world_from_parent @ S(theta)         S = (what is fixed between the two) @ A
+    joint           = world_from_step @ (what is fixed behind the joint's last step) @ (0, 0, 0, 1)
+
+Steps of the same depth in this tree are one product. The NYU hand has 26 free motions, at most 10 one behind the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from layers.hand.hand_model import HandModel
+from layers.hand.kinematics import rotation
+from layers.hand.skeleton import Motion, Skeleton
+from netlib.blob import Array
+from tools.onnx_graph import Graph, Place
+
+PARTS = ("one", "cosine", "sine", "angle")  # what the four matrices of a step are multiplied by
+
+
+@dataclass(frozen=True)
+class Step:
+    """A free motion, and what is fixed between it and its parent.
+
+    parent  the step that carries this one
+    depth   steps between this one and the root
+    dof     which moves it
+    parts   (4, 4, 4) the matrices of 1, cos theta, sin theta, theta
+    """
+
+    parent: int
+    depth: int
+    dof: int
+    parts: Array
+
+
+def hand_model(graph: Graph, at: Place) -> list[str]:
+    """The joints of a pose."""
+    layer = at.layer
+    assert isinstance(layer, HandModel)
+    sk = layer.skeleton
+    steps, last, offsets = steps_of(sk)
+    x = at.values[0] if len(at.bottom[0]) == 2 else graph.reshaped(at.values[0], ("N", len(sk.dof_names)))
+    dofs = [step.dof for step in steps]
+    moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
+    theta = graph.op("Add", moved, graph.constant(sk.initial[dofs], "initial"))
+    theta = graph.reshaped(theta, ("N", len(steps), 1, 1))
+    one, cosine, sine, angle = (graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4))
+    turned = graph.op(
+        "Add", graph.op("Mul", graph.op("Cos", theta), cosine), graph.op("Mul", graph.op("Sin", theta), sine)
+    )
+    slid = graph.op("Add", one, graph.op("Mul", theta, angle))
+    transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
+    frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
+    terms = graph.op("Mul", frames, graph.constant(offsets[:, None], "offsets"))  # not MatMul: OpenCV 5.0 gets it wrong
+    ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
+    xyz = graph.op("Slice", ends, *(graph.constant([n], what) for n, what in ((0, "start"), (3, "end"), (2, "axis"))))
+    return [graph.reshaped(xyz, at.top[0])]
+
+
+def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
+    """world_from_step of all steps, (N, steps, 4, 4)."""
+    levels = [[i for i, step in enumerate(steps) if step.depth == d] for d in range(steps[-1].depth + 1)]
+    if len(levels) == 1:
+        return transforms
+    own = graph.ops("Split", len(levels), transforms, graph.constant([len(level) for level in levels], "split"), axis=1)
+    worlds = own[:1]
+    for above, level, step in zip(levels, levels[1:], own[1:]):
+        parents = [above.index(steps[i].parent) for i in level]
+        carried = worlds[-1]
+        if parents != list(range(len(above))):
+            carried = graph.op("Gather", carried, graph.constant(parents, "parents"), axis=1)
+        worlds.append(graph.op("MatMul", carried, step))
+    return graph.op("Concat", *worlds, axis=1)
+
+
+def steps_of(sk: Skeleton) -> tuple[list[Step], list[int], Array]:
+    """The steps by depth, and of each joint its last step and where it stands in that step's frame, (K, 4).
+
+    The first step does not move: roots, and all that is fixed to them, hang on it.
+    """
+    steps = [Step(-1, 0, 0, np.stack([np.eye(4), *np.zeros((3, 4, 4))]))]
+    ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}  # joint -> its last step, step_from_joint
+    for j in sk.order:
+        step, fixed = ends[int(sk.parents[j])]
+        for motion in sk.motions[j]:
+            parts = _parts(motion)
+            if motion.row < 0:
+                theta = sk.initial[motion.dof]
+                fixed = fixed @ (parts[0] + np.cos(theta) * parts[1] + np.sin(theta) * parts[2] + theta * parts[3])
+            else:
+                steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
+                step, fixed = len(steps) - 1, np.eye(4)
+        bone = np.eye(4)
+        bone[sk.bone_axes[j], 3] += sk.bones[j]  # without a bone any axis, plus 0
+        ends[j] = step, fixed @ bone
+    order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
+    place = {-1: -1, **{i: new for new, i in enumerate(order)}}
+    sorted_steps = [Step(place[steps[i].parent], steps[i].depth, steps[i].dof, steps[i].parts) for i in order]
+    joints = range(len(sk.joint_names))
+    return sorted_steps, [place[ends[j][0]] for j in joints], np.stack([ends[j][1][:, 3] for j in joints])
+
+
+def _parts(motion: Motion) -> Array:
+    """(4, 4, 4): the matrices of 1, cos theta, sin theta, theta in the transform of a motion."""
+    parts = np.zeros((4, 4, 4))
+    parts[0, 3, 3] = 1
+    if motion.kind == "translate":
+        parts[0] = np.eye(4)
+        parts[3, motion.axis, 3] = motion.sign
+    else:
+        quarter, half = rotation(motion.axis, np.pi / 2), rotation(motion.axis, np.pi)
+        parts[0, :3, :3] += (np.eye(3) + half) / 2  # what stays: the axis
+        parts[1, :3, :3] = (np.eye(3) - half) / 2
+        parts[2, :3, :3] = motion.sign * (quarter - parts[0, :3, :3])
+    return np.round(parts)  # entries are -1, 0, 1; rotation() leaves 1e-16

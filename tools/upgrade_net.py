@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+"""Write a net of Caffe's older formats, or a solver, as one of today's: upgrade_net_proto_text, _binary and
+upgrade_solver_proto_text in one.
+
+    python tools/upgrade_net.py lenet_v0.prototxt lenet.prototxt
+    python tools/upgrade_net.py old.caffemodel new.caffemodel
+    python tools/upgrade_net.py --solver old_solver.prototxt solver.prototxt
+
+A text becomes a text and a binary file a binary one. Comments are lost, as with Caffe's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from netlib import prototxt, schema, wire
+from netlib.atomic import replace_all
+from netlib.errors import DataError, NetlibError, PrototxtError, reason_of
+from netlib.messages import NetParameter, SolverParameter
+from netlib.net_parameter import input_layer
+from netlib.prototxt import Field, Message, Scalar
+from netlib.solver_parameter import OLD_TYPES
+from netlib.upgrade import AnyNetParameter, upgraded
+from tools.arguments import parser_of
+from tools.console import DONE, guarded
+
+INPUTS = ("input", "input_shape", "input_dim")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("old", metavar="IN", help="the net, or with --solver the solver")
+    parser.add_argument("new", metavar="OUT", help="the file to write")
+    parser.add_argument("--solver", action="store_true", help="it is a solver, in text")
+    args = parser.parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Upgrade as the parsed arguments say."""
+    content = _content(args.old)
+    if args.solver or _is_text(content):
+        tree = prototxt.parse_file(args.old)
+        new = todays_solver(tree) if args.solver else todays_net(tree)
+        image = str(new).encode("utf-8", "surrogateescape")
+    else:
+        tree = wire.decode(content, AnyNetParameter, args.old)
+        new = todays_net(tree)
+        image = wire.encode(new, NetParameter)
+    if new.fields == tree.fields:
+        print(f"{args.old}: already in today's format", file=sys.stderr)
+    replace_all([(Path(args.new), image)])
+    print(f"wrote {args.new}")
+    return DONE
+
+
+def _content(path: str) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot read the net: {reason_of(error)}") from None
+
+
+def _is_text(content: bytes) -> bool:
+    """A binary message has bytes that no text has: the keys of its fields, or lengths."""
+    return not any(byte < 32 and byte not in b"\t\n\v\f\r" for byte in content)
+
+
+def todays_net(tree: Message) -> Message:
+    """The net in today's format, inputs as a layer. Raises PrototxtError for what is no net."""
+    if tree.values("lr_policy") or tree.values("base_lr"):
+        raise NetlibError(f"{tree.position}: error: this is a solver; add --solver")
+    new = upgraded(tree)
+    net = schema.read(new, NetParameter, "net")  # finds every mistake
+    if not net.layer and not net.input:
+        raise PrototxtError(new.position, "no layer in this file; expected a net")
+    if not net.input:
+        return new
+    fields = [field for field in new.fields if field.name not in INPUTS]
+    if net.input_shape or net.input_dim:  # weights name inputs without shapes; Caffe drops those
+        first = next((i for i, field in enumerate(fields) if field.name == "layer"), len(fields))
+        layer = schema.to_tree(input_layer(net))
+        fields.insert(first, Field("layer", layer, layer.position))
+    return Message(fields, new.position)
+
+
+def todays_solver(tree: Message) -> Message:
+    """The solver with its type as a word. Raises PrototxtError for what is no solver."""
+    solver = schema.read(tree, SolverParameter, "solver")
+    if solver.solver_type is None:
+        return tree
+    if tree.values("type"):
+        raise PrototxtError(
+            schema.position_of(solver, "solver_type"), "both solver_type and type; expected one of them"
+        )
+    place = schema.position_of(solver, "solver_type")
+    new = Field("type", Scalar("string", OLD_TYPES[solver.solver_type], place), place)
+    return Message([new if field.name == "solver_type" else field for field in tree.fields], tree.position)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
