@@ -11,7 +11,7 @@ from netlib import engine
 
 BLAS_NOTE = engine.prepare()  # before anything imports NumPy
 
-from netlib import gradcheck  # noqa: E402
+from netlib import gradcheck, notes  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
 from netlib.create import layer_types  # noqa: E402
 from netlib.errors import (  # noqa: E402
@@ -54,4 +54,5 @@ def set_mode_cpu() -> None:
 
 
 def set_mode_gpu() -> None:
-    """For scripts written for pycaffe; this runs on the CPU all the same."""
+    """For scripts written for pycaffe; this runs on the CPU all the same, and says so once."""
+    notes.once("set_mode_gpu: accepted, but this runs on the CPU")

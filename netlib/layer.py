@@ -65,6 +65,7 @@ class Layer:
     bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # least and greatest number of bottoms; None: any
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # may a top be the same blob as its bottom
+    reads_top: bool = False  # backward reads the tops' data, so no layer in place may overwrite them
     loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
     is_input: ClassVar[bool] = False  # the caller writes the tops
 

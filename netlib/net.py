@@ -90,6 +90,7 @@ class Net:
         self.engine = engines.get(engine)
         self._build(insert_splits(self.param.layer))
         self._decide_backward(param.force_backward)
+        self._note_overwritten_tops()
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside)
         if weights is not None:
@@ -197,6 +198,18 @@ class Net:
                 at.propagate_down = [
                     down or at.layer.allow_force_backward(i) for i, down in enumerate(at.propagate_down)
                 ]
+
+    def _note_overwritten_tops(self) -> None:
+        """Say where a gradient will be wrong, as it is in Caffe, which says nothing."""
+        writers: dict[int, Connection] = {}
+        for at in self.connections:
+            for blob, name in zip(at.top, at.layer.spec.top):
+                below = writers.get(id(blob))
+                if below is not None and below.needs_backward and below.layer.reads_top:
+                    log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
+                                "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
+                                at.layer.name, name, below.layer.name)  # fmt: skip
+                writers[id(blob)] = at
 
     # ------------------------------------------------------------------------------------------ running
 

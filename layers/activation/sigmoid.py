@@ -30,6 +30,7 @@ class Sigmoid(Layer):
 
     param_type = SigmoidParameter
     bottoms = tops = (1, 1)
+    reads_top = True
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)

@@ -31,6 +31,7 @@ class TanH(Layer):
     param_type = TanHParameter
     param_name = "tanh_param"
     bottoms = tops = (1, 1)
+    reads_top = True
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)

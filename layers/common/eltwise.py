@@ -49,6 +49,7 @@ class Eltwise(Layer):
         if coeff and len(coeff) != len(bottom):
             raise self.fail(f"has {len(bottom)} bottoms, but {len(coeff)} coeff", "coeff")
         self.coeff = coeff or (1.0,) * len(bottom)
+        self.reads_top = self.param.operation == "PROD" and not self.param.stable_prod_grad
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for i, x in enumerate(bottom):

@@ -32,6 +32,7 @@ class Softmax(Layer):
 
     param_type = SoftmaxParameter
     bottoms = tops = (1, 1)
+    reads_top = True
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.axis = self.canonical_axis(self.param.axis, bottom[0])

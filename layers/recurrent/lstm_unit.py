@@ -33,6 +33,7 @@ class LSTMUnit(Layer):
     """The gates and the cell of an LSTM."""
 
     bottoms = (3, 3)
+    reads_top = True
     tops = (2, 2)
     in_place = False
 

@@ -4,7 +4,7 @@ Net, Layer and the solvers are netlib's own, with what else pycaffe's have; NetS
 caffe_pb2 stand beside. Everything runs on the CPU; what only a GPU could do is accepted with one note.
 """
 
-from netlib import Layer, layer_type_list, set_random_seed
+from netlib import Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
 from netlib.caffe import io
 from netlib.caffe.classifier import Classifier
 from netlib.caffe.detector import Detector
@@ -16,8 +16,6 @@ from netlib.caffe.process import (
     init_log,
     log,
     set_device,
-    set_mode_cpu,
-    set_mode_gpu,
     set_multiprocess,
     set_solver_count,
     set_solver_rank,

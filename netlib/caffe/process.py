@@ -1,12 +1,13 @@
-"""What pycaffe says to and asks of the process: mode, device, log, time, number of solvers."""
+"""What pycaffe says to and asks of the process: device, log, time, number of solvers."""
 
 from __future__ import annotations
 
-import functools
 import logging
 import sys
 import time
 from typing import Any
+
+from netlib import notes
 
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's 0 to 3
@@ -32,24 +33,9 @@ class Timer:
         return self._seconds * 1000
 
 
-@functools.cache
-def _note(text: str) -> None:
-    """Said once in a process."""
-    _log.warning(text)
-
-
-def set_mode_cpu() -> None:
-    """There is only the CPU here."""
-
-
-def set_mode_gpu() -> None:
-    """Accepted; nets run on the CPU all the same."""
-    _note("set_mode_gpu: accepted, but this runs on the CPU")
-
-
 def set_device(number: int) -> None:
     """Accepted; there are no devices here."""
-    _note(f"set_device({number}): accepted, but this runs on the CPU")
+    notes.once(f"set_device({number}): accepted, but this runs on the CPU")
 
 
 def init_log(level: int | None = None, stderr: bool = True) -> None:

@@ -607,6 +607,21 @@ def test_a_phase_that_is_none(net_of: MakeNet) -> None:
             net_of(X, phase=phase)
 
 
+@pytest.mark.parametrize(("below", "notes"), [("Sigmoid", 1), ("TanH", 1), ("ReLU", 0), ("BNLL", 0)])
+def test_a_gradient_that_will_be_wrong_is_said(
+    net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, notes: int
+) -> None:
+    """Sigmoid needs its top backwards; a layer in place behind it overwrites that. Caffe computes it and is silent."""
+    text = X + ip("a", "x", "a") + f'layer {{ name: "s" type: "{below}" bottom: "a" top: "s" }} '
+    text += 'layer { name: "p" type: "Power" bottom: "s" top: "s" power_param { scale: 3 } } '
+    net_of(text)  # nothing runs backwards: nothing to say
+    assert caplog.messages == []
+    net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "s" bottom: "x" top: "l" }')
+    assert len(caplog.messages) == notes
+    if notes:
+        assert "layer 'p' overwrites blob 's', which the gradient of layer 's' needs: it will be wrong" in caplog.text
+
+
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
     """Caffe calls it "(automatic)"; it counts, and is no output."""
     net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')

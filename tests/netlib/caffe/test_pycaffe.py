@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib import notes
 from netlib.caffe import process, pycaffe
 from netlib.errors import NetlibError
 
@@ -223,11 +224,11 @@ def test_a_solver_lends_its_weights() -> None:
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
     """However often it is asked for."""
-    process._note.cache_clear()
+    notes.once.cache_clear()
     for _ in range(2):
-        process.set_mode_gpu()
+        netlib.set_mode_gpu()
         process.set_device(0)
-        process.set_mode_cpu()
+        netlib.set_mode_cpu()
     assert caplog.messages == [
         "set_mode_gpu: accepted, but this runs on the CPU", "set_device(0): accepted, but this runs on the CPU"
     ]  # fmt: skip
