@@ -223,7 +223,7 @@ def test_every_layer_type_has_a_form_or_is_refused():
     random_or_from_outside = {"DummyData", "HDF5Data", "HandAugment", "Data", "ImageData", "MemoryData", "WindowData",
                               "HDF5Output"}  # fmt: skip
     of_training = {"Accuracy", "DeepHandModelDofConstraintLoss", "PhysLimit"}
-    without_form = {"Filter", "Im2col", "LSTM", "RNN", "ROIPooling"}
+    without_form = {"Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"}
     refused = {name for name in layer_types() if name not in LAYERS and not name.endswith("Loss")}
     assert refused - {"DeepHandModelDofConstraintLoss"} <= random_or_from_outside | of_training | without_form
     assert set(LAYERS) == set(CASES) | WITHOUT_EXAMPLE
@@ -232,7 +232,7 @@ def test_every_layer_type_has_a_form_or_is_refused():
 def test_the_document_names_every_layer_type():
     """Those with a form, and those without that one may look for."""
     text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
-    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "RNN", "ROIPooling"]:
+    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"]:
         assert re.search(rf"\b{name}\b", text), name
 
 
