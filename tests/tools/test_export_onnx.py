@@ -232,7 +232,7 @@ def test_every_layer_type_has_a_form_or_is_refused():
 def test_the_document_names_every_layer_type():
     """Those with a form, and those without that one may look for."""
     text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
-    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "RNN", "ROIPooling"]:
+    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"]:
         assert re.search(rf"\b{name}\b", text), name
 
 
