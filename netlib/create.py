@@ -37,6 +37,15 @@ def option_blocks() -> dict[str, type]:
     return blocks
 
 
+def check_options(spec: LayerParameter) -> None:
+    """Read the options blocks of a layer as the types that have them do. Raises PrototxtError at a mistake."""
+    blocks = option_blocks()
+    for name, tree in spec.blocks.items():
+        if name not in blocks:
+            raise PrototxtError(tree.position, f"unknown field {name!r}{did_you_mean(name, blocks)}")
+        schema.read(tree, blocks[name], name)
+
+
 def create(
     spec: LayerParameter,
     phase: Phase,

@@ -29,13 +29,18 @@ from netlib.splits import insert_splits
 log = logging.getLogger("netlib")
 AUTOMATIC = "(automatic)"  # Caffe's name for the top that a loss layer has without a name
 
-_seed: int | None = None
+_seeds: np.random.Generator | None = None
 
 
 def set_random_seed(seed: int) -> None:
-    """Seed of the nets that are built from now on without one of their own."""
-    global _seed
-    _seed = seed
+    """Seed of the nets and solvers that are made from now on without one of their own; each gets another."""
+    global _seeds
+    _seeds = np.random.default_rng(seed)
+
+
+def next_seed() -> int | None:
+    """The seed of what is made next: None, a new one each run, unless ``set_random_seed`` was called."""
+    return None if _seeds is None else int(_seeds.integers(2**31))
 
 
 class Net:
@@ -85,7 +90,7 @@ class Net:
         self.state = state or NetState(phase_name, level or param.state.level, tuple(stages or ()) or param.state.stage)
         self.phase = PHASES[self.state.phase]
         self.name = param.name
-        self.seed = _seed if seed is None else seed
+        self.seed = next_seed() if seed is None else seed
         self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
         self.engine = engines.get(engine)
         self._build(insert_splits(self.param.layer))

@@ -26,7 +26,7 @@ from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, we
 from netlib.blob import Array
 from netlib.errors import DivergenceError
 from netlib.messages import NetParameter, NetState, SolverParameter
-from netlib.net import Net
+from netlib.net import Net, next_seed
 from netlib.paths import find
 from netlib.resume import extra_state, restore_state, state_of
 from netlib.sharing import Param
@@ -55,7 +55,9 @@ class Solver:
         self, param: SolverParameter, source: str = "<solver>", seed: int | None = None, engine: str | None = None
     ) -> None:
         self.param, self.source = solver_parameter.checked(param), source
-        self.seed = seed if seed is not None else param.random_seed if param.random_seed >= 0 else secrets.randbits(31)
+        if seed is None:
+            seed = param.random_seed if param.random_seed >= 0 else next_seed()
+        self.seed = secrets.randbits(31) if seed is None else seed
         self.engine = engines.get(engine)
         self.iter = 0
         self.requested: str | None = None

@@ -6,11 +6,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from netlib import snapshot, snapshot_binary, snapshot_hdf5
+from netlib import schema, snapshot, snapshot_binary, snapshot_hdf5
 from netlib.blob import Array, Blobs
 from netlib.errors import LayerError, WeightsError
-from netlib.layer import Layer
+from netlib.layer import TRAIN, Layer
+from netlib.messages import LayerParameter
 from netlib.saved import Weights
+from netlib.schema import Phase
 from netlib.sharing import Param
 
 
@@ -41,9 +43,16 @@ def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
     """
     if snapshot.is_hdf5(path):
         return snapshot_hdf5.weights_image(owned(net))
-    layers = [(layer.spec, [(b.data, b.diff if diffs else None) for b in layer.blobs])
+    layers = [(_as_caffe_says(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
               for layer in net.layer_dict.values()]  # fmt: skip
     return snapshot_binary.weights_image(net.name, layers)
+
+
+def _as_caffe_says(layer: Layer) -> LayerParameter:
+    """The layer's text, with its phase and a loss's weight, which Caffe fills in."""
+    phase: Phase = "TRAIN" if layer.phase == TRAIN else "TEST"
+    weight = layer.spec.loss_weight or ((layer.loss_weight,) if layer.loss_weight else ())
+    return schema.changed(layer.spec, phase=phase, loss_weight=weight)
 
 
 def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:

@@ -5,27 +5,14 @@ from __future__ import annotations
 import contextlib
 import logging
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from netlib.errors import NetlibError, reason_of
+from netlib.notes import CaffeFormatter
 from tools.progress import ProgressBar
 
 log = logging.getLogger("netlib")
-
-
-class CaffeFormatter(logging.Formatter):
-    """``I1121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``, glog's format, as log parsers expect it."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """The line for one record."""
-        stamp = time.strftime("%m%d %H:%M:%S", time.localtime(record.created))
-        micro = int(record.created % 1 * 1e6)
-        text = record.getMessage()
-        letter = record.levelname[0]
-        return f"{letter}{stamp}.{micro:06d} {threading.get_native_id()} {record.filename}:{record.lineno}] {text}"
 
 
 class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11

@@ -3,7 +3,7 @@
 
     python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
 
-It takes the package pydot (pip install '.[draw]') and the program Graphviz.
+It takes the package pydot (pip install pydot) and the program Graphviz.
 """
 
 from __future__ import annotations

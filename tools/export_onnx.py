@@ -9,7 +9,7 @@ The file has standard operators only, the hand model included, and takes batches
 called as in the prototxt; what they mean is in the file's metadata (docs/onnx.md).
 
 --check runs it in onnxruntime, on random inputs, against this project's own computation. It fails if an output is off
-by more than 1e-5 of the output's largest value. Needs the packages of pip install '.[onnx]'.
+by more than 1e-5 of the output's largest value. Needs the packages of pip install onnx onnxruntime.
 """
 
 from __future__ import annotations

@@ -151,7 +151,7 @@ def package(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise NetlibError(f"{name} is missing: pip install '.[onnx]'") from error
+        raise NetlibError(f"{name} is missing: pip install onnx onnxruntime") from error
 
 
 def symbolic(two: Sequence[int], three: Sequence[int]) -> Shape | None:

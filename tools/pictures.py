@@ -21,7 +21,7 @@ def new_figure(width: float, height: float) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise NetlibError("matplotlib is missing: pip install '.[tools]'") from error
+        raise NetlibError("matplotlib is missing: pip install matplotlib") from error
     return Figure(figsize=(width, height), layout="constrained")
 
 

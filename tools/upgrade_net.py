@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from netlib import prototxt, schema, wire
 from netlib.atomic import replace_all
+from netlib.create import check_options
 from netlib.errors import DataError, NetlibError, PrototxtError, reason_of
 from netlib.messages import NetParameter, SolverParameter
 from netlib.net_parameter import input_layer
@@ -76,7 +77,9 @@ def todays_net(tree: Message) -> Message:
     if tree.values("lr_policy") or tree.values("base_lr"):
         raise NetlibError(f"{tree.position}: error: this is a solver; add --solver")
     new = upgraded(tree)
-    net = schema.read(new, NetParameter, "net")  # finds every mistake
+    net = schema.read(new, NetParameter, "net")
+    for spec in net.layer:
+        check_options(spec)
     if not net.layer and not net.input:
         raise PrototxtError(new.position, "no layer in this file; expected a net")
     if not net.input:

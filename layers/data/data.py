@@ -58,7 +58,7 @@ class Data(Layer):
             raise self.fail("batch_size must be at least 1", "batch_size")
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
-                            "Caffe's convert_imageset --backend=lmdb) and say backend: LMDB", "backend")  # fmt: skip
+                            "tools/convert_imageset.py, from its images) and say backend: LMDB", "backend")  # fmt: skip
         self.transformer = Transformer(self)
         self.path = find(p.source, self.source)
         database = self._database()

@@ -99,7 +99,7 @@ def get_pydot_graph(
     try:
         pydot = importlib.import_module("pydot")
     except ImportError as error:
-        raise NetlibError("pydot is missing: pip install '.[draw]'") from error
+        raise NetlibError("pydot is missing: pip install pydot") from error
     graph = pydot.Dot(_quoted(caffe_net.name or "Net"), graph_type="digraph", rankdir=rankdir)
     layers: dict[str, Any] = {}
     blobs: dict[str, Any] = {}

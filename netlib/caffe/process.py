@@ -39,10 +39,15 @@ def set_device(number: int) -> None:
 
 
 def init_log(level: int | None = None, stderr: bool = True) -> None:
-    """Send the log of nets and solvers to the standard error, from glog's level 0 (information) to 3 (fatal) on."""
+    """Send the log of nets and solvers to the standard error, from glog's level 0 (information) to 3 (fatal) on.
+
+    Lines are glog's, as Caffe's log parsers read them. Without it, only warnings are seen.
+    """
     _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
     if stderr and not _log.handlers:
-        _log.addHandler(logging.StreamHandler(sys.stderr))
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(notes.CaffeFormatter())
+        _log.addHandler(handler)
 
 
 def log(text: str) -> None:

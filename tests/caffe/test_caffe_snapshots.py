@@ -155,6 +155,15 @@ def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -
         assert netlib_wire.encode(schema.to_tree(schema.read(tree, cls)), cls) == data
 
 
+@pytest.mark.parametrize(("net", "weights"), [("net", "init"), ("net_shared", "init_shared")])
+def test_what_a_net_saves_is_caffes_own_file(solvers: Path, tmp_path: Path, net: str, weights: str) -> None:
+    """Loaded and saved again, every byte is what Caffe wrote of the same net."""
+    made = netlib.Net(f"{net}.prototxt", netlib.TRAIN)
+    made.copy_from(f"{weights}.caffemodel")
+    made.save(tmp_path / "ours.caffemodel")
+    assert (tmp_path / "ours.caffemodel").read_bytes() == Path(f"{weights}.caffemodel").read_bytes()
+
+
 def test_our_reader_of_binary_weights_is_right(solvers: Path) -> None:
     """It finds what the test's own few lines find."""
     for path in (Path("init.caffemodel"), Path("init_shared.caffemodel")):

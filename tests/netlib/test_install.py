@@ -95,3 +95,21 @@ def test_text_format_where_protobuf_is_missing(tmp_path: Path) -> None:
     code += "from google.protobuf import text_format\nfrom caffe.proto import caffe_pb2\n"
     code += "print(text_format.Merge('name: \"n\"', caffe_pb2.NetParameter()).name, text_format.__name__)"
     assert run(code, tmp_path) == "n netlib.caffe.proto.text_format"
+
+
+def test_a_script_as_it_is(tmp_path: Path) -> None:
+    """``python -m netlib.caffe script.py argument``: its own folder, arguments and name are those that it expects."""
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "helper.py").write_text("x = 7")
+    code = "import sys, caffe, helper\nif __name__ == '__main__': print(caffe.TEST, helper.x, sys.argv)\nsys.exit(3)"
+    (tmp_path / "scripts" / "script.py").write_text(code)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    for arguments, status, out in (
+        (["scripts/script.py", "a", "-b"], 3, "1 7 ['scripts/script.py', 'a', '-b']"),
+        (["none.py"], 1, ""),
+        ([], 2, "Run a script written for pycaffe as it is: python -m netlib.caffe SCRIPT [ARGUMENT ...]"),
+    ):
+        command = [sys.executable, "-m", "netlib.caffe", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert (done.returncode, done.stdout.strip()) == (status, out)
+        assert done.stderr == ("none.py: no such script\n" if status == 1 else "")

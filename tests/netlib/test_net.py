@@ -11,7 +11,7 @@ import pytest
 
 import netlib
 from netlib import prototxt
-from netlib.messages import NetState, NetStateRule
+from netlib.messages import NetState, NetStateRule, SolverParameter
 from netlib.net_parameter import load_parameter, meets
 
 MakeNet = Callable[..., netlib.Net]
@@ -155,13 +155,18 @@ def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
 
 
 def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of nets that have no seed of their own."""
-    monkeypatch.setattr(netlib.net, "_seed", None)
+    """Of nets and solvers that have no seed of their own; as in Caffe, each that is made gets other numbers."""
+    monkeypatch.setattr(netlib.net, "_seeds", None)
+    tree = prototxt.parse(X + ip("ip", "x", "y"))
+    options = SolverParameter(net_param=tree, base_lr=0.1, lr_policy="fixed")
     found = []
     for seed in (1, 1, 2):
         netlib.set_random_seed(seed)
-        found.append(netlib.Net(prototxt.parse(X + ip("ip", "x", "y")), netlib.TRAIN).params["ip"][0].data.tolist())
-    assert found[0] == found[1] != found[2]
+        nets = [netlib.Net(tree, netlib.TRAIN), netlib.Net(tree, netlib.TRAIN), netlib.Solver(options).net]
+        found.append([net.params["ip"][0].data.tolist() for net in nets])
+    assert found[0] == found[1]
+    assert all(one != two for one, two in zip(found[1], found[2]))
+    assert found[0][0] != found[0][1] != found[0][2]
 
 
 # ---------------------------------------------------------------------------------------------- running

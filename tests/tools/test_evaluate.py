@@ -141,7 +141,7 @@ def test_without_matplotlib(files, monkeypatch, capsys):
     """One line says how to get it; tables do without."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     assert run("A=near.txt", "--plot", "a.png") == 1
-    assert capsys.readouterr().err == "matplotlib is missing: pip install '.[tools]'\n"
+    assert capsys.readouterr().err == "matplotlib is missing: pip install matplotlib\n"
     assert run("A=near.txt") == 0
 
 

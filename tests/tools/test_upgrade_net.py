@@ -161,6 +161,15 @@ def test_mistakes(here, capsys, content, flags, message):
     assert not (here / "new").exists()
 
 
+@pytest.mark.parametrize("old", [V1, TODAY], ids=["V1", "today"])
+def test_a_typo_in_an_option_is_told(here, capsys, old):
+    """Also where no layer is built; and nothing is written."""
+    (here / "old").write_text(old.replace("kernel_size", "kernal_size"))
+    assert upgrade_net.main(["old", "new"]) == 1
+    assert "error: unknown field 'kernal_size' (did you mean 'kernel_size'?)" in capsys.readouterr().err
+    assert not (here / "new").exists()
+
+
 def test_files_that_cannot_be(here, capsys):
     """Not there to be read; not there to be written in."""
     assert upgrade_net.main(["old", "new"]) == 1

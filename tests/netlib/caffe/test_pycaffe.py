@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -245,8 +246,10 @@ def test_one_solver_in_one_process() -> None:
             call()
 
 
-def test_the_log(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
-    """glog's levels; a line of one's own."""
+def test_the_log(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """glog's levels and lines; a line of one's own."""
     logger = logging.getLogger("netlib")
     monkeypatch.setattr(logger, "handlers", [])
     level = logger.level
@@ -256,6 +259,7 @@ def test_the_log(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPat
     process.log("not heard")
     logger.setLevel(level)
     assert caplog.messages == ["100% mine"]
+    assert re.fullmatch(r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ process\.py:\d+\] 100% mine\n", capsys.readouterr().err)
 
 
 def test_a_timer() -> None:
