@@ -39,11 +39,11 @@ def option_blocks() -> dict[str, type]:
 
 def check_options(spec: LayerParameter) -> None:
     """Read the options blocks of a layer as the types that have them do. Raises PrototxtError at a mistake."""
+    _check_blocks(spec)
     blocks = option_blocks()
     for name, tree in spec.blocks.items():
-        if name not in blocks:
-            raise PrototxtError(tree.position, f"unknown field {name!r}{did_you_mean(name, blocks)}")
-        schema.read(tree, blocks[name], name)
+        if name in blocks:
+            schema.read(tree, blocks[name], name)
 
 
 def create(
@@ -69,13 +69,15 @@ def create(
         advice = did_you_mean(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
-    _check_blocks(spec, types)
+    _check_blocks(spec, own=block_name(cls, spec.type))
     return cls(spec, phase, rng, dtype)
 
 
-def _check_blocks(spec: LayerParameter, types: dict[str, type[Layer]]) -> None:
-    """An options block must belong to some layer type; Caffe, too, ignores those of other types."""
-    known = {block_name(cls, name) for name, cls in types.items()} | set(option_blocks())
+def _check_blocks(spec: LayerParameter, own: str = "") -> None:
+    """An options block must belong to some layer type; Caffe, too, ignores those of other types than its ``own``."""
+    if set(spec.blocks) <= {own}:
+        return
+    known = {block_name(cls, name) for name, cls in layer_types().items()} | set(option_blocks())
     tree = schema.tree_of(spec)
     for item in tree.fields if tree else []:
         if item.name in spec.blocks and item.name not in known:

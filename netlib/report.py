@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,14 @@ from netlib.blob import Array
 from netlib.net import Net
 
 log = logging.getLogger("netlib")
+
+
+def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
+    """What ``Net.copy_from`` left out: layers of the source, and layers of the net."""
+    for name in ignored:
+        log.info("Ignoring source layer %s", name)
+    for name in missing:
+        log.info("Not in %s, keeps its initial values: layer %s", source, name)
 
 
 def outputs(what: str, net: Net, values_of: Mapping[str, Array]) -> None:

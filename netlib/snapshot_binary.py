@@ -31,7 +31,7 @@ def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[A
     for spec, blobs in layers:
         tree = schema.to_tree(schema.changed(spec, blobs=()))
         values = [Field("blobs", binaryproto.tree_of(data, diff), tree.position) for data, diff in blobs]
-        tree = Message([f for f in tree.fields if f.name != "blobs"] + values, tree.position)
+        tree = Message(tree.fields + values, tree.position)
         fields.append(Field("layer", tree, tree.position))
     return _fitting(wire.encode(Message(fields, schema.position_of(None)), messages.NetParameter))
 

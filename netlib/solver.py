@@ -97,11 +97,7 @@ class Solver:
         """Start from these weights ("finetuning"). Raises WeightsError."""
         path = find(str(path), self.source)
         log.info("Finetuning from %s", path)
-        ignored, missing = self.net.copy_from(path)
-        for name in ignored:
-            log.info("Ignoring source layer %s", name)
-        for name in missing:
-            log.info("Not in %s, keeps its initial values: layer %s", path, name)
+        report.copied(path, *self.net.copy_from(path))
 
     # ------------------------------------------------------------------------------------------ training
 

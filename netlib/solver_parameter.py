@@ -29,10 +29,14 @@ def read(path: str | Path, **changes: Any) -> SolverParameter:
     return schema.changed(schema.read(prototxt.parse_file(path), SolverParameter, "solver"), **changes)
 
 
+def type_of(p: SolverParameter) -> str:
+    """The type of a solver; the ``solver_type`` of an older file counts."""
+    return p.type if p.solver_type is None else OLD_TYPES[p.solver_type]
+
+
 def checked(p: SolverParameter) -> SolverParameter:
     """The options with old names replaced; logs what is accepted but ignored. Raises PrototxtError at a mistake."""
-    if p.solver_type is not None:
-        p = schema.changed(p, type=OLD_TYPES[p.solver_type])
+    p = schema.changed(p, type=type_of(p))
     for field, message in _mistakes(p):
         raise PrototxtError(schema.position_of(p, field), message)
     if p.snapshot_diff and p.snapshot_format == "HDF5":

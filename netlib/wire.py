@@ -241,6 +241,11 @@ def _by_number(cls: type) -> dict[int, Known]:
     return {known.number: known for known in fields_of(cls)}
 
 
+@functools.cache
+def _by_name(cls: type) -> dict[str, Known]:
+    return {known.name: known for known in fields_of(cls)}
+
+
 # ---------------------------------------------------------------------------------------------- writing
 
 
@@ -253,7 +258,7 @@ def encode(message: Message, cls: type) -> bytes:
 
 
 def _parts(message: Message, cls: type) -> list[Bytes]:
-    known = {spec.name: spec for spec in fields_of(cls)}
+    known = _by_name(cls)
     found: dict[str, list[Field]] = {}
     for field in message.fields:
         if field.name not in known:

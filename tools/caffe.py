@@ -111,11 +111,7 @@ def train(args: argparse.Namespace, console: BarHandler) -> int:
 
 def test(net: Net, weights: str, iterations: int) -> int:
     """Log the outputs of each batch, and their means over all."""
-    ignored, missing = net.copy_from(weights)
-    for name in ignored:
-        log.info("Ignoring source layer %s", name)
-    for name in missing:
-        log.info("Not in %s, keeps its initial values: layer %s", weights, name)
+    report.copied(weights, *net.copy_from(weights))
     log.info("Running for %d iterations.", iterations)
     loss, sums = 0.0, {name: np.zeros(0) for name in net.outputs}
     for i in range(iterations):

@@ -309,5 +309,5 @@ _CLASSES = {cls.update_rule: cls for cls in (SGDSolver, NesterovSolver, AdaGradS
 
 def get_solver(solver_file: str | Path, **options: Any) -> Solver:
     """The solver of a prototxt file, of the class that its ``type`` names. Raises NetlibError."""
-    kind = solver_parameter.checked(solver_parameter.read(solver_file)).type
-    return _CLASSES[kind](solver_file, **options)
+    kind = solver_parameter.type_of(solver_parameter.read(solver_file))
+    return _CLASSES.get(kind, Solver)(solver_file, **options)

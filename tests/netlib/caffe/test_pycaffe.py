@@ -172,6 +172,14 @@ def test_the_class_of_a_solver() -> None:
     assert isinstance(pycaffe.SGDSolver("solver.prototxt").net, pycaffe.Net)
 
 
+def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    """The file is looked at for its type, then read for its options."""
+    caplog.set_level(logging.INFO, "netlib")
+    Path("gpu.prototxt").write_text(SOLVER + " solver_mode: GPU")
+    pycaffe.get_solver("gpu.prototxt")
+    assert caplog.messages.count("solver_mode: GPU is accepted, but this runs on the CPU") == 1
+
+
 def test_an_update_by_hand() -> None:
     """w <- w - lr dw."""
     solver = pycaffe.SGDSolver("solver.prototxt")
