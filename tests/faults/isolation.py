@@ -68,6 +68,7 @@ class Worker:
         self.limit_s = limit_s
         self._folder = tempfile.TemporaryDirectory(prefix="faults.")
         self._child: subprocess.Popen[bytes] | None = None
+        self._children = 0
 
     def __enter__(self) -> Worker:
         return self
@@ -91,7 +92,7 @@ class Worker:
             return Outcome(*json.loads(answer))
         status = child.wait()
         died = f"by {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
-        said = (Path(self._folder.name) / "stderr").read_text(errors="replace").strip().splitlines()[-1:]
+        said = (self._place / "stderr").read_text(errors="replace").strip().splitlines()[-1:]
         self._end()
         return Outcome("CRASH", " ".join([f"the process ended {died}", *said])[:300])
 
@@ -99,10 +100,13 @@ class Worker:
         readable, writable = os.pipe()
         self._answers = os.fdopen(readable, "rb", buffering=0)
         environment = {**os.environ, "NETLIB_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-        with open(Path(self._folder.name) / "stderr", "wb") as stderr:
+        self._children += 1
+        self._place = Path(self._folder.name) / str(self._children)
+        self._place.mkdir()
+        with open(self._place / "stderr", "wb") as stderr:
             self._child = subprocess.Popen(
                 [sys.executable, "-m", "tests.faults.isolation", str(writable)], stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL, stderr=stderr, pass_fds=[writable], cwd=self._folder.name, env=environment,
+                stdout=subprocess.DEVNULL, stderr=stderr, pass_fds=[writable], cwd=self._place, env=environment,
                 start_new_session=True,
             )  # fmt: skip
         os.close(writable)
@@ -127,11 +131,16 @@ def outcome_of(module: str, name: str, seed: int, number: int) -> Outcome:
     try:
         outcome: Outcome = importlib.import_module(module).case(name, seed, number)
         return outcome
-    except BrokenPromise as error:
-        return Outcome(error.kind, str(error)[:500])
     except BaseException as error:  # SystemExit, too: a reader must not end the process
-        said = " ".join(str(error).split())[:160]
-        return Outcome("TRACEBACK", f"{type(error).__name__} at {_place(error)}: {said}")
+        return outcome_of_error(error)
+
+
+def outcome_of_error(error: BaseException) -> Outcome:
+    """The failure that an exception is."""
+    if isinstance(error, BrokenPromise):
+        return Outcome(error.kind, str(error)[:500])
+    said = " ".join(str(error).split())[:160]
+    return Outcome("TRACEBACK", f"{type(error).__name__} at {_place(error)}: {said}")
 
 
 def _place(error: BaseException) -> str:
