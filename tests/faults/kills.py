@@ -15,7 +15,7 @@ def case(name: str, seed: int, number: int) -> Outcome:
     """Kill the run before its file event ``number`` (from 0 on), and run again; over when it makes fewer."""
     before = runs.undisturbed(name)
 
-    def kill(event: int, what: str) -> None:
+    def kill(event: int, what: str, path: str | None) -> None:
         if event == number + 1:
             os.kill(os.getpid(), signal.SIGKILL)
 

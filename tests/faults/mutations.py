@@ -98,7 +98,11 @@ def integer(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     at = rng.randrange((places - size) // size + 1) * size
     number = rng.choice(INTERESTING) + rng.choice((0, 0, -1, 1))
     order = rng.choice(("<", "<", "<", ">"))
-    return content[:at] + struct.pack(f"{order}{'Q' if size == 8 else 'I'}", number % 2 ** (8 * size)) + content[at + size :]
+    return (
+        content[:at]
+        + struct.pack(f"{order}{'Q' if size == 8 else 'I'}", number % 2 ** (8 * size))
+        + content[at + size :]
+    )
 
 
 def nothing_or_noise(content: bytes, donor: bytes, rng: random.Random) -> bytes:
@@ -125,8 +129,9 @@ NUMBERS = (
     "9" * 5000, "-" + "9" * 5000, "0." + "3" * 5000,
 )  # fmt: skip
 NAMES = (
-    b"", b"a\nb", b"\x1b[2J\x1b[31mred", b"nul\0nul", b"\xff\xfe\x80", b"x" * 5000, b"a" * 300, b"../../x", b"/dev/null",
-    b"%s%n%d{0}", b"\xe2\x80\xaeright to left", b"\\", b"'", b'"', b"a/b/c", b".", b"..", b"\r", b"\xf0\x9f\x91\x8b",
+    b"", b"a\nb", b"\x1b[2J\x1b[31mred", b"nul\0nul", b"\xff\xfe\x80", b"x" * 5000, b"a" * 300, b"../../x",
+    b"/dev/null", b"%s%n%d{0}", b"\xe2\x80\xaeright to left", b"\\", b"'", b'"', b"a/b/c", b".", b"..",
+    b"\r", b"\xf0\x9f\x91\x8b",
 )  # fmt: skip
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _NAME = re.compile(rb'"[^"\n]*"')
@@ -152,7 +157,11 @@ def strange_name(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     name = rng.choice(NAMES)
     if rng.random() < 0.5:
         name = b"".join(b"\\%03o" % byte for byte in name)  # as the text format writes it
-    return _replace_one(_NAME, content, b'"' + name + b'"', rng) if _NAME.search(content) else _replace_one(_WORD, content, name, rng)
+    return (
+        _replace_one(_NAME, content, b'"' + name + b'"', rng)
+        if _NAME.search(content)
+        else _replace_one(_WORD, content, name, rng)
+    )
 
 
 def another_word(content: bytes, donor: bytes, rng: random.Random) -> bytes:
@@ -201,15 +210,17 @@ def other_encoding(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     text = content.decode("utf-8", "replace")
     return rng.choice((
         b"\xef\xbb\xbf" + content, content.replace(b"\n", b"\r\n"), content.replace(b"\n", b"\r"),
-        text.encode("utf-16"), text.encode("utf-16-le"), text.encode("utf-32"), content + b"\x1a", content + b"\0" * 100,
-        content.replace(b"e", "é".encode("latin-1"), 1),
+        text.encode("utf-16"), text.encode("utf-16-le"), text.encode("utf-32"), content + b"\x1a",
+        content + b"\0" * 100, content.replace(b"e", "é".encode("latin-1"), 1),
     ))  # fmt: skip
 
 
 def long_line(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     """A very long line, or very many short ones."""
     at = rng.randrange(len(content) + 1)
-    return content[:at] + rng.choice((b"x", b" 1", b"\n", b'"a" ', b"# ", b"7")) * rng.choice((1000, 30000)) + content[at:]
+    return (
+        content[:at] + rng.choice((b"x", b" 1", b"\n", b'"a" ', b"# ", b"7")) * rng.choice((1000, 30000)) + content[at:]
+    )
 
 
 def _replace_one(pattern: re.Pattern[bytes], content: bytes, new: bytes, rng: random.Random) -> bytes:
@@ -221,8 +232,8 @@ def _replace_one(pattern: re.Pattern[bytes], content: bytes, new: bytes, rng: ra
 
 
 TEXT: tuple[Damage, ...] = (
-    extreme_number, extreme_number, extreme_number, several_numbers, strange_name, strange_name, another_word, lost_mark,
-    repeated_block, deep_nesting, lines_moved, other_encoding, long_line,
+    extreme_number, extreme_number, extreme_number, several_numbers, strange_name, strange_name, another_word,
+    lost_mark, repeated_block, deep_nesting, lines_moved, other_encoding, long_line,
 )  # fmt: skip
 
 

@@ -124,7 +124,8 @@ def _prepared(name: str) -> tuple[Reader, _Good, set[str]]:
         contents = {file: Path(file).read_bytes() for file in files}
     expected = set()
     for file in files:
-        with _copied(folder):
+        with _copied(folder), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             expected.add(digest(reader.read(Path(file))))
     return reader, _Good(folder, files, contents), expected
 
@@ -258,7 +259,9 @@ def make_nets() -> list[str]:
             for i, shape in enumerate(shapes)
         )
         ends = [f'bottom: "x{i}"' for i in range(len(shapes))] + [f'top: "y{i}"' for i in range(more.get("tops", 1))]
-        files.append(put(f"{kind}.prototxt", f'{text}layer {{ name: "l" type: "{kind}" {" ".join(ends)} {options} }}\n'))
+        files.append(
+            put(f"{kind}.prototxt", f'{text}layer {{ name: "l" type: "{kind}" {" ".join(ends)} {options} }}\n')
+        )
     return files
 
 
@@ -441,7 +444,9 @@ def make_hdf5() -> list[str]:
     """Rows in one piece, in compressed chunks, and behind a link; the list of the files."""
     put_rows("a.h5", 1, data=(5, 2, 3), label=(5,))
     with h5py.File("b.h5", "w") as file:
-        file.create_dataset("data", data=np.ones((40, 2, 3), np.float32), chunks=(8, 2, 3), compression="gzip", shuffle=True)
+        file.create_dataset(
+            "data", data=np.ones((40, 2, 3), np.float32), chunks=(8, 2, 3), compression="gzip", shuffle=True
+        )
         file.create_dataset("label", data=np.arange(40, dtype=np.int64), maxshape=(None,))
     with h5py.File("c.h5", "w", libver="latest") as file:
         file["group/deep"] = np.zeros((3, 2, 3), np.float16)
@@ -476,7 +481,7 @@ def make_pictures() -> list[str]:
              put_picture("d.bmp", (12, 16, 3)), put_picture("e.png", (12, 16, 4))]  # fmt: skip
     write_blob(Path("mean.binaryproto"), np.full((1, 3, 12, 16), 100, np.float32))
     put("net.prototxt", 'layer { name: "d" type: "ImageData" top: "x" top: "t" image_data_param { source: "list.txt" '
-                        'batch_size: 5 } transform_param { mean_file: "mean.binaryproto" crop_size: 8 mirror: true } }')  # fmt: skip
+        'batch_size: 5 } transform_param { mean_file: "mean.binaryproto" crop_size: 8 mirror: true } }')  # fmt: skip
     listed = "".join(f"{name} {i}\n" for i, name in enumerate(files))
     return [*files, put("list.txt", listed), "mean.binaryproto"]
 
@@ -784,8 +789,16 @@ def read_components(path: Path) -> Any:
 
 def make_parts() -> list[str]:
     """A data set of one part, with the list that names it; frames that are two pictures and a missing one."""
+    make_frames()
     _prepare()
     return ["out/test_000.h5", "out/test.txt", "out/bad_test.txt", "1.png"]
+
+
+def make_frames() -> None:
+    """Two of the three frames of a data set."""
+    Path("out").mkdir()
+    for i in range(2):
+        put_picture(f"{i}.png", (48, 64, 3), seed=i)
 
 
 def _prepare() -> Any:
@@ -794,10 +807,6 @@ def _prepare() -> Any:
     from handpose.data.published_frames import PublishedFrames
     from handpose.facts.cameras import Camera
 
-    Path("out").mkdir(exist_ok=True)
-    if not Path("0.png").exists():
-        for i in range(2):
-            put_picture(f"{i}.png", (48, 64, 3), seed=i)
     joints = np.zeros((3, 31, 3)) + (0, 0, 700)
     camera = Camera("own", 60, 60, 32, 24, 64, 48)
     frames = PublishedFrames(
@@ -838,7 +847,7 @@ READERS: tuple[Reader, ...] = (
     Reader("resume older", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"), make_old_state, read_pair),
     Reader("errors of a network", ("handpose/fitting/depth/network_errors.py",), make_fit, read_fit),
     Reader("packaged model", ("handpose/predicting/packaged.py",), make_card, read_packaged, exact=True),
-    Reader("data hdf5", ("netlib/hdf5.py",), make_hdf5, read_batches),
+    Reader("data hdf5", ("netlib/hdf5.py", "layers/data/hdf5_data.py"), make_hdf5, read_batches),
     Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/binaryproto.py"),
            make_pictures, read_batches),
     Reader("data windows", ("layers/data/window_data.py", "layers/data/images.py"), make_windows, read_batches),
@@ -852,11 +861,13 @@ READERS: tuple[Reader, ...] = (
     Reader("nyu annotation", ("handpose/data/nyu_files.py",), make_nyu, read_nyu),
     Reader("icvl labels", ("handpose/data/icvl_files.py",), make_icvl, read_icvl),
     Reader("centres", ("handpose/data/published_frames.py",), make_centers, read_centers),
-    Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/hdf5.py"), make_predictions, read_predictions),
+    Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/hdf5.py"),
+           make_predictions, read_predictions),
     Reader("log", ("tools/plot_log.py",), make_logs, read_log),
     Reader("examples", ("handpose/data/examples.py",), make_examples, read_examples),
-    Reader("labels", ("netlib/hdf5.py",), make_labels, read_labels),
-    Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"), make_companions, read_companions),
+    Reader("labels", ("netlib/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
+    Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
+           make_companions, read_companions),
     Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
     Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/atomic.py"),
            make_parts, read_parts),

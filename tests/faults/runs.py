@@ -8,6 +8,7 @@ A run is forked from a process that has done nothing yet but import, so hundreds
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import os
 import re
@@ -42,20 +43,21 @@ class Run:
 
     prepare  what is there before
     run      the run itself; a second one goes on where the first was stopped. Returns the result
-    check    what must hold after any interruption, before the second run; given what ``run`` returns if nothing happens
+    check    what must hold after any interruption, before the second run; it is given the digest of what ``run``
+             returns if nothing happens
     """
 
     name: str
     prepare: Callable[[], Any]
     run: Callable[[], Any]
-    check: Callable[[Any], None] = lambda result: None
+    check: Callable[[str], None] = lambda result: None
 
 
-def train(layout: str) -> Any:
+def train() -> Any:
     """Train to the end, from the last state if there is one, as a user would."""
     solver = netlib.get_solver("solver.prototxt", seed=3)
     solver.solve(last_state())
-    return [readers.parameters(solver), list(solver.smoothed)]
+    return readers.everything(solver)
 
 
 def last_state() -> Path | None:
@@ -64,7 +66,7 @@ def last_state() -> Path | None:
     return found[max(found)] if found else None
 
 
-def check_states(result: Any) -> None:
+def check_states(result: str) -> None:
     """Every state that has a name can be restored."""
     for path in Path().glob("s_iter_*.solverstate*"):
         netlib.get_solver("solver.prototxt").restore(path)
@@ -73,7 +75,7 @@ def check_states(result: Any) -> None:
 def make_old_pair(layout: str) -> None:
     """A pair of another training stands where the run will write its own."""
     readers.make_solver(layout)
-    Path("old.txt").write_text(json.dumps(digest(_two_iterations(0.01))))
+    Path("old.txt").write_text(digest(_two_iterations(0.01)))
 
 
 def overwrite_pair() -> Any:
@@ -87,14 +89,14 @@ def _two_iterations(base_lr: float) -> Any:
     return readers.parameters(solver)
 
 
-def check_old_or_new(result: Any) -> None:
+def check_old_or_new(result: str) -> None:
     """Under its names stands the old pair or the new one, whole."""
     path = next(Path().glob("s_iter_2.solverstate*"), None)
     if path is None:
         raise BrokenPromise("LOST", "no state under its name, neither old nor new")
     solver = netlib.get_solver("solver.prototxt")
     solver.restore(path)
-    if digest(readers.parameters(solver)) not in (json.loads(Path("old.txt").read_text()), digest(result)):
+    if digest(readers.parameters(solver)) not in (Path("old.txt").read_text(), result):
         raise BrokenPromise("LOST", "neither the old pair nor the new one")
 
 
@@ -113,7 +115,7 @@ def make_old_weights() -> None:
         netlib.Net("vision.prototxt", netlib.TRAIN, seed=1).save(name)
 
 
-def check_weights(result: Any) -> None:
+def check_weights(result: str) -> None:
     """They can be read."""
     for name in ("vision.caffemodel", "vision.caffemodel.h5"):
         netlib.Net("vision.prototxt", netlib.TRAIN).copy_from(name, strict=True)
@@ -121,6 +123,7 @@ def check_weights(result: Any) -> None:
 
 def make_texts() -> None:
     """An old file of each kind."""
+    readers.put("vision.prototxt", readers.VISION)
     write_texts("old")
 
 
@@ -132,7 +135,6 @@ def write_texts(word: str = "new") -> Any:
     from tools import pictures
 
     value = {"old": 1, "new": 2}[word]
-    readers.put("vision.prototxt", readers.VISION)
     atomic.replace_text(Path("text.txt"), word * 1000)
     write_blob(np.full((1, 3, 4, 5), value, np.float32), "mean.binaryproto")
     pictures.write_image("picture.png", np.full((8, 8, 3), value, np.uint8))
@@ -142,7 +144,7 @@ def write_texts(word: str = "new") -> Any:
     return value
 
 
-def check_texts(result: Any) -> None:
+def check_texts(result: str) -> None:
     """Each is the old one or the new one."""
     if Path("text.txt").read_text() not in ("old" * 1000, "new" * 1000):
         raise BrokenPromise("LOST", "text.txt is neither old nor new")
@@ -180,15 +182,14 @@ def fit_companions() -> Any:
 
 
 RUNS: tuple[Run, ...] = (
-    Run("training hdf5", functools.partial(readers.make_solver, "HDF5"), functools.partial(train, "HDF5"), check_states),
-    Run("training binary", functools.partial(readers.make_solver, "BINARYPROTO"),
-        functools.partial(train, "BINARYPROTO"), check_states),
+    Run("training hdf5", functools.partial(readers.make_solver, "HDF5"), train, check_states),
+    Run("training binary", functools.partial(readers.make_solver, "BINARYPROTO"), train, check_states),
     Run("old pair hdf5", functools.partial(make_old_pair, "HDF5"), overwrite_pair, check_old_or_new),
     Run("old pair binary", functools.partial(make_old_pair, "BINARYPROTO"), overwrite_pair, check_old_or_new),
     Run("weights", make_old_weights, write_weights, check_weights),
     Run("texts and pictures", make_texts, write_texts, check_texts),
     Run("database", make_database, write_database),
-    Run("prepared data", lambda: None, prepare_data),
+    Run("prepared data", readers.make_frames, prepare_data),
     Run("companions", readers.make_labels, fit_companions),
 )  # fmt: skip
 
@@ -226,9 +227,14 @@ def undisturbed(name: str) -> Undisturbed:
         status, _ = forked(run.prepare)
         Path(FOREIGN).touch()
     with readers._copied(folder):
-        status, result = forked(lambda: digest(run.run()))
-        if status or not isinstance(result, str):
-            raise BrokenPromise("BROKEN", f"{name}: ends with {status} when nothing happens: {result}")
+        status, answer = forked(lambda: " ".join([digest(run.run()), *sys.modules]))
+        if status or not isinstance(answer, str):
+            raise BrokenPromise("BROKEN", f"{name}: ends with {status} when nothing happens: {answer}")
+        result, *modules = answer.split()
+        netlib.layer_type_list()
+        for module in modules:  # imported here once, not in every child again
+            if module.split(".")[0] in ("netlib", "layers", "fast", "handpose", "tools"):
+                importlib.import_module(module)
         return Undisturbed(run, folder, result, names())
 
 
@@ -237,31 +243,22 @@ def names() -> list[str]:
     return sorted(str(path) for path in Path().rglob("*"))
 
 
-def finish(before: Undisturbed, what: str) -> None:
-    """The second run must end as if nothing had happened, and leave nothing behind but what it should."""
-    status, checked = forked(lambda: check_now(before))
+def finish(before: Undisturbed, what: str, may_stay: str = "") -> None:
+    """The second run must end as if nothing had happened, and leave nothing behind but what it should.
+
+    ``may_stay`` is a pattern of names that may be there all the same.
+    """
+    status, checked = forked(lambda: before.run.check(before.result))
     expect_good(status, checked, f"right after {what}")
     status, result = forked(lambda: digest(before.run.run()))
     expect_good(status, result, f"the next run after {what}")
     if result != before.result:
         raise BrokenPromise("SILENT", f"the next run after {what} ends with another result")
-    if extra := set(names()) - set(before.names):
-        raise BrokenPromise("LEFT", f"after {what} and the next run there is still {sorted(extra)[0]}")
+    extra = sorted(set(names()) - set(before.names))
+    if left := [name for name in extra if not may_stay or not re.fullmatch(may_stay, name)]:
+        raise BrokenPromise("LEFT", f"after {what} and the next run there is still {left[0]}")
     if missing := set(before.names) - set(names()):
         raise BrokenPromise("LOST", f"after {what} and the next run there is no {sorted(missing)[0]}")
-
-
-def check_now(before: Undisturbed) -> str:
-    """What must hold between the two runs; the undisturbed result is made again where the check needs it."""
-    if before.run.check is not check_old_or_new:
-        before.run.check(None)
-        return "held"
-    here = Path.cwd()
-    with readers._copied(before.folder):
-        result = before.run.run()
-    os.chdir(here)
-    check_old_or_new(result)
-    return "held"
 
 
 def expect_good(status: int, answer: Any, what: str) -> None:
@@ -269,7 +266,7 @@ def expect_good(status: int, answer: Any, what: str) -> None:
     if status < 0:
         raise BrokenPromise("CRASH", f"{what}: ended by {signal.Signals(-status).name}")
     if isinstance(answer, list):
-        raise BrokenPromise(*answer[:1], f"{what}: {answer[1]}")
+        raise BrokenPromise(answer[0].upper(), f"{what}: {answer[1]}")
 
 
 # ---------------------------------------------------------------------------------------------- children and events
@@ -286,20 +283,12 @@ def forked(
     readable, writable = os.pipe()
     child = os.fork()
     if child == 0:
-        os.close(readable)
-        status, answer = 0, None
+        status = 99
         try:
-            answer = function()
-            if isinstance(answer, int):
-                status, answer = answer, None
-        except (NetlibError, OSError) as error:
-            status, answer = 1, ["refused", str(error)]
-        except BaseException as error:
-            found = outcome_of_error(error)
-            status, answer = 1, [found.kind, found.detail]
-        with os.fdopen(writable, "w") as out:
-            json.dump(answer if isinstance(answer, (str, list)) else None, out)
-        os._exit(status)
+            status, answer = _answered(function)
+            os.write(writable, json.dumps(answer).encode())
+        finally:  # whatever happens, a child never goes on as its parent
+            os._exit(status)
     os.close(writable)
     meanwhile(child)
     with os.fdopen(readable) as answers:
@@ -308,32 +297,54 @@ def forked(
     return status, json.loads(text) if text else None
 
 
+def _answered(function: Callable[[], Any]) -> tuple[int, str | list[str] | None]:
+    """The exit status and the answer of a child."""
+    try:
+        answer = function()
+    except NetlibError as error:
+        return 1, ["refused", str(error)]
+    except OSError as error:  # what tools/console.py makes of it, if there is a name to say
+        kind = "refused" if error.filename else "UNCLEAR"
+        return 1, [kind, f"{error.filename}: {error.strerror}" if error.filename else f"{error} without a name"]
+    except BaseException as error:
+        found = outcome_of_error(error)
+        return 1, [found.kind, found.detail]
+    return 0, answer if isinstance(answer, str) else None
+
+
 CREATING = ("open", "os.mkdir", "os.link", "os.symlink", "fsync", "fallocate", "H5Fcreate", "os.truncate")
 EVENTS = (*CREATING, "os.rename", "os.remove", "os.rmdir", "fcntl.flock", "fcntl.lockf")
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 
-def at_events(action: Callable[[int, str], None]) -> None:
-    """From now on call ``action(number, event)`` before everything that changes files; for a forked child only."""
+def at_events(action: Callable[[int, str, str | None], None]) -> None:
+    """From now on call ``action(number, event, path)`` before all that changes files; for a forked child only."""
     done = 0
 
-    def happens(event: str, arguments: tuple[Any, ...] = ()) -> None:
+    def happens(event: str, arguments: tuple[Any, ...]) -> None:
         nonlocal done
-        if event not in EVENTS or "__pycache__" in str(arguments[:1]) or str(arguments[:1]).startswith("('/dev/"):
+        if event not in EVENTS:
             return
-        if event == "open" and not (arguments[2] or 0) & _WRITING:
+        if event == "open" and (isinstance(arguments[0], int) or not (arguments[2] or 0) & _WRITING):
+            return
+        path = os.fsdecode(arguments[0]) if arguments and isinstance(arguments[0], (str, bytes, os.PathLike)) else None
+        if path and ("__pycache__" in path or path.startswith(("/dev/", "<_io"))):  # "<_io": HDF5 in memory
             return
         done += 1
-        action(done, event)
+        action(done, event, path)
 
-    for module, name, event in ((os, "fsync", "fsync"), (os, "posix_fallocate", "fallocate"), (h5py.h5f, "create", "H5Fcreate")):
+    for module, name, event in (
+        (os, "fsync", "fsync"),
+        (os, "posix_fallocate", "fallocate"),
+        (h5py.h5f, "create", "H5Fcreate"),
+    ):
         setattr(module, name, _told(getattr(module, name), functools.partial(happens, event)))
     sys.addaudithook(happens)
 
 
-def _told(function: Callable[..., Any], tell: Callable[[], None]) -> Callable[..., Any]:
+def _told(function: Callable[..., Any], tell: Callable[[tuple[Any, ...]], None]) -> Callable[..., Any]:
     def told(*arguments: Any, **named: Any) -> Any:
-        tell()
+        tell(arguments)
         return function(*arguments, **named)
 
     return told
