@@ -19,9 +19,9 @@ def case(name: str, seed: int, number: int) -> Outcome:
         if event == number + 1:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    def killed() -> object:
+    def killed() -> None:
         runs.at_events(kill)
-        return before.run.run() and None
+        before.run.run()
 
     with readers._copied(before.folder):
         status, answer = runs.forked(killed)

@@ -48,7 +48,7 @@ class Reader:
     """A row of the table.
 
     name     of the reader
-    modules  the files of this project that open what it reads
+    modules  the files of this project that open what it reads; none if it is given bytes
     make     makes good files in the working directory; returns those that will be damaged
     read     reads, with one of them damaged; returns what was read. Raises NetlibError
     exact    a checksum says whether the content is what was written
@@ -766,7 +766,8 @@ def _fit_companion() -> Any:
     from handpose.fitting import companions
     from layers.hand import skeleton
 
-    os.utime("part.h5", ns=(10**18, 10**18))  # a companion remembers of which moment its file was
+    with contextlib.suppress(OSError):
+        os.utime("part.h5", ns=(10**18, 10**18))  # a companion remembers of which moment its file was
     return companions.fit_list([Path("part.h5")], Path("angles"), "list.txt", skeleton.load(), starts=1)
 
 
