@@ -10,12 +10,13 @@ to the logger "netlib"; tools/train.py gives it Caffe's time stamps.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ import numpy as np
 from netlib import engine as engines
 from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
 from netlib.blob import Array
-from netlib.errors import DivergenceError
+from netlib.errors import DataError, DivergenceError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
@@ -106,14 +107,24 @@ class Solver:
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
-        if p.snapshot or p.snapshot_after_train:
-            snapshot.probe_directory(self.prefix)
-            if p.snapshot_format == "HDF5":
-                snapshot_hdf5.check_names(weights.owned(self.net))
-            extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
+        with contextlib.ExitStack() as stack:
+            if p.snapshot or p.snapshot_after_train:
+                stack.enter_context(snapshot.prefix_in_use(self.prefix))
+                if p.snapshot_format == "HDF5":
+                    snapshot_hdf5.check_names(weights.owned(self.net))
+                extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
+            return self._solve(resume)
+
+    def _solve(self, resume: str | Path | None) -> bool:
+        p = self.param
         if resume is not None:
             self.restore(resume)
-        finished = self.step(p.max_iter - self.iter)
+        try:
+            finished = self.step(p.max_iter - self.iter)
+        except DataError:
+            if p.snapshot_after_train and self._saved_iter != self.iter:
+                self.snapshot()  # what was learned is not lost with the data
+            raise
         if (
             p.snapshot_after_train
             and not (p.snapshot and self.iter % p.snapshot == 0)
@@ -168,9 +179,10 @@ class Solver:
     def _forward_backward(self) -> float:
         """Sum the gradients of iter_size batches; returns the mean loss."""
         total = 0.0
-        for _ in range(self.param.iter_size):
-            total += self._finite(self.net.run_forward())
-            self.net.run_backward()
+        with _whole_or_undone(self.net):
+            for _ in range(self.param.iter_size):
+                total += self._finite(self.net.run_forward())
+                self.net.run_backward()
         return total / self.param.iter_size
 
     def _finite(self, loss: float) -> float:
@@ -255,13 +267,17 @@ class Solver:
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
         sums: dict[str, Any] = {}
         loss = 0.0
-        for _ in range(batches):
-            loss += net.run_forward()
-            for name in net.outputs:
-                sums[name] = sums.get(name, 0.0) + net.blobs[name].data.astype(np.float64).reshape(-1)
-            if self.requested == "stop":
-                log.info("Test interrupted.")
-                return {}
+        try:
+            with _whole_or_undone(net):
+                for _ in range(batches):
+                    loss += net.run_forward()
+                    for name in net.outputs:
+                        sums[name] = sums.get(name, 0.0) + net.blobs[name].data.astype(np.float64).reshape(-1)
+                    if self.requested == "stop":
+                        raise _InterruptedError
+        except _InterruptedError:
+            log.info("Test interrupted.")
+            return {}
         if not np.isfinite(loss):
             where = net.first_not_finite() or "its loss alone"
             log.error("Test net (#%d) has a value that is not finite: %s", number, where)
@@ -309,6 +325,21 @@ class Solver:
         """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""
         restore_state(self, path)
         self._saved_iter = self.iter
+
+
+class _InterruptedError(Exception):
+    """A test is to stop."""
+
+
+@contextlib.contextmanager
+def _whole_or_undone(net: Net) -> Iterator[None]:
+    """What fails for want of data, or is interrupted, leaves data positions and random numbers as they were."""
+    before = net.layer_states()
+    try:
+        yield
+    except (DataError, _InterruptedError):
+        net.restore_layer_states(before)
+        raise
 
 
 def get_solver(path: str | Path, seed: int | None = None, engine: str | None = None, **changes: Any) -> Solver:

@@ -25,6 +25,7 @@ import numpy as np
 
 from layers.data.image_data import read_list
 from layers.data.images import decode_image, planes, read_image, resize_image
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.messages import Datum
@@ -104,7 +105,7 @@ def _file_of(path: Path, image: Array, kind: str, args: argparse.Namespace) -> b
     """The bytes of the file itself, if it is of that type and the picture as it is wanted; else a new file's."""
     own = {"jpeg": "jpg"}.get(path.suffix[1:].lower(), path.suffix[1:].lower())
     if own == {"jpeg": "jpg"}.get(kind.lower(), kind.lower()) and not args.resize_height:
-        content = path.read_bytes()
+        content = files.read_bytes(path, "the image")
         if not args.gray or decode_image(content, None, str(path)).shape[2] == 1:
             return content
     try:

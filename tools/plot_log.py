@@ -16,14 +16,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from netlib.errors import DataError, reason_of
+from netlib import files
+from netlib.errors import DataError
 from tools import pictures
 from tools.arguments import parser_of
 from tools.console import DONE, guarded
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|nan|inf))"
-_ITERATION = re.compile(r"Iteration (\d+)")
-_LOSS = re.compile(rf"Iteration (\d+)(?: \(.*\))?, loss = {_NUMBER}")
+_ITERATION = re.compile(r"Iteration (\d{1,15})\b")
+_LOSS = re.compile(rf"Iteration (\d{{1,15}})(?: \([^()]*\))?, loss = {_NUMBER}")
 _OUTPUT = re.compile(rf"(Train|Test) net output #\d+: (\S+) = {_NUMBER}")
 
 Curve = list[tuple[int, float]]
@@ -58,10 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
 def read_log(path: str | Path) -> Log:
     """Parse a log. Raises DataError if it cannot be read or has no iteration in it."""
-    try:
-        text = Path(path).read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the log: {reason_of(error)}") from error
+    text = files.read_text(path, "the log", errors="replace")
     log, iteration = Log(), 0
     for line in text.splitlines():
         if found := _LOSS.search(line):

@@ -67,7 +67,7 @@ def write_fit(path: Path, found: AbsoluteFit, index: NDArray[np.int_]) -> None:
     """Write angles and residuals to an HDF5 file, whole or not at all; ``index`` (N,) are the numbers of the frames."""
 
     def fill(temporary: Path) -> None:
-        with h5py.File(temporary, "w") as file:
+        with h5py.File(temporary, "w", locking=False) as file:
             file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm
             file["index"], file["center"], file["half_cube"] = index, found.center, found.half_cube
             file.attrs["description"] = DESCRIPTION

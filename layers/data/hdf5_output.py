@@ -62,7 +62,7 @@ class HDF5Output(Layer):
                             "as in Caffe: run one iteration, with a batch of all items", "file_name")  # fmt: skip
 
         def fill(path: Path) -> None:
-            with h5py.File(path, "w") as file:
+            with h5py.File(path, "w", locking=False) as file:
                 for name, x in zip(NAMES, bottom):
                     file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
 
