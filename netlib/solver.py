@@ -16,7 +16,7 @@ import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -148,13 +148,16 @@ class Solver:
         self._lap = (self.iter, time.perf_counter())
         for _ in range(iterations):
             self.net.clear_param_diffs()
-            if self._test_is_due():
-                self.test_all()
-                if self.requested == "stop":
-                    return self._stop()
-            for on_start, _ in self.callbacks:
-                on_start()
-            loss = self._forward_backward()
+            test = self._test_is_due()
+            with _undone_if_cut_short([self.net, *self.test_nets] if test else [self.net]) as undo:
+                if test:
+                    self.test_all()
+                    if self.requested == "stop":
+                        undo()  # a resume makes the tests of this iteration again, from the same rows on
+                        return self._stop()
+                for on_start, _ in self.callbacks:
+                    on_start()
+                loss = self._forward_backward()
             self.smoothed.append(loss)
             if self._display_is_due():
                 self._display()
@@ -179,10 +182,9 @@ class Solver:
     def _forward_backward(self) -> float:
         """Sum the gradients of iter_size batches; returns the mean loss."""
         total = 0.0
-        with _whole_or_undone(self.net):
-            for _ in range(self.param.iter_size):
-                total += self._finite(self.net.run_forward())
-                self.net.run_backward()
+        for _ in range(self.param.iter_size):
+            total += self._finite(self.net.run_forward())
+            self.net.run_backward()
         return total / self.param.iter_size
 
     def _finite(self, loss: float) -> float:
@@ -267,17 +269,13 @@ class Solver:
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
         sums: dict[str, Any] = {}
         loss = 0.0
-        try:
-            with _whole_or_undone(net):
-                for _ in range(batches):
-                    loss += net.run_forward()
-                    for name in net.outputs:
-                        sums[name] = sums.get(name, 0.0) + net.blobs[name].data.astype(np.float64).reshape(-1)
-                    if self.requested == "stop":
-                        raise _InterruptedError
-        except _InterruptedError:
-            log.info("Test interrupted.")
-            return {}
+        for _ in range(batches):
+            loss += net.run_forward()
+            for name in net.outputs:
+                sums[name] = sums.get(name, 0.0) + net.blobs[name].data.astype(np.float64).reshape(-1)
+            if self.requested == "stop":
+                log.info("Test interrupted.")
+                return {}
         if not np.isfinite(loss):
             where = net.first_not_finite() or "its loss alone"
             log.error("Test net (#%d) has a value that is not finite: %s", number, where)
@@ -327,18 +325,20 @@ class Solver:
         self._saved_iter = self.iter
 
 
-class _InterruptedError(Exception):
-    """A test is to stop."""
-
-
 @contextlib.contextmanager
-def _whole_or_undone(net: Net) -> Iterator[None]:
-    """What fails for want of data, or is interrupted, leaves data positions and random numbers as they were."""
-    before = net.layer_states()
+def _undone_if_cut_short(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
+    """What fails within it for want of data leaves data positions and random numbers as they were: an iteration is
+    made whole or not at all. Yields a function that puts them back."""
+    before = [net.layer_states() for net in nets]
+
+    def undo() -> None:
+        for net, states in zip(nets, before):
+            net.restore_layer_states(states)
+
     try:
-        yield
-    except (DataError, _InterruptedError):
-        net.restore_layer_states(before)
+        yield undo
+    except DataError:
+        undo()
         raise
 
 
