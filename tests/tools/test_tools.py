@@ -72,7 +72,7 @@ def test_main(name: str) -> None:
 def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The parser takes all that the docstring shows, and there is something."""
     module = importlib.import_module(f"tools.{name}")
-    monkeypatch.setattr(module, "guarded", lambda run: 0)
+    monkeypatch.setattr(module, "guarded", lambda run, args: 0)
     shown = examples(module.__doc__, name)
     assert shown
     for argv in shown:
