@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from netlib import engine
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("netlib", "layers", "fast", "handpose", "tools")
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -57,8 +59,9 @@ def _in_call(call: ast.Call) -> Iterator[str]:
 
 def test_the_files_are_found() -> None:
     """The other tests have something to look at, and the list of exceptions names no file that is gone."""
-    assert len(FILES) > 200
-    assert set(ALLOWED) <= {str(path.relative_to(ROOT)) for path in FILES}
+    assert len(FILES) > 150
+    there = {name for name in ALLOWED if engine.has_fast() or not name.startswith("fast/")}
+    assert there <= {str(path.relative_to(ROOT)) for path in FILES}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
