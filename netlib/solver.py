@@ -53,13 +53,19 @@ class Solver:
     net_class: type[Net] = Net  # of all its nets
 
     def __init__(
-        self, param: SolverParameter, source: str = "<solver>", seed: int | None = None, engine: str | None = None
+        self,
+        param: SolverParameter,
+        source: str = "<solver>",
+        seed: int | None = None,
+        engine: str | None = None,
+        python_layers: bool = True,
     ) -> None:
         self.param, self.source = solver_parameter.checked(param), source
         if seed is None:
             seed = param.random_seed if param.random_seed >= 0 else next_seed()
         self.seed = secrets.randbits(31) if seed is None else seed
         self.engine = engines.get(engine)
+        self.python_layers = python_layers
         self.iter = 0
         self.requested: str | None = None
         self.on_iteration: Callable[[Solver], None] | None = None
@@ -82,7 +88,9 @@ class Solver:
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
         merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
-        net = self.net_class(param, state=merged, seed=self.seed + number, engine=self.engine.name)
+        net = self.net_class(
+            param, state=merged, seed=self.seed + number, engine=self.engine.name, python_layers=self.python_layers
+        )
         net.source = name
         return net
 
@@ -342,6 +350,11 @@ def _undone_if_cut_short(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
         raise
 
 
-def get_solver(path: str | Path, seed: int | None = None, engine: str | None = None, **changes: Any) -> Solver:
-    """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError."""
-    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine)
+def get_solver(
+    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True, **changes: Any
+) -> Solver:
+    """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
+
+    ``python_layers=False`` refuses nets that bring code of their own.
+    """
+    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers)

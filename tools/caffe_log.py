@@ -11,6 +11,7 @@ from pathlib import Path
 from netlib import locks
 from netlib.errors import NetlibError, reason_of
 from netlib.notes import CaffeFormatter
+from tools.console import say
 from tools.progress import ProgressBar
 
 log = logging.getLogger("netlib")
@@ -50,7 +51,7 @@ class LogFile(logging.FileHandler):
         """Say what is wrong, and write no more."""
         error = sys.exc_info()[1]
         logging.getLogger(record.name).removeHandler(self)
-        print(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
+        say(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
 
     def close(self) -> None:
         """Close the file; what could not be written is lost."""

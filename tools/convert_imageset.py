@@ -16,9 +16,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import cv2
 import numpy as np
@@ -31,7 +31,7 @@ from netlib.errors import DataError
 from netlib.messages import Datum
 from tools import databases
 from tools.arguments import caffes_flags, natural, parser_of
-from tools.console import guarded
+from tools.console import guarded, say
 from tools.progress import ProgressBar
 
 SWITCHES = ("gray", "shuffle", "check_size", "encoded")
@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(caffes_flags(argv, SWITCHES))
     if (args.resize_width == 0) != (args.resize_height == 0):
         parser.error("-resize_width and -resize_height must be given together")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             raise DataError(f"{args.list}: none of its {len(items)} pictures can be read; ROOTFOLDER/ stands before "
                             f"every path, as in {args.root + items[0][0]!r}")  # fmt: skip
         if left := len(items) - writers[0].entries:
-            print(f"{left} of {len(items)} pictures left out", file=sys.stderr)
+            say(f"{left} of {len(items)} pictures left out", file=sys.stderr)
 
     return databases.write_databases([args.database], fill)
 

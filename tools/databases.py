@@ -13,7 +13,7 @@ from layers.data.database import open_database
 from netlib import atomic, schema, wire
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.messages import Datum
-from tools.console import DONE
+from tools.console import DONE, say
 from tools.stopper import StoppedError, Stopper
 
 FIRST_SIZE = 1 << 26  # bytes that a database may have before it is made larger
@@ -120,7 +120,7 @@ def write_databases(paths: Sequence[Path], fill: Callable[[Sequence[Writer]], ob
             for folder, path, count in zip(folders, paths, counts):
                 folder.rename(path)
                 atomic.sync_directory(path.parent)
-                print(f"{path}: {count} entries")
+                say(f"{path}: {count} entries")
     except StoppedError:
         print("stopped; no database was written", file=sys.stderr)
         return 128 + stopper.signum

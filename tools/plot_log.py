@@ -16,11 +16,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import tools
+
+tools.begin(__name__)
+
 from netlib import files
 from netlib.errors import DataError
 from tools import pictures
 from tools.arguments import parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,15})\b")
@@ -46,14 +50,14 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", metavar="FILE", default="log.png",
                         help="the picture; the ending of its name says the format (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
     logs = {path: read_log(path) for path in args.logs}
     plot(logs, args.out)
-    print(f"wrote {args.out}")
+    say(f"wrote {args.out}")
     return DONE
 
 

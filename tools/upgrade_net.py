@@ -17,6 +17,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import tools
+
+tools.begin(__name__)
+
 from netlib import files, prototxt, schema, wire
 from netlib.atomic import replace_bytes
 from netlib.create import check_options
@@ -27,7 +31,7 @@ from netlib.prototxt import Field, Message, Scalar
 from netlib.solver_parameter import OLD_TYPES
 from netlib.upgrade import AnyNetParameter, upgraded
 from tools.arguments import parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 INPUTS = ("input", "input_shape", "input_dim")
 
@@ -39,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("new", metavar="OUT", help="the file to write")
     parser.add_argument("--solver", action="store_true", help="it is a solver, in text")
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,9 +58,9 @@ def run(args: argparse.Namespace) -> int:
         new = todays_net(tree)
         image = wire.encode(new, NetParameter)
     if new.fields == tree.fields:
-        print(f"{args.old}: already in today's format", file=sys.stderr)
+        say(f"{args.old}: already in today's format", file=sys.stderr)
     replace_bytes(Path(args.new), image)
-    print(f"wrote {args.new}")
+    say(f"wrote {args.new}")
     return DONE
 
 

@@ -151,7 +151,8 @@ def draw_net(
 
     Raises NetlibError, also if pydot or Graphviz is missing.
     """
-    text: bytes = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm).to_string().encode()
+    graph = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm)
+    text: bytes = graph.to_string().encode("utf-8", "backslashreplace")
     if ext == "raw":
         return text
     program = shutil.which("dot")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from netlib import files
-from netlib.errors import DataError, WeightsError
+from netlib.errors import DataError, WeightsError, printable
 
 
 def test_bytes_and_text(tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         for read in (files.read_bytes, files.read_text, files.opened):
             with pytest.raises(WeightsError) as error:
                 read(name, "weights", WeightsError)
-            assert str(error.value) == f"{name}: cannot read weights: {reason}"
+            assert str(error.value) == printable(f"{name}: cannot read weights: {reason}")
 
 
 def test_a_file_that_is_too_large(tmp_path: Path) -> None:
