@@ -99,7 +99,7 @@ class Net:
         self._decide_backward(param.force_backward)
         self._note_overwritten_tops()
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
-        self.executor = self.engine.executor(self.connections, outside)
+        self.executor = self.engine.executor(self.connections, outside, self.name)
         if weights is not None:
             _, missing = self.copy_from(weights)
             if missing:
@@ -228,8 +228,9 @@ class Net:
         Those of a whole net are its outputs. ``inputs`` are arrays for input blobs; a new shape reshapes the net.
         ``blobs`` names more blobs to return.
         """
-        self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
-        self.executor.forward(*self._part(start, end))
+        with self.executor.one_thread:  # or another thread's inputs would be overwritten
+            self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
+            self.executor.forward(*self._part(start, end))
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
@@ -251,17 +252,19 @@ class Net:
         blobs whose diff to return.
         """
         part = self._part(end, start)
-        self._seed_losses()
-        for name, array in tops.items():
-            self._blob(name).diff[...] = array
-        self.executor.backward(*part)
+        with self.executor.one_thread:
+            self._seed_losses()
+            for name, array in tops.items():
+                self._blob(name).diff[...] = array
+            self.executor.backward(*part)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
     def run_backward(self) -> None:
         """Run all layers backwards; the diffs of the parameters are added to."""
-        self._seed_losses()
-        self.executor.backward()
+        with self.executor.one_thread:
+            self._seed_losses()
+            self.executor.backward()
 
     def _seed_losses(self) -> None:
         """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.

@@ -115,7 +115,7 @@ def parse(text: str, source: str = "<text>") -> Message:
 
 _TOKEN = re.compile(
     r"""(?P<skip>[ \t\r\n\f\v]+|\#[^\n]*)
-      | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))
+      | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))
       | (?P<word>-?[A-Za-z_]\w*)
       | (?P<string>"(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')
       | (?P<mark>[{}<>\[\]:,;])""",
@@ -257,10 +257,10 @@ class _Parser:
         raise self.fail("a value")
 
     def string(self) -> Scalar:
-        position, raw = self.token.position, b""
+        position, parts = self.token.position, list[bytes]()
         while self.token.kind == "string":
-            raw += _unquote(self.take())
-        return Scalar("string", raw.decode("utf-8", "surrogateescape"), position)
+            parts.append(_unquote(self.take()))
+        return Scalar("string", b"".join(parts).decode("utf-8", "surrogateescape"), position)
 
     def message(self) -> Message:
         self.depth += 1

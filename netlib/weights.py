@@ -74,7 +74,7 @@ def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[W
     """What a copy would write, and what it returns; a net is never half copied. Raises WeightsError."""
     what, found = _weights_of(source)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
-    shared = [name for name, arrays in found.items() if name in net.layer_dict and arrays]
+    shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
     if not shared and net.params:
         raise WeightsError(f"{what}: no layer of net {net.name!r} is in it; it has {_some(found)}, "
                            f"the net has {_some(net.params)}")  # fmt: skip
@@ -82,7 +82,11 @@ def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[W
     if strict and missing_layers:
         raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
                            f"it has {_some(found)}")  # fmt: skip
-    writes = [write for name in shared for write in _writes(net, name, found[name], what)]
+    own: dict[str, list[int]] = {}
+    for p in net.learnable:
+        own.setdefault(p.layer, []).append(p.index)
+    writes = [w for name, arrays in shared.items() for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []),
+                                                                    arrays, what)]  # fmt: skip
     return writes, ignored, missing_layers
 
 
@@ -93,10 +97,11 @@ def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int
     return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
 
 
-def _writes(net: Net, name: str, found: Mapping[int, Array], what: str) -> Writes:
-    """For one layer, the net's arrays and what goes into each. Raises WeightsError if it does not fit."""
-    target = net.layer_dict[name].blobs
-    own = [p.index for p in net.learnable if p.layer == name]
+def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str) -> Writes:
+    """For one layer, the net's arrays and what goes into each. Raises WeightsError if it does not fit.
+
+    own  the parameters that the layer does not share with one before it
+    """
     missing = [i for i in own if i not in found]
     if missing:
         raise WeightsError(f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}")

@@ -26,9 +26,9 @@ from tools import pictures
 from tools.arguments import parser_of
 from tools.console import DONE, guarded, say
 
-_NUMBER = r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|nan|inf))"
-_ITERATION = re.compile(r"Iteration (\d{1,15})\b")
-_LOSS = re.compile(rf"Iteration (\d{{1,15}})(?: \([^()]*\))?, loss = {_NUMBER}")
+_NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
+_ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
+_LOSS = re.compile(rf"Iteration (\d{{1,18}})(?: \([^()]*\))?, loss = {_NUMBER}")
 _OUTPUT = re.compile(rf"(Train|Test) net output #\d+: (\S+) = {_NUMBER}")
 
 Curve = list[tuple[int, float]]

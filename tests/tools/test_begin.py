@@ -79,7 +79,7 @@ def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
     (tmp_path / "net.prototxt").touch()
     interrupt_at(tmp_path, "open", "net.prototxt")
     done = run("-c", f"import signal, sys; {code}", "net.prototxt", "new.prototxt")
-    assert done.stderr == "net.prototxt: cannot read the net: No such file or directory\n"
+    assert done.stderr == "net.prototxt:1:1: error: no layer in this file; expected a net\n"
 
 
 # ---------------------------------------------------------------------------------------------- standard error
