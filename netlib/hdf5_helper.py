@@ -20,6 +20,7 @@ import numpy as np
 
 from netlib import notes
 from netlib.errors import reason_of
+from netlib.one_thread import tell
 
 SECONDS, BYTES_PER_SECOND = 10.0, 20e6  # that a look may take: so many, and one more for so many bytes of the file
 CHECK = Path(__file__).with_name("hdf5_check.py")
@@ -121,5 +122,4 @@ class _State:
 
 _state = _State()
 atexit.register(_state.end)
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_state.after_fork)
+tell(_state)

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+from netlib.one_thread import tell
+
 fcntl: ModuleType | None
 try:
     import fcntl
@@ -62,8 +64,7 @@ class Lock:
         if self.taken:
             os.ftruncate(self._descriptor, 0)
             os.write(self._descriptor, f"{os.getpid()}\n".encode())
-            if hasattr(os, "register_at_fork"):
-                _held.append(self)
+            tell(self)
         else:
             self.holder = os.read(self._descriptor, 100).decode(errors="replace").strip()
             os.close(self._descriptor)
@@ -74,14 +75,13 @@ class Lock:
             self.taken = False
             with contextlib.suppress(OSError):
                 self.path.unlink()
-            self.forget()
-
-    def forget(self) -> None:
-        """Close the file, which releases the lock unless another process has it open as well."""
-        with contextlib.suppress(OSError):
             os.close(self._descriptor)
-        if self in _held:
-            _held.remove(self)
+
+    def after_fork(self) -> None:
+        """The parent goes on holding it, and its end releases it."""
+        if self.taken:
+            self.taken = False
+            os.close(self._descriptor)
 
 
 def is_still(path: Path, descriptor: int) -> bool:
@@ -90,16 +90,3 @@ def is_still(path: Path, descriptor: int) -> bool:
         return os.path.samestat(path.lstat(), os.fstat(descriptor))
     except OSError:
         return False
-
-
-_held: list[Lock] = []
-
-
-def _forget_all() -> None:
-    for lock in list(_held):
-        lock.taken = False
-        lock.forget()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_all)

@@ -89,10 +89,6 @@ def test_the_textbook_knows_nothing_of_speed() -> None:
     others = {"layers/__init__.py", "layers/common/tile.py"}  # where Caffe's layer type Tile stands
     # locks and a watch, so that threads do not get into each other
     safe = {"netlib/hdf5.py", "netlib/hdf5_helper.py", "netlib/one_thread.py"}
-        "netlib/hdf5.py",
-        "netlib/hdf5_helper.py",
-        "netlib/one_thread.py",
-    }  # locks and a watch, so that threads do not get into each other
     assert found == others | safe
 
 
