@@ -55,7 +55,7 @@ class Lock:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.holder = ""  # who has it instead
-        for _ in range(100):  # one that was released between opening and locking is gone
+        while True:  # one that was released between opening and locking is gone
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
             self.taken = take(self._descriptor) is not False
             if not self.taken or is_still(path, self._descriptor):
