@@ -71,9 +71,10 @@ def beside(path: Path, suffix: str) -> Path:
 def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> None:
     """Have ``fill`` write a temporary file, which then takes the place of ``path``, whole or not at all.
 
-    Without ``sync`` that is true of a run that is killed, but not of a machine that loses power. Raises OSError.
+    Without ``sync`` that is true of a run that is killed, but not of a machine that loses power. Raises OSError, with
+    the file's own name.
     """
-    with temporary(path) as fresh:
+    with naming(path), temporary(path) as fresh:
         fill(fresh)
         if sync:
             sync_file(fresh)
@@ -86,7 +87,7 @@ def replace_bytes(path: Path, content: bytes) -> None:
     """Write a file, whole or not at all, and the folder it is in. Raises OSError, with the file's own name."""
     with naming(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace(path, lambda fresh: fresh.write_bytes(content))
+    replace(path, lambda fresh: fresh.write_bytes(content))
 
 
 def replace_text(path: Path, text: str) -> None:

@@ -10,6 +10,7 @@ memory: a file that is cut while it is in use is an error like any other, not th
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 import os
 import threading
@@ -22,7 +23,7 @@ import h5py
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib import files, hdf5_helper
+from netlib import atomic, files, hdf5_helper
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.paths import exists, find
@@ -47,6 +48,23 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
         raise
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
         raise kind(f"{path}: cannot read {what}: damaged, or not as expected: {reason_of(error)}") from error
+
+
+@contextlib.contextmanager
+def in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
+    """A new file, and after the block its bytes, to be written by plain writes: one that fails within HDF5 may end the
+    process."""
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        yield file, image
+
+
+@contextlib.contextmanager
+def written(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file that is written after the block, whole or not at all. Raises OSError."""
+    with in_memory() as (file, image):
+        yield file
+    atomic.replace_bytes(path, image.getvalue())
 
 
 class File:

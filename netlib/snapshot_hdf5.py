@@ -7,8 +7,6 @@ solver state  /iter /current_step /learned_net /history/<index>
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import os
 from collections.abc import Iterator
@@ -18,8 +16,8 @@ from typing import Any
 import h5py
 import numpy as np
 
+from netlib import hdf5
 from netlib.errors import WeightsError
-from netlib.hdf5 import opened
 from netlib.saved import SolverState, Weights
 
 STATE = ("iter", "current_step", "learned_net", "history", "netlib")  # what a solver state holds
@@ -46,7 +44,7 @@ def name_fault(name: str) -> str:
 def weights_image(weights: Weights) -> bytes:
     """The HDF5 file of a net's weights, as bytes. Raises WeightsError for names that HDF5 cannot store."""
     check_names(weights)
-    with _in_memory() as (file, image):
+    with hdf5.in_memory() as (file, image):
         data = file.create_group("data")
         for layer, arrays in weights.items():
             if not arrays and name_fault(layer):
@@ -59,7 +57,7 @@ def weights_image(weights: Weights) -> bytes:
 
 def state_image(state: SolverState) -> bytes:
     """The HDF5 file of a solver state, as bytes."""
-    with _in_memory() as (file, image):
+    with hdf5.in_memory() as (file, image):
         file["iter"] = np.array([state.iter], dtype=np.int32)
         file["current_step"] = np.array([state.current_step], dtype=np.int32)
         _write_c_string(file, "learned_net", state.learned_net)
@@ -68,13 +66,6 @@ def state_image(state: SolverState) -> bytes:
             history[str(i)] = array
         _write_c_string(file, "netlib", json.dumps(state.extra))  # of a fixed length: HDF5 can hang in a damaged heap
     return image.getvalue()
-
-
-@contextlib.contextmanager
-def _in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
-    image = io.BytesIO()
-    with h5py.File(image, "w") as file:
-        yield file, image
 
 
 def _write_c_string(file: h5py.File, name: str, text: str) -> None:
@@ -93,7 +84,7 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 
 def read_weights(path: str | Path) -> Weights:
     """Layer name -> parameter index -> array. Raises WeightsError if the file is not such a file."""
-    with opened(path, "weights", WeightsError) as file:
+    with hdf5.opened(path, "weights", WeightsError) as file:
         if "history" in file and "data" not in file:
             pair = _learned_net(file) or "*.caffemodel.h5"
             raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
@@ -133,7 +124,7 @@ class _Only(dict[str, Any]):
 
 def read_state(path: str | Path) -> SolverState:
     """Read a solver state. Raises WeightsError if the file is not one."""
-    with opened(path, "a solver state", WeightsError) as file:
+    with hdf5.opened(path, "a solver state", WeightsError) as file:
         if "history" not in file or "iter" not in file:
             hint = "this is a weights file; pass it as --weights, or its pair *.solverstate.h5 here"
             raise WeightsError(f"{path}: {hint if 'data' in file else 'not a solver state'}")

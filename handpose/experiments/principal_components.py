@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from netlib import atomic, hdf5
+from netlib import hdf5
 
 BOTTLENECK = 30  # components
 
@@ -27,9 +26,5 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     mean = np.asarray(total / count)
     values, vectors = np.linalg.eigh(products / count - np.outer(mean, mean))
     scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
-
-    def fill(temporary: Path) -> None:
-        with h5py.File(temporary, "w", locking=False) as file:
-            file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)
-
-    atomic.replace(path, fill)
+    with hdf5.written(path) as file:
+        file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)

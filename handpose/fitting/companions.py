@@ -19,7 +19,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from handpose.data import labels, parts
@@ -38,7 +37,7 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     """Where the companion of each file goes. Raises DataError if two of them, or a file and its own, are the same."""
     targets = [out / path.name for path in files]
     for path, target in zip(files, targets):
-        if path.resolve() == target.resolve():
+        if os.path.realpath(path) == os.path.realpath(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
@@ -102,16 +101,12 @@ def fit_file(
         raise DataError(f"{path}: {error}") from None
     residuals = found.residuals * told.half_cube[:, None]
 
-    def fill(temporary: Path) -> None:
-        with h5py.File(temporary, "w", locking=False) as file:
+    rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
+    try:
+        with hdf5.written(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)
-            rest = os.path.relpath(path.resolve(), target.parent.resolve())
             file.attrs.update(recipe=recipe, made_from=told.made_from, rest_in=rest)
-
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        atomic.replace(target, fill)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
     return np.asarray(residuals)
