@@ -66,9 +66,9 @@ class FastEngine(Engine):
         """One that can be hidden."""
         return FastBlob((), dtype)
 
-    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> Executor:
+    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
         """Slices where that pays."""
-        return SlicedExecutor(connections, outside)
+        return SlicedExecutor(connections, outside, name)
 
     def run(self, jobs: Sequence[Callable[[], None]]) -> None:
         """On all threads."""

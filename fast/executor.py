@@ -18,6 +18,7 @@ from fast.tiles import FastBlob, LazilyCleared
 from fast.twin import Twin
 from netlib.blob import Array, Blob
 from netlib.errors import NetlibError
+from netlib.one_thread import OneThread
 from netlib.plain import Connection, Executor, Step, guarded
 
 
@@ -26,8 +27,9 @@ class SlicedExecutor(Executor):
 
     steps: Sequence[WholeStep | SlicedStep]
 
-    def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> None:
+    def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
         self.connections = list(connections)
+        self.one_thread = OneThread(name)
         for at in self.connections:
             if isinstance(at.layer, Twin):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
@@ -57,27 +59,30 @@ class SlicedExecutor(Executor):
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` forwards."""
-        if self._is_part(first, last):
-            self._run_by_layer()
-        super().forward(first, last)
-        if not self._is_part(first, last):
-            self._seen = [True, False]
+        with self.one_thread:
+            if self._is_part(first, last):
+                self._run_by_layer()
+            super().forward(first, last)
+            if not self._is_part(first, last):
+                self._seen = [True, False]
 
     def backward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards."""
-        if self._is_part(first, last):
-            self._run_by_layer()
-        super().backward(first, last)
-        if not self._is_part(first, last):
-            self._seen[1] = True
+        with self.one_thread:
+            if self._is_part(first, last):
+                self._run_by_layer()
+            super().backward(first, last)
+            if not self._is_part(first, last):
+                self._seen[1] = True
 
     def reshape(self) -> None:
         """Shape all blobs anew; where no shape has changed, all stays as it is."""
-        before = [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
-        super().reshape()
-        if before != [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]:
-            self._seen = [False, False]
-            self._plan()
+        with self.one_thread:
+            before = [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
+            super().reshape()
+            if before != [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]:
+                self._seen = [False, False]
+                self._plan()
 
     def clear_diffs(self, params: Iterable[Blob]) -> None:
         """Set gradients of parameters to zero, or see to it that they read as zeros."""
@@ -101,9 +106,10 @@ class SlicedExecutor(Executor):
 
     def reveal(self, blob: Blob) -> None:
         """Somebody looks at a hidden blob: store it from now on, with what the last pass put there."""
-        self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
-        self._looked = True
-        self._replan()
+        with self.one_thread:
+            self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
+            self._looked = True
+            self._replan()
 
     def _replan(self) -> None:
         """Plan anew, and let the new steps know what the old ones knew: values, winners, masks."""

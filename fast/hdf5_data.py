@@ -6,15 +6,17 @@ from a top is good until the next forward.
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
 
+from fast.parallel import Workers
 from fast.tiles import FastBlob
 from fast.twin import Twin
 from layers.data.hdf5_data import Cursor, HDF5Data
 from netlib.blob import Array, Blobs
+from netlib.one_thread import tell
 
 
 class FastHDF5Data(Twin, HDF5Data):
@@ -23,9 +25,14 @@ class FastHDF5Data(Twin, HDF5Data):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Start the reader."""
         super().setup(bottom, top)
-        self._reader = ThreadPoolExecutor(1, "hdf5_data")
+        self._reader = Workers(1, "hdf5_data")
         self._ahead: Future[Cursor] | None = None
         self._next: list[Array] = []
+        tell(self)
+
+    def after_fork(self) -> None:
+        """The batch that was being read ahead stays unread; the next forward reads it again."""
+        self._ahead = None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Have room for the next batch."""
@@ -47,15 +54,6 @@ class FastHDF5Data(Twin, HDF5Data):
             else:  # a layer run alone
                 used[...] = read
         self._ahead = self._reader.submit(self.read, self.cursor, self._next)
-
-    def pick(self, array: Array, rows: Array, out: Array) -> None:
-        """Rows in order are a slice of the file; others go where they belong without a copy on the way."""
-        if not self.param.shuffle:
-            out[...] = array[rows[0] : rows[-1] + 1]
-        elif array.dtype == out.dtype:
-            np.take(array, rows, axis=0, out=out, mode="clip")
-        else:
-            super().pick(array, rows, out)
 
     def restore(self, state: dict[str, Any]) -> None:
         """What was read ahead no longer comes next."""

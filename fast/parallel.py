@@ -2,6 +2,8 @@
 
 NumPy lets go of the interpreter inside its loops and products, so plain Python threads run truly side by
 side there. ``run`` is the only way in; called from one of its own jobs it simply does the work itself.
+
+Threads do not survive a fork, so a forked process gets others (``Workers``).
 """
 
 from __future__ import annotations
@@ -9,24 +11,50 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from netlib.engine import available_cpus
+from netlib.one_thread import tell
+
+T = TypeVar("T")
+
+
+class Workers:
+    """So many threads that do what is submitted; in a forked process others. They end when nobody holds this."""
+
+    def __init__(self, count: int, name: str) -> None:
+        self.count, self._name = count, name
+        self.after_fork()
+        tell(self)
+
+    def after_fork(self) -> None:
+        """Start anew. What was submitted before is never done here: whoever waits for it must submit it again."""
+        self._executor = ThreadPoolExecutor(self.count, self._name) if self.count else None
+
+    def submit(self, job: Callable[..., T], *args: Any) -> Future[T]:
+        """Have a thread do it."""
+        assert self._executor is not None
+        return self._executor.submit(job, *args)
+
 
 _here = threading.local()
-_threads = 0  # 0: not decided yet
-_pool: ThreadPoolExecutor | None = None
+_helpers: Workers | None = None  # one fewer than the threads in use; None: not decided yet
 
 
 def threads() -> int:
     """Number of threads in use: ``set_threads``, else NETLIB_NUM_THREADS, else one per processor."""
-    if not _threads:
+    return _pool().count + 1
+
+
+def _pool() -> Workers:
+    if _helpers is None:
         set_threads(_threads_from_environment())
-    return _threads
+    assert _helpers is not None
+    return _helpers
 
 
 def _threads_from_environment() -> int:
@@ -36,20 +64,18 @@ def _threads_from_environment() -> int:
 
 def set_threads(count: int) -> None:
     """Use ``count`` threads from now on. Results do not depend on it, not in one bit."""
-    global _threads, _pool
+    global _helpers
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
-    if count != _threads:
-        if _pool is not None:
-            _pool.shutdown(wait=True)
-        _pool = ThreadPoolExecutor(count - 1, "netlib") if count > 1 else None
-        _threads = count
+    if _helpers is None or count != _helpers.count + 1:
+        _helpers = Workers(count - 1, "netlib")  # the old ones end with the last run that uses them
 
 
 def run(jobs: Sequence[Callable[[], None]]) -> None:
     """Do all jobs, in any order, and return when the last is done. The first exception is raised."""
-    helpers = min(threads(), len(jobs)) - 1
-    if helpers < 1 or _pool is None or getattr(_here, "inside", False):
+    pool = _pool()
+    helpers = min(pool.count, len(jobs) - 1)
+    if helpers < 1 or getattr(_here, "inside", False):
         for job in jobs:
             job()
         return
@@ -68,7 +94,7 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
         finally:
             _here.inside = False
 
-    others = [_pool.submit(work) for _ in range(helpers)]
+    others = [pool.submit(work) for _ in range(helpers)]
     work()
     for other in others:
         other.result()

@@ -10,7 +10,8 @@ whole batch. Two freedoms are used on hidden blobs, both exact:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fast.facts import facts_of
@@ -44,15 +45,38 @@ def plan(connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> l
     """Arrange the layers of a net. Blobs for which ``stored`` is true are never hidden."""
     runs: list[Run] = []
     row: list[Connection] = []  # layers that could run in slices together
+    users = {key: len(uses) for key, uses in uses_of(connections).items()}
     for at in connections:
         if _fits(row, at):
             row.append(at)
             continue
-        runs += _runs_for(row, connections, stored)
+        runs += _runs_for(row, users, stored)
         row = [at] if _fits([], at) else []
         if not row:
             runs.append(whole(at))
-    return runs + _runs_for(row, connections, stored)
+    return runs + _runs_for(row, users, stored)
+
+
+@dataclass
+class Use:
+    """One layer that reads or writes a blob."""
+
+    at: Connection
+    reads: bool = False
+    writes: bool = False
+
+
+def uses_of(connections: Sequence[Connection]) -> dict[int, list[Use]]:
+    """Id of a blob -> the layers that use it, in their order."""
+    uses: dict[int, list[Use]] = {}
+    for at in connections:
+        for half, blobs in (("reads", at.bottom), ("writes", at.top)):
+            for blob in blobs:
+                known = uses.setdefault(id(blob), [])
+                if not known or known[-1].at is not at:
+                    known.append(Use(at))
+                setattr(known[-1], half, True)
+    return uses
 
 
 def whole(at: Connection) -> Run:
@@ -72,40 +96,47 @@ def _fits(row: list[Connection], at: Connection) -> bool:
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
-def _runs_for(row: list[Connection], connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> list[Run]:
-    """A run for the layers that could run in slices, if that gains anything.
-
-    A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless that
-    changes nothing. So the run ends before such a layer, and from it on the layers are whole. In a shorter run fewer
-    blobs are hidden, so it is looked at again.
-    """
-    rest: list[Connection] = []
-    while True:
-        hidden = _hidden_blobs(row, connections, stored)
-        end = next((i for i, at in enumerate(row) if _overwrites(at, hidden) and not facts_of(at.layer).monotone), None)
-        if end is None:
-            break
-        row, rest = row[:end], row[end:] + rest
+def _runs_for(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> list[Run]:
+    """A run for the layers that could run in slices, if that gains anything. ``users`` counts those of each blob."""
+    end = _end_of_run(row, users, stored)
+    row, rest = row[:end], row[end:]
+    hidden = _hidden_blobs(row, users, stored)
     if all(facts_of(at.layer).elementwise for at in row):  # nothing to gain; also the empty row
         return [whole(at) for at in [*row, *rest]]
     order = _pool_first(row, hidden)
     return [Run(row, order, hidden, _agree_on_tiles(order, hidden), sliced=True), *map(whole, rest)]
 
 
-def _hidden_blobs(
-    row: list[Connection], connections: Sequence[Connection], stored: Callable[[Blob], bool]
-) -> list[Blob]:
+def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> int:
+    """How many layers of the row may run in slices.
+
+    A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless that
+    changes nothing. So the run ends before such a layer, and from it on the layers are whole. In a shorter run fewer
+    blobs are hidden, only those that nobody uses behind its end: so it may have to end earlier still.
+    """
+    uses = uses_of(row)
+    place = {id(at): i for i, at in enumerate(row)}
+    last_use: list[int] = []  # of all blobs that layers up to this one overwrite
+    for at in row:
+        last = last_use[-1] if last_use else -1
+        if not facts_of(at.layer).monotone:
+            below = {id(blob) for blob in at.bottom}
+            for blob in (top for top in at.top if id(top) in below):
+                own = uses[id(blob)]
+                outside = len(own) < users[id(blob)] or stored(blob)
+                last = max(last, len(row) if outside else place[id(own[-1].at)])
+        last_use.append(last)
+    end = len(row)
+    while (earlier := bisect_left(last_use, end, hi=end)) < end:
+        end = earlier
+    return end
+
+
+def _hidden_blobs(row: list[Connection], users: Mapping[int, int], stored: Callable[[Blob], bool]) -> list[Blob]:
     """Blobs that only the layers of the row read and write."""
-    inside = {id(at) for at in row}
+    uses = uses_of(row)
     written = {id(blob): blob for at in row for blob in at.top}
-    elsewhere = {id(blob) for at in connections if id(at) not in inside for blob in [*at.bottom, *at.top]}
-    return [blob for key, blob in written.items() if key not in elsewhere and not stored(blob)]
-
-
-def _overwrites(at: Connection, hidden: list[Blob]) -> bool:
-    """Does the layer run in place on a blob that is stored?"""
-    secret = {id(blob) for blob in hidden}
-    return any(blob is top and id(blob) not in secret for blob in at.bottom for top in at.top)
+    return [blob for key, blob in written.items() if len(uses[key]) == users[key] and not stored(blob)]
 
 
 def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
@@ -129,8 +160,9 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
 def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, int]:
     """The tile of every hidden blob for which its writer and all its readers want the same one."""
     tiles: dict[int, int] = {}
+    uses = uses_of(order)
     for blob in reversed(hidden):  # readers first: what they want may depend on their own tops
-        wishes = [_wish(at, blob, tiles) for at in order if any(b is blob for b in [*at.bottom, *at.top])]
+        wishes = [_wish(use, tiles) for use in uses[id(blob)]]
         wanted = [wish for wish in wishes if wish != ANY]
         if wanted and wanted[0] is not None and all(wish == wanted[0] for wish in wanted):
             tiles[id(blob)] = wanted[0]
@@ -140,13 +172,13 @@ def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, in
 ANY = 0  # a layer that takes a blob in any order
 
 
-def _wish(at: Connection, blob: Blob, tiles: dict[int, int]) -> int | None:
+def _wish(use: Use, tiles: dict[int, int]) -> int | None:
     """How a layer would like a blob that it reads or writes: in tiles of so many, plain (None), or ``ANY``."""
-    reads, writes = (any(b is blob for b in blobs) for blobs in (at.bottom, at.top))
-    if reads and writes:
+    at = use.at
+    if use.reads and use.writes:
         return ANY if facts_of(at.layer).elementwise else None
     if not isinstance(at.layer, Twin):
         return None
-    if writes:
+    if use.writes:
         return ANY if at.layer.writes_tiles() else None
     return at.layer.bottom_tile(tiles.get(id(at.top[0])) if at.top else None)

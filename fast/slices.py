@@ -27,7 +27,7 @@ from functools import partial
 
 from fast import parallel
 from fast.facts import facts_of
-from fast.plan import Run
+from fast.plan import Run, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.twin import Twin
 from netlib.blob import Array, Blob, Blobs
@@ -49,6 +49,7 @@ class SlicedStep(Step):
     def __init__(self, run: Run) -> None:
         super().__init__(run.connections[0])
         self.run = run
+        self._secret, self._users = {id(b) for b in run.hidden}, uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
         self._kept = {id(b) for at in run.order for b in _read_again(at)}
         self._buffers = threading.local()
@@ -136,11 +137,11 @@ class SlicedStep(Step):
 
     def _slice_blob(self, whole: Blob, rows: slice) -> Blob:
         shape = (rows.stop - rows.start, *whole.shape[1:])
-        if all(whole is not b for b in self.run.hidden):
+        if id(whole) not in self._secret:
             return Window(whole, rows, shape)
         blob = Hidden(shape, whole.dtype, self._buffers, id(whole), id(whole) in self._kept)
         blob.tile = self.run.tiles.get(id(whole))
-        users = [at.layer for at in self.run.order if any(b is whole for b in [*at.bottom, *at.top])]
+        users = [use.at.layer for use in self._users[id(whole)]]
         can = all(isinstance(layer, Twin) and layer.sparse_tiles() for layer in users)
         blob.may_be_sparse = blob.tile is not None and len(users) == 2 and can
         return blob

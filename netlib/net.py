@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from netlib import create, schema, snapshot
+from netlib import create, python_layer, schema, snapshot
 from netlib import engine as engines
 from netlib import weights as weights_of
 from netlib.blob import Blob, Blobs
@@ -47,7 +47,7 @@ class Net:
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine.py).
+    is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` refuses a net that brings code of its own.
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some
@@ -73,6 +73,7 @@ class Net:
         state: NetState | None = None,
         seed: int | None = None,
         engine: str | None = None,
+        python_layers: bool = True,
     ) -> None:
         for value in args:
             if isinstance(value, (int, np.integer)):
@@ -92,12 +93,13 @@ class Net:
         self.name = param.name
         self.seed = next_seed() if seed is None else seed
         self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
+        python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
         self._build(insert_splits(self.param.layer))
         self._decide_backward(param.force_backward)
         self._note_overwritten_tops()
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
-        self.executor = self.engine.executor(self.connections, outside)
+        self.executor = self.engine.executor(self.connections, outside, self.name)
         if weights is not None:
             _, missing = self.copy_from(weights)
             if missing:
@@ -226,8 +228,9 @@ class Net:
         Those of a whole net are its outputs. ``inputs`` are arrays for input blobs; a new shape reshapes the net.
         ``blobs`` names more blobs to return.
         """
-        self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
-        self.executor.forward(*self._part(start, end))
+        with self.executor.one_thread:  # or another thread's inputs would be overwritten
+            self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
+            self.executor.forward(*self._part(start, end))
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
@@ -249,17 +252,19 @@ class Net:
         blobs whose diff to return.
         """
         part = self._part(end, start)
-        self._seed_losses()
-        for name, array in tops.items():
-            self._blob(name).diff[...] = array
-        self.executor.backward(*part)
+        with self.executor.one_thread:
+            self._seed_losses()
+            for name, array in tops.items():
+                self._blob(name).diff[...] = array
+            self.executor.backward(*part)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
     def run_backward(self) -> None:
         """Run all layers backwards; the diffs of the parameters are added to."""
-        self._seed_losses()
-        self.executor.backward()
+        with self.executor.one_thread:
+            self._seed_losses()
+            self.executor.backward()
 
     def _seed_losses(self) -> None:
         """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.

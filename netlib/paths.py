@@ -9,7 +9,10 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+from netlib.one_thread import lock
+
 ROOT = Path(__file__).resolve().parent.parent  # of this project: where netlib/, layers/ and fast/ lie
+_loading = lock()
 
 
 def find(name: str, source: str | None) -> Path:
@@ -49,13 +52,14 @@ def own_package(name: str) -> ModuleType:
 
 def load_module(name: str, path: Path) -> ModuleType:
     """The module in a file, imported under this name, once; what its code raises is raised."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None and spec.loader is not None
-        sys.modules[name] = module = importlib.util.module_from_spec(spec)
-        try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-    return sys.modules[name]
+    with _loading:  # another thread that asks for it must not get half a module
+        if name not in sys.modules:
+            spec = importlib.util.spec_from_file_location(name, path)
+            assert spec is not None and spec.loader is not None
+            sys.modules[name] = module = importlib.util.module_from_spec(spec)
+            try:
+                spec.loader.exec_module(module)
+            except BaseException:
+                del sys.modules[name]
+                raise
+        return sys.modules[name]

@@ -16,6 +16,7 @@ from numpy.typing import DTypeLike
 from netlib.blob import Array, Blob, Blobs
 from netlib.errors import NetlibError
 from netlib.layer import Layer
+from netlib.one_thread import OneThread
 from netlib.updates import RULES, Rule
 
 T = TypeVar("T")
@@ -57,27 +58,32 @@ class Executor:
     """Runs the layers of a net.
 
     ``connections`` are its layers in file order. ``outside`` are the blobs that a caller reads or writes: inputs,
-    outputs, losses; the fast engine stores them and hides others.
+    outputs, losses; the fast engine stores them and hides others. ``name`` is the net's. Two threads cannot use it at
+    once: the second gets a NetlibError from ``one_thread``.
     """
 
-    def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> None:
+    def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
         self.connections = list(connections)
+        self.one_thread = OneThread(name)
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` forwards."""
-        for step in self.steps[first:last]:
-            step.forward()
+        with self.one_thread:
+            for step in self.steps[first:last]:
+                step.forward()
 
     def backward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
-        for step in reversed(self.steps[first:last]):
-            step.backward()
+        with self.one_thread:
+            for step in reversed(self.steps[first:last]):
+                step.backward()
 
     def reshape(self) -> None:
         """Shape all blobs anew, after an input was reshaped."""
-        for at in self.connections:
-            guarded(at.layer, "reshape", at.bottom, at.top)
+        with self.one_thread:
+            for at in self.connections:
+                guarded(at.layer, "reshape", at.bottom, at.top)
 
     def hidden(self) -> list[Blob]:
         """Blobs that do not exist for the whole batch; here none."""
@@ -103,9 +109,9 @@ class Engine:
         """A blob of a net."""
         return Blob((), dtype)
 
-    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob]) -> Executor:
+    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
         """What runs a net."""
-        return Executor(connections, outside)
+        return Executor(connections, outside, name)
 
     def run(self, jobs: Sequence[Callable[[], None]]) -> None:
         """Do independent jobs, and return when the last is done."""

@@ -20,7 +20,8 @@ from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from netlib.errors import NetlibError, PrototxtError, reason_of
+from netlib import files
+from netlib.errors import NetlibError, PrototxtError
 
 MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Python's own stack limit
 
@@ -101,14 +102,7 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
 
 def parse_file(path: str | Path) -> Message:
     """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not prototxt."""
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot read the prototxt: {reason_of(error)}") from error
-    try:
-        text = raw.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise NetlibError(f"{path}: not a text file (byte {error.start} is not UTF-8); expected a prototxt") from error
+    text = files.read_text(path, "the prototxt", NetlibError)
     return parse(text, str(path))
 
 
@@ -121,7 +115,7 @@ def parse(text: str, source: str = "<text>") -> Message:
 
 _TOKEN = re.compile(
     r"""(?P<skip>[ \t\r\n\f\v]+|\#[^\n]*)
-      | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))
+      | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))
       | (?P<word>-?[A-Za-z_]\w*)
       | (?P<string>"(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')
       | (?P<mark>[{}<>\[\]:,;])""",
@@ -263,10 +257,10 @@ class _Parser:
         raise self.fail("a value")
 
     def string(self) -> Scalar:
-        position, raw = self.token.position, b""
+        position, parts = self.token.position, list[bytes]()
         while self.token.kind == "string":
-            raw += _unquote(self.take())
-        return Scalar("string", raw.decode("utf-8", "surrogateescape"), position)
+            parts.append(_unquote(self.take()))
+        return Scalar("string", b"".join(parts).decode("utf-8", "surrogateescape"), position)
 
     def message(self) -> Message:
         self.depth += 1

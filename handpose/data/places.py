@@ -29,11 +29,11 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
     Of what is nearer than FAR_MM; every so manieth pixel is looked at, NODES_ACROSS in a row. None where a voxel shows
     less than FEWEST_MM2 of surface.
     """
-    image = np.asarray(depth, dtype=np.float64)
+    image = np.asarray(depth)
     check_size(image, camera)
     step = max(1, image.shape[1] // NODES_ACROSS)
     rows, columns = np.mgrid[step // 2 : image.shape[0] : step, step // 2 : image.shape[1] : step]
-    z = image[rows, columns]
+    z = image[rows, columns].astype(np.float64)
     seen = np.isfinite(z) & (z > 0) & (z < FAR_MM)
     points = camera.unproject(np.stack([columns[seen], rows[seen], z[seen]], axis=1))
     if not len(points):

@@ -7,6 +7,7 @@ it (joint 34 of the NYU annotation).
 from __future__ import annotations
 
 import functools
+import math
 
 import cv2
 import numpy as np
@@ -26,6 +27,7 @@ SLAB_MM = 160.0  # behind its front, where the rest of a hand is
 REACH_MM = 125.0  # from its centre of mass: the hand, and not much of the forearm
 PALM_MM = 15.0  # from the surface of a palm to its middle
 BEHIND_MM = 38.0  # the centre lies so far behind the mean of what is seen, which is its front
+MOST_PIXELS = 1 << 21  # that are looked at; of a larger image every so manieth
 
 
 def find_hand(depth: ArrayLike, camera: Camera) -> Array:
@@ -33,12 +35,14 @@ def find_hand(depth: ArrayLike, camera: Camera) -> Array:
 
     Raises DataError if there is no surface as large as a hand.
     """
-    image = np.asarray(depth, dtype=np.float64)
+    whole = np.asarray(depth)
+    step = max(1, math.ceil(math.sqrt(whole.size / MOST_PIXELS)))
+    image = np.asarray(whole[step // 2 :: step, step // 2 :: step], dtype=np.float64)
     seen = np.isfinite(image) & (image > 0)
     if not seen.any():
         raise DataError("no depth anywhere in the image")
     depths = np.sort(image[seen])
-    surface = np.cumsum(depths**2) / (camera.fx * camera.fy)  # mm² that pixels up to each depth show
+    surface = step**2 * np.cumsum(depths**2) / (camera.fx * camera.fy)  # mm² that pixels up to each depth show
     if surface[-1] < FRONT_MM2:
         raise DataError(f"only {surface[-1]:.0f} mm² of surface in the image, expected a hand")
     front = depths[np.searchsorted(surface, FRONT_MM2)]
@@ -47,7 +51,7 @@ def find_hand(depth: ArrayLike, camera: Camera) -> Array:
     nearest = seen & (image <= front)
     shown = np.bincount(label[nearest], weights=image[nearest] ** 2)  # surface: a speck that is near has many pixels
     one = label == 1 + np.argmax(shown[1:])
-    v, u = np.nonzero(one)
+    v, u = (step // 2 + step * pixels for pixels in np.nonzero(one))
     points = camera.unproject(np.stack([u, v, image[one]], axis=1))
     center = points[nearest[one]].mean(axis=0)
     for _ in range(10):

@@ -15,7 +15,8 @@ Each joint starts from its parent's position and frame, and in order
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -55,8 +56,6 @@ class Skeleton:
     bone_axes                (K,) that axis: 0, 1, 2 for x, y, z; -1 without a bone
     driven                   (Q,) the DoF of each free motion; a DoF may drive several
     turns                    (Q,) bool: the free motion is a rotation, not a translation
-    carries                  (K, K) bool: is the second joint the first one, or does it hang on it?
-    moves                    (Q, K) bool: does the free motion move the joint?
     """
 
     def __init__(self, param: SkeletonParameter) -> None:
@@ -70,17 +69,31 @@ class Skeleton:
         self.upper = np.array([d.upper for d in param.dof])
         self.fixed = np.array([d.fixed for d in param.dof], dtype=bool)
         self._check_numbers()
-        self.parents = np.array([_index(j.parent, self.joint_names, j, "parent") for j in param.joint], dtype=int)
+        joints = {name: i for i, name in enumerate(self.joint_names)}
+        self.parents = np.array([_index(j.parent, joints, j, "parent") for j in param.joint], dtype=int)
         self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
         self.bone_axes = np.array([_signed(j.bone.axis)[0] if j.bone else -1 for j in param.joint])
-        lineage = [self._lineage(j) for j in range(len(param.joint))]
-        self.order = sorted(range(len(lineage)), key=lambda j: len(lineage[j]))
+        depth = self._depths()
+        self.order = sorted(range(len(depth)), key=lambda j: depth[j])
         self.motions = self._motions()
         free = [(j, m) for j, own in enumerate(self.motions) for m in own if m.row >= 0]
         self.driven = np.array([m.dof for _, m in free], dtype=int)
         self.turns = np.array([m.kind == "rotate" for _, m in free], dtype=bool)
-        self.carries = np.array([[j in way for way in lineage] for j in range(len(lineage))])
-        self.moves = self.carries[[j for j, _ in free]].reshape(len(free), len(lineage))
+        self._moved = [j for j, _ in free]  # (Q,) the joint of each free motion
+
+    @functools.cached_property
+    def carries(self) -> Array:
+        """(K, K) bool: is the second joint the first one, or does it hang on it?"""
+        carries = np.eye(len(self.parents), dtype=bool)
+        for j in self.order:
+            if self.parents[j] >= 0:
+                carries[:, j] |= carries[:, self.parents[j]]
+        return carries
+
+    @functools.cached_property
+    def moves(self) -> Array:
+        """(Q, K) bool: does the free motion move the joint?"""
+        return np.asarray(self.carries[self._moved].reshape(len(self._moved), len(self.parents)))
 
     def theta(self, inputs: Array) -> Array:
         """DoF values (N, D) of the inputs (N, D), float64."""
@@ -121,24 +134,32 @@ class Skeleton:
                     schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
                 )
 
-    def _lineage(self, joint: int) -> list[int]:
-        """The joint, its parent, and so on to its root. Raises PrototxtError if there is none."""
-        way = [joint]
-        while self.parents[way[-1]] >= 0:
-            way.append(int(self.parents[way[-1]]))
-            if len(way) > len(self.parents):
-                stuck = self.param.joint[way[-1]]
-                raise PrototxtError(schema.position_of(stuck), f"joint {stuck.name!r} is its own ancestor")
-        return way
+    def _depths(self) -> dict[int, int]:
+        """How many joints there are from each up to its root. Raises PrototxtError if there is no root."""
+        depth = {-1: 0}
+        for joint in range(len(self.parents)):
+            way: dict[int, None] = {}  # up from the joint, as far as depths are not known
+            at = joint
+            while at not in depth:
+                if at in way:
+                    stuck = self.param.joint[at]
+                    raise PrototxtError(schema.position_of(stuck), f"joint {stuck.name!r} is its own ancestor")
+                way[at] = None
+                at = int(self.parents[at])
+            for at in reversed(way):
+                depth[at] = depth[int(self.parents[at])] + 1
+        del depth[-1]
+        return depth
 
     def _motions(self) -> list[tuple[Motion, ...]]:
         rows, result = 0, []
+        dofs = {name: i for i, name in enumerate(self.dof_names)}
         for joint in self.param.joint:
             own = []
             for kind, params in (("translate", joint.translate), ("rotate", joint.rotate)):
                 for param in params:
                     axis, sign = _signed(param.axis)
-                    dof = _index(param.dof, self.dof_names, param, "dof")
+                    dof = _index(param.dof, dofs, param, "dof")
                     row = -1 if self.fixed[dof] else rows
                     rows += row >= 0
                     own.append(Motion("translate" if kind == "translate" else "rotate", axis, sign, dof, row))
@@ -146,14 +167,14 @@ class Skeleton:
         return result
 
 
-def _index(name: str | None, known: list[str], owner: object, field: str) -> int:
+def _index(name: str | None, known: Mapping[str, int], owner: object, field: str) -> int:
     """Index of a name; -1 for none."""
     if name is None:
         return -1
     if name not in known:
         where = schema.position_of(owner, field)
         raise PrototxtError(where, f"unknown {field} {name!r}{did_you_mean(name, known)}")
-    return known.index(name)
+    return known[name]
 
 
 def _unique(named: list[tuple[str, object]], what: str) -> list[str]:
@@ -171,7 +192,7 @@ def _signed(axis: Axis) -> tuple[int, float]:
 
 def load(path: str | Path = NYU_HAND) -> Skeleton:
     """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
-    return _load(Path(path), Path(path).resolve())
+    return _load(Path(path), Path(os.path.realpath(path)))
 
 
 @functools.lru_cache(maxsize=16)

@@ -1,11 +1,14 @@
 """handpose/predicting/finding.py"""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from handpose.data.nyu_files import read_nyu_depth
 from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
+from handpose.predicting import finding
 from handpose.predicting.finding import PALM_MM, depth_around, find_hand, palm_frame, recenter
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.nyu_format import whole_image
@@ -211,3 +214,13 @@ def test_a_pixel_without_depth(pixel, message):
     """One line each."""
     with pytest.raises(DataError, match=message):
         depth_around(np.zeros((80, 100)), *pixel)
+
+
+def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch):
+    """The hand is found where it was, to the distance of these pixels."""
+    images, _ = frames
+    larger = replace(NYU, fx=4 * NYU.fx, fy=4 * NYU.fy, u0=4 * NYU.u0, v0=4 * NYU.v0)
+    monkeypatch.setattr(finding, "MOST_PIXELS", images[0].size)
+    for image in images[:4]:
+        found = find_hand(image.repeat(4, axis=0).repeat(4, axis=1), larger)
+        assert np.abs(found / (4, 4, 1) - find_hand(image, NYU)).max() < 1

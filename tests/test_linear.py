@@ -1,0 +1,179 @@
+"""Twice the input costs twice the work: counted in function calls, not in seconds."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib import engine, prototxt, schema, wire
+from netlib.messages import NetParameter
+from netlib.upgrade import upgraded
+from tools.plot_log import read_log
+
+SIZE = 150  # of the smaller input
+INPUT = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 1 dim: 4 dim: 4 } } }\n'
+SHARED = 'param { name: "w" } inner_product_param { num_output: 1 bias_term: false }'
+CONVOLUTION = "convolution_param { num_output: 1 kernel_size: 1 }"
+
+
+def calls(work: Callable[[], object]) -> int:
+    """How many functions are called, Python's and C's."""
+    count = 0
+
+    def note(frame: FrameType, event: str, argument: Any) -> None:
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        work()
+    finally:
+        sys.setprofile(before)
+    return count
+
+
+def assert_linear(work_on: Callable[[int], Callable[[], object]]) -> None:
+    """Four times the input costs at most five times the calls; what the first run only does is not counted."""
+    work_on(2)()
+    small, large = calls(work_on(SIZE)), calls(work_on(4 * SIZE))
+    assert large <= 5 * small, (small, large)
+
+
+def encoded(text: str) -> bytes:
+    """A net in binary."""
+    return wire.encode(prototxt.parse(text), NetParameter)
+
+
+def layer(i: int, bottom: str, top: str, kind: str = "ReLU", more: str = "") -> str:
+    """One layer."""
+    return f'layer {{ name: "l{i}" type: "{kind}" bottom: "{bottom}" top: "{top}" {more} }}\n'
+
+
+NETS: dict[str, Callable[[int], str]] = {
+    "in place": lambda n: "".join(layer(i, "x", "x") for i in range(n)),
+    "in place, behind one that runs in slices": lambda n: (
+        layer(-1, "x", "c", "Convolution", CONVOLUTION) + "".join(layer(i, "c", "c", "Sigmoid") for i in range(n))
+    ),
+    "in a row": lambda n: "".join(
+        layer(i, f"c{i}" if i else "x", f"c{i + 1}", "Convolution", CONVOLUTION) for i in range(n)
+    ),
+    "readers of one blob": lambda n: "".join(layer(i, "x", f"r{i}") for i in range(n)),
+    "whole ones": lambda n: "".join(
+        layer(i, "x", f"r{i}", "InnerProduct", "inner_product_param { num_output: 1 }") for i in range(n)
+    ),
+    "parameters of one name": lambda n: "".join(layer(i, "x", f"r{i}", "InnerProduct", SHARED) for i in range(n)),
+    "layers of one name": lambda n: "".join(layer(0, "x", "x") for i in range(n)),
+    "tops of one layer": lambda n: layer(0, "x", "t", "Split", "".join(f'top: "t{i}" ' for i in range(n))),
+    "bottoms of one layer": lambda n: layer(0, "x", "t", "Concat", 'bottom: "x" ' * n),
+    "layers that are left out": lambda n: "".join(
+        layer(i, "x", "x", more='include { stage: "a" } include { phase: TEST }') for i in range(n)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", engine.NAMES if engine.has_fast() else ["plain"])
+@pytest.mark.parametrize("kind", NETS)
+def test_building_a_net(kind: str, name: str) -> None:
+    """Of many layers, or of one with many blobs, and one pass forwards."""
+
+    def work_on(n: int) -> Callable[[], object]:
+        tree = prototxt.parse(INPUT + NETS[kind](n))
+        return lambda: netlib.Net(tree, netlib.TRAIN, engine=name).run_forward()
+
+    assert_linear(work_on)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['name: "a" ', 'layer { name: "a" bottom: "b" relu_param { } } ', "input_shape { dim: 1 } ", "input_dim: [3, 3] ",
+     'state { stage: "a" } '],
+)  # fmt: skip
+def test_text_and_bytes(text: str) -> None:
+    """A net is parsed, read, printed, written in binary and read again."""
+    assert_linear(lambda n: partial(prototxt.parse, text * n))
+    assert_linear(lambda n: prototxt.parse(text * n).__str__)
+    if "name" not in text.split()[0]:
+        assert_linear(lambda n: partial(schema.read, prototxt.parse(text * n), NetParameter))
+    assert_linear(lambda n: partial(wire.encode, prototxt.parse(text * n), NetParameter))
+    assert_linear(lambda n: partial(wire.decode, encoded(text * n), NetParameter))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['layers { name: "a" type: RELU bottom: "x" top: "x" } ',
+     'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" } ',
+     'layers { layer { name: "p" type: "padding" pad: 1 } bottom: "x" top: "p" } '
+     'layers { layer { name: "a" type: "conv" } bottom: "p" top: "x" } '],
+    ids=["V1", "V0", "V0 with padding"],
+)  # fmt: skip
+def test_older_nets(text: str) -> None:
+    """As today's."""
+    assert_linear(lambda n: partial(upgraded, prototxt.parse(text * n)))
+
+
+def test_weights_by_name() -> None:
+    """From one net into another."""
+
+    def work_on(n: int) -> Callable[[], object]:
+        one, other = (netlib.Net(prototxt.parse(INPUT + NETS["whole ones"](n)), engine="plain") for _ in range(2))
+        return lambda: one.copy_from(other)
+
+    assert_linear(work_on)
+
+
+@pytest.mark.parametrize("parent", ["joint {i}", "root"])
+def test_a_skeleton(parent: str) -> None:
+    """A chain, or all on one."""
+
+    def work_on(n: int) -> Callable[[], object]:
+        joints = "".join(
+            f'joint {{ name: "joint {i + 1}" parent: "{parent.format(i=i) if i else "root"}" '
+            f'rotate {{ axis: X dof: "d{i}" }} }}'
+            for i in range(n)
+        )
+        text = 'joint { name: "root" } ' + "".join(f'dof {{ name: "d{i}" }} ' for i in range(n)) + joints
+        param = schema.read(prototxt.parse(text), SkeletonParameter)
+        return lambda: Skeleton(param)
+
+    assert_linear(work_on)
+
+
+# What follows is done by one call of C's: it takes a moment, or else minutes.
+
+
+def test_long_texts() -> None:
+    """Many strings that are one, and numbers and strings that do not end."""
+    [field] = prototxt.parse("name: " + '"' + "a" * 100 + '" ' * 1 + ('"' + "a" * 100 + '" ') * 100_000).fields
+    assert len(str(field.value)) == 100 * 100_001 + 2
+    for text in ("1" * 200_000 + "x", "-" + " " * 200_000 + "x", '"' + '\\"' * 200_000):
+        with pytest.raises(netlib.PrototxtError):
+            prototxt.parse(f"name: {text}")
+
+
+@pytest.mark.parametrize(
+    "line", ["Iteration 1 (", "Iteration 1 (x), ", "Iteration 1 " + ")" * 9, "Test net output #1: ", "1"]
+)
+def test_a_long_line_of_a_log(tmp_path: Path, line: str) -> None:
+    """It is no line of a log."""
+    path = tmp_path / "train.log"
+    path.write_text("Iteration " + line * 50_000 + "\nIteration 7 (2 iter/s, 1s/2 iters), loss = 0.5\n")
+    assert read_log(path).loss == [(7, 0.5)]
+
+
+def test_the_depth_of_a_skeleton_says_who_carries_whom() -> None:
+    """Parents first, whatever the order of the file."""
+    text = 'joint { name: "tip" parent: "middle" } joint { name: "root" } joint { name: "middle" parent: "root" }'
+    skeleton = Skeleton(schema.read(prototxt.parse(text), SkeletonParameter))
+    assert skeleton.order == [1, 2, 0]
+    assert np.array_equal(skeleton.carries, np.array([[1, 0, 0], [1, 1, 1], [1, 0, 1]], bool))
