@@ -28,6 +28,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 MEMORY = 4 << 30  # bytes of address space
 LIMIT_S = 20.0
+LONGEST_S = 300
 GOOD = ("refused", "read", "held", "known")  # every other outcome is a failure
 
 
@@ -155,6 +156,7 @@ def _serve(answers: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for order in sys.stdin:
+        signal.alarm(LONGEST_S)  # whatever it waits for, it does not outlive its parent by more
         outcome = outcome_of(*json.loads(order))
         text = outcome.detail.encode("utf-8", "backslashreplace").decode()
         os.write(answers, json.dumps([outcome.kind, text]).encode() + b"\n")

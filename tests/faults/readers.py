@@ -101,7 +101,7 @@ def judged(error: NetlibError, path: Path) -> Outcome:
         return Outcome("UNCLEAR", f"not one line that can be printed: {line[:200]!r}")
     if len(line) > 2000:
         return Outcome("UNCLEAR", f"{len(line)} characters long: {line[:100]!r}")
-    if path.name not in line and not _ELSEWHERE.search(line):
+    if not any(name in line for name in {path.name, *path.parts[:-1]}) and not _ELSEWHERE.search(line):
         return Outcome("UNCLEAR", f"does not name {path}: {line[:200]!r}")
     return Outcome("refused", line)
 
