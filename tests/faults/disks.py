@@ -310,13 +310,15 @@ def _some_work() -> None:
         readers.read_net(Path("vision.prototxt"))
 
 
-def _used() -> tuple[int, int, int]:
-    """Bytes of memory, open files, threads."""
+def _used() -> tuple[int, int, list[str]]:
+    """Bytes of memory, number of open files, names of threads."""
     gc.collect()
+    for thread in set(threading.enumerate()) - {threading.main_thread()}:
+        thread.join(timeout=1)  # one that is told to end takes a moment
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize(), len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
+    return pages * resource.getpagesize(), len(list(Path("/proc/self/fd").iterdir())), sorted(thread.name for thread in threading.enumerate())
 
 
 # ---------------------------------------------------------------------------------------------- the table
