@@ -24,7 +24,6 @@ from tests.faults import readers
 from tests.faults.isolation import ROOT, Outcome, Worker
 
 CASES = 1500
-RANDOM_MOMENTS = 200
 PAGE = ROOT / "docs" / "reliability.md"
 BEGIN, END = "<!-- the campaign's table begins -->", "<!-- the campaign's table ends -->"
 
@@ -35,14 +34,14 @@ class Promise:
 
     promise, how  what users read
     module        whose cases test it, those whose names begin with one of ``begin``
-    dice          how many cases there are for each name, for cases that are dice; None where they are counted off
+    dice          where cases are thrown, how many there are for each of --cases; None where they are counted off
     """
 
     promise: str
     how: str
     module: str
     begin: tuple[str, ...] = ("",)
-    dice: int | None = None
+    dice: float | None = None
 
     def names(self) -> list[str]:
         """Of its groups of cases."""
@@ -57,10 +56,10 @@ _F = "tests.faults."
 PROMISES = (
     Promise("a damaged file is one line, or is read all the same: no traceback, no crash, no hang",
             "every reader on files with flipped bits, cut, spliced, with extreme numbers and strange names",
-            _F + "readers", dice=CASES),
+            _F + "readers", dice=1),
     Promise("what a checksum guards is right or refused; a solver that refuses is as it was",
             "solver states and their weights, packaged models, depth pictures, damaged in the same way", _F + "readers",
-            ("resume", "packaged", "depth picture"), CASES),
+            ("resume", "packaged", "depth picture"), 1),
     Promise("what is no file (a FIFO, a folder, /dev/zero, a link to itself, 1 TB) is one line",
             "in place of every file of every reader", _F + "disks", ("nothing for", "an empty", "a directory", "a FIFO",
             "/dev/zero", "a link", "a file of")),
@@ -70,7 +69,7 @@ PROMISES = (
             "SIGINT, SIGTERM, SIGHUP at every forward, also of tests, and at every file event of a snapshot",
             _F + "signals", ("SIGINT at a f", "SIGTERM at a f", "SIGHUP at a f")),
     Promise("... at any time", "the same at random moments", _F + "signals",
-            ("SIGINT at a r", "SIGTERM at a r", "SIGHUP at a r"), RANDOM_MOMENTS),
+            ("SIGINT at a r", "SIGTERM at a r", "SIGHUP at a r"), 0.1),
     Promise("a disk that is full, read-only or failing is one line; old files are whole; the next run ends the same",
             "from every file event on; files limited to nine sizes", _F + "disks",
             ("full", "read-only", "one failing", "limited")),
@@ -94,14 +93,14 @@ class Group:
     counts: Counter[str] = field(default_factory=Counter)
     failures: list[tuple[int, Outcome]] = field(default_factory=list)
 
-    def numbers(self, cases: int | None) -> Iterator[int]:
+    def numbers(self, cases: int) -> Iterator[int]:
         """As many as there are dice to be thrown, or until a case says that it is over."""
         number = 0
-        while not self.counts["over"] and (self.promise.dice is None or number < (cases or self.promise.dice)):
+        while not self.counts["over"] and (self.promise.dice is None or number < self.promise.dice * cases):
             yield number
             number += 1
 
-    def run(self, seed: int, cases: int | None, only: int | None = None) -> Group:
+    def run(self, seed: int, cases: int, only: int | None = None) -> Group:
         """All of its cases, in a process of their own."""
         with Worker() as worker:
             for number in self.numbers(cases) if only is None else (only,):
@@ -139,7 +138,7 @@ def table(done: list[Group]) -> str:
 def main(argv: list[str] | None = None) -> int:
     """Run it; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, metavar="N", help=f"for each reader (default: {CASES})")
+    parser.add_argument("--cases", type=int, default=CASES, metavar="N", help="for each reader (default: %(default)s)")
     parser.add_argument(
         "--seed", type=int, default=int(time.time()), metavar="S", help="of the dice (default: the time)"
     )

@@ -318,7 +318,11 @@ def _used() -> tuple[int, int, list[str]]:
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize(), len(list(Path("/proc/self/fd").iterdir())), sorted(thread.name for thread in threading.enumerate())
+    return (
+        pages * resource.getpagesize(),
+        len(list(Path("/proc/self/fd").iterdir())),
+        sorted(thread.name for thread in threading.enumerate()),
+    )
 
 
 # ---------------------------------------------------------------------------------------------- the table
