@@ -41,8 +41,8 @@ def failing_disk(fault: str, run: str, number: int) -> Outcome:
     def fail(event: int, what: str, path: str | None) -> None:
         nonlocal struck
         reached = event == number + 1 if fault == "one failing write" else event > number
+        struck = struck or reached
         if reached and (what in runs.CREATING or (fault != "full disk" and what != "fcntl.flock")):
-            struck = True
             raise OSError(FAULTS[fault], os.strerror(FAULTS[fault]), *([path] if path else []))
 
     def disturbed() -> str:

@@ -64,6 +64,18 @@ def refuse(message: str) -> None:
     raise NetlibError(message)
 
 
+class RawError(NetlibError):
+    """One whose text would clear a screen."""
+
+    def __str__(self) -> str:
+        return "a.bin: \x1b[2J"
+
+
+def refuse_raw(path: Path) -> None:
+    if path.read_bytes() != b"good" * 9:
+        raise RawError
+
+
 def warn(path: Path) -> None:
     warnings.warn("chatter", RuntimeWarning, stacklevel=1)
 
@@ -72,7 +84,7 @@ WRONG = {
     "a good one": (lambda path: refuse(f"{path}: not a thing") if path.read_bytes() != b"good" * 9 else 1, "refused"),
     "reads anything": (lambda path: path.read_bytes(), "SILENT"),
     "no name": (lambda path: refuse("not a thing") if path.read_bytes() != b"good" * 9 else 1, "UNCLEAR"),
-    "two lines": (lambda path: refuse(f"{path}\x1b") if path.read_bytes() != b"good" * 9 else 1, "UNCLEAR"),
+    "commands": (refuse_raw, "UNCLEAR"),
     "chatters": (warn, "WARNING"),
 }
 

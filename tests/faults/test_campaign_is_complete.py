@@ -17,6 +17,8 @@ SOURCES = [
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
     "handpose/experiments/trainings.py": "reads the solver that comes with the project, to change it",
+    "netlib/locks.py": "opens a file to lock it, and reads a process number that this project wrote",
+    "netlib/python_layer.py": "reads code, which is what it is asked to run",
     "netlib/files.py": "opens for all others what a user names",
     "tools/databases.py": "opens the database that it makes",
     "tools/export_onnx.py": "reads back what it has just written",
@@ -55,7 +57,9 @@ def reads(call: ast.Call) -> bool:
     words = [*call.args, *(word.value for word in call.keywords if word.arg == "mode")]
     modes = [word.value for word in words if isinstance(word, ast.Constant) and isinstance(word.value, str)]
     flags = [node.attr for word in words for node in ast.walk(word) if isinstance(node, ast.Attribute)]
-    return not any(set(mode) & set("wax+") and len(mode) < 4 for mode in modes) and "O_WRONLY" not in flags
+    return not any(set(mode) & set("wax+") and len(mode) < 4 for mode in modes) and not {"O_WRONLY", "devnull"} & set(
+        flags
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,6 +71,7 @@ def reads(call: ast.Call) -> bool:
         ('path.open("r+b")', False),
         ("path.open(encoding='utf-8')", True),
         ("os.open(path, os.O_WRONLY | os.O_CREAT)", False),
+        ("os.open(os.devnull, os.O_RDWR)", False),
         ("path.read_text(encoding='utf-8')", True),
         ("path.write_text('w')", False),
         ("h5py.File(path, 'r')", True),
@@ -95,8 +100,7 @@ def test_every_reader_has_a_campaign() -> None:
 def test_the_table_names_no_module_that_reads_nothing() -> None:
     """A row that has lost its reader is found."""
     for module in known():
-        if module != "netlib/files.py" or (ROOT / module).exists():
-            assert list(opening(ast.parse((ROOT / module).read_text(encoding="utf-8")))), module
+        assert list(opening(ast.parse((ROOT / module).read_text(encoding="utf-8")))), module
 
 
 def known() -> set[str]:
