@@ -2,18 +2,20 @@
 # make demo    set up, find and fit hands in rendered depth frames with the packaged weights (seconds)
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
 # make test    set up and run the tests
+# make faults  kill it, cut its files, fill its disk: tens of thousands of cases (half an hour; CASES=100 for a look)
 # make table1  the paper's Table 1: trains five networks (hours; ITERATIONS=1000 for a look), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make twins   what each part of fast/ is worth, by switching it off (minutes)
 # make lint    the style and type checks of the continuous integration
 PYTHON ?= python3
 ITERATIONS ?= 1000
+CASES ?= 1500
 BIN := .venv/bin
 RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test lint table1 bench twins clean
+.PHONY: help demo train test faults lint table1 bench twins clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -42,6 +44,9 @@ twins: .venv/tools
 
 test: .venv/test
 	$(RUN) -m pytest -n auto
+
+faults: .venv/test
+	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
 
 lint: .venv/dev
 	$(BIN)/ruff check .

@@ -28,19 +28,21 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import cv2
 import numpy as np
 import onnxruntime
 import torch
 
+import netlib
 from benchmarks.paper import WEIGHTS, Paper
 from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet, onnx_model
 from layers.hand.skeleton import load
 from netlib.net import Net
+from tools.console import DONE, guarded
 
 FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
 FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution passes no gradient down
@@ -54,7 +56,11 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=15, help="timings of each (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--json", metavar="FILE", help="write the figures here as well")
-    args = parser.parse_args()
+    return guarded(run, parser.parse_args())
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare as the parsed arguments say."""
     netlib.set_threads(args.threads)
     torch.set_num_threads(args.threads)
     load = os.getloadavg()[0]
@@ -69,7 +75,7 @@ def main() -> int:
         versions = {peer.__name__: peer.__version__ for peer in (np, torch, onnxruntime, cv2)}
         facts = {"blas": netlib.BLAS_NOTE, "threads": args.threads, "load": load, **versions}
         Path(args.json).write_text(json.dumps({**facts, "rows": bench.rows}, indent=2), encoding="utf-8")
-    return 0
+    return DONE
 
 
 class Bench:

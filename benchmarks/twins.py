@@ -23,9 +23,9 @@ from unittest import mock
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
@@ -35,12 +35,14 @@ import fast.inner_product
 import fast.kinematics
 import fast.plan
 import fast.row_tiles
+import netlib
 from benchmarks.paper import Paper
 from fast.engine import TWINS, FastEngine
 from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
 from netlib.updates import RULES
+from tools.console import DONE, guarded
 
 BURST = 0.15  # seconds of one timing; one call if that is longer
 Off = Callable[[], contextlib.AbstractContextManager[Any]]
@@ -103,7 +105,11 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=7, help="timings of each (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--only", nargs="+", metavar="PART", help="such parts whose names contain one of these")
-    args = parser.parse_args()
+    return guarded(run, parser.parse_args())
+
+
+def run(args: argparse.Namespace) -> int:
+    """Time each part as the parsed arguments say."""
     netlib.set_threads(args.threads)
     with tempfile.TemporaryDirectory() as folder:
         paper = Paper(Path(folder), args.threads)
@@ -120,7 +126,7 @@ def main() -> int:
                 continue
             cells = [compare(make, off, args.rounds) for make in jobs.values()]
             print(f"{part:<34}" + "".join(f"{cell:>18}" for cell in cells), flush=True)
-    return 0
+    return DONE
 
 
 def step(paper: Paper, batch: int) -> Callable[[], Any]:

@@ -55,15 +55,6 @@ class FastHDF5Data(Twin, HDF5Data):
                 used[...] = read
         self._ahead = self._reader.submit(self.read, self.cursor, self._next)
 
-    def pick(self, array: Array, rows: Array, out: Array) -> None:
-        """Rows in order are a slice of the file; others go where they belong without a copy on the way."""
-        if not self.param.shuffle:
-            out[...] = array[rows[0] : rows[-1] + 1]
-        elif array.dtype == out.dtype:
-            np.take(array, rows, axis=0, out=out, mode="clip")
-        else:
-            super().pick(array, rows, out)
-
     def restore(self, state: dict[str, Any]) -> None:
         """What was read ahead no longer comes next."""
         self._drop_ahead()

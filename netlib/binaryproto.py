@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netlib import schema, wire
-from netlib.atomic import replace_all
+from netlib import files, schema, wire
+from netlib.atomic import replace_bytes
 from netlib.blob import Array
 from netlib.errors import DataError, WireError, reason_of
 from netlib.messages import BlobProto, BlobShape
@@ -41,10 +41,7 @@ def tree_of(array: Array, diff: Array | None = None) -> Message:
 
 def read_blob(path: str | Path) -> Array:
     """The array in a .binaryproto file. Raises DataError."""
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the blob: {reason_of(error)}") from error
+    data = files.read_bytes(path, "the blob")
     try:
         proto = schema.read(wire.decode(data, BlobProto, str(path)), BlobProto)
         array = array_of(proto)
@@ -58,6 +55,6 @@ def read_blob(path: str | Path) -> Array:
 def write_blob(array: Array, path: str | Path) -> None:
     """Write a .binaryproto file, whole or not at all. Raises DataError."""
     try:
-        replace_all([(Path(path), wire.encode(tree_of(np.asarray(array)), BlobProto))])
+        replace_bytes(Path(path), wire.encode(tree_of(np.asarray(array)), BlobProto))
     except OSError as error:
         raise DataError(f"{path}: cannot write the blob: {reason_of(error)}") from error

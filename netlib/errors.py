@@ -10,12 +10,16 @@ import difflib
 import re
 from collections.abc import Iterable
 
+LONGEST = 2000  # characters of a message
+
 
 class NetlibError(RuntimeError):  # which is what pycaffe raises
     """Base of every error that a user's input can cause."""
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(message.replace("\r", "\\r").replace("\n", "\\n"))  # a name in a file may hold them
+        if len(message) > LONGEST:  # a file may hold a name of any length
+            message = f"{message[: LONGEST - 300]} ... ({len(message)} characters) ... {message[-200:]}"
+        super().__init__(printable(message))
 
 
 class PrototxtError(NetlibError):
@@ -43,6 +47,15 @@ class DataError(NetlibError):
 
 class DivergenceError(NetlibError):
     """Training met a value that is NaN or infinite."""
+
+
+def printable(text: object) -> str:
+    """What a log or a terminal may show: characters that act instead of being seen are escaped, as in Python's repr.
+
+    Names in files may hold line ends, a terminal's commands, marks that turn the direction of writing, bytes that are
+    no text.
+    """
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -1,55 +1,104 @@
-"""Data in HDF5 files: rows of arrays, and the lists that name files.
+"""HDF5 files: opened only after a look at them from outside, and rows of data that are read without the library.
 
-Data sets stored in one piece are mapped, not read, so a file may be larger than the memory.
+The HDF5 library may crash on a damaged file, or never return, and a file may lead to other files. So a helper process
+looks at each file first (hdf5_helper.py).
+
+Rows of data sets that are stored in one piece are then read by plain reads, neither by the library nor mapped into
+memory: a file that is cut while it is in use is an error like any other, not the end of the process.
 """
 
 from __future__ import annotations
 
-import mmap
+import contextlib
+import io
+import math
+import os
+import threading
+import weakref
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import DTypeLike
 
+from netlib import atomic, files, hdf5_helper
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.paths import exists, find
 
+SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets of smaller rows are held in memory, if they are not larger
+
+
+@contextlib.contextmanager
+def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[h5py.File]:
+    """An HDF5 file, open for reading; ``what`` it is meant to be stands in the error.
+
+    Raises ``kind``, also for whatever HDF5 raises within the block.
+    """
+    with files.opened(path, what, kind) as stream:
+        fault = hdf5_helper.fault_of(str(path), hdf5_helper.identity(stream.fileno()))
+    if fault:
+        raise kind(f"{path}: cannot read {what}: {fault}")
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            yield file
+    except NetlibError:
+        raise
+    except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
+        raise kind(f"{path}: cannot read {what}: damaged, or not as expected: {reason_of(error)}") from error
+
+
+@contextlib.contextmanager
+def in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
+    """A new file, and after the block its bytes, to be written by plain writes: one that fails within HDF5 may end the
+    process."""
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
+        yield file, image
+
+
+@contextlib.contextmanager
+def written(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file that is written after the block, whole or not at all. Raises OSError."""
+    with in_memory() as (file, image):
+        yield file
+    atomic.replace_bytes(path, image.getvalue())
+
 
 class File:
-    """One open HDF5 file: an array for each data set, mapped if it is stored in one piece.
+    """Rows of some data sets of one HDF5 file.
 
-    arrays     one for each of the names asked for
-    rows       in each array
+    rows       in each data set
+    datasets   one Rows for each of the names asked for
     names      of all that the file holds
     made_from  what the data are
 
-    Before reading from ``arrays`` of a file that has been open for a while, ``check_size``.
+    An attribute ``rest_in`` names another file, from the folder of the first, that has the data sets which the first
+    lacks. (HDF5's own links into other files are not followed: the library would open whatever they name.)
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path = path
-        self._maps: dict[str, mmap.mmap] = {}  # by the name of the file, which links may lead out of this one
-        try:
-            path.open("rb").close()
-            with h5py.File(path, "r") as file:
-                for name in names:
-                    link = file.get(name, getlink=True)
-                    if isinstance(link, h5py.ExternalLink) and file.get(name) is None:
-                        raise DataError(
-                            f"{path}: data set {name!r} is kept in {link.filename}, which is missing or lacks it"
-                        )
-                    if not isinstance(file.get(name), h5py.Dataset):
-                        there = ", ".join(n for n in file if isinstance(file.get(n), h5py.Dataset)) or "none"
-                        raise DataError(f"{path}: no data set {name!r}; it has {there}")
-                self.arrays = [self._array(file[name]) for name in names]
-                self.names = tuple(file)
-                self.made_from = str(file.attrs.get("made_from", "an unknown source"))
-        except NetlibError:
-            raise
-        except (OSError, ValueError, RuntimeError) as error:
-            raise DataError(f"{path}: cannot read the HDF5 file: {reason_of(error)}") from error
-        counts = {name: a.shape[0] if a.ndim else 0 for name, a in zip(names, self.arrays)}
+        self.datasets: list[Rows] = []
+        with contextlib.ExitStack() as stack:
+            opens = [stack.enter_context(opened(path, "the HDF5 file"))]
+            self.made_from = str(opens[0].attrs.get("made_from", "an unknown source"))
+            self.sources = [Source(path)]
+            if rest := opens[0].attrs.get("rest_in"):
+                self.sources.append(Source(Path(os.path.normpath(path.parent / str(rest)))))
+                opens.append(stack.enter_context(opened(self.sources[1].path, f"the rest of {path}")))
+            self.names = tuple(dict.fromkeys(name for file in opens for name in file))
+            for name in names:
+                for source, file in zip(self.sources, opens):
+                    if isinstance(file.get(name), h5py.Dataset):
+                        self.datasets.append(Rows(source, file[name]))
+                        break
+                else:
+                    there = ", ".join(n for file in opens for n in file if isinstance(file.get(n), h5py.Dataset))
+                    raise DataError(f"{path}: no data set {name!r}; it has {there or 'none'}")
+        counts = {name: d.shape[0] if d.shape else 0 for name, d in zip(names, self.datasets)}
         if len(set(counts.values())) > 1:
             raise DataError(
                 f"{path}: data sets of different length: {', '.join(f'{k} {v}' for k, v in counts.items())}"
@@ -58,58 +107,100 @@ class File:
         if self.rows == 0:
             raise DataError(f"{path}: data set {names[0]!r} has no rows")
 
-    def _array(self, dataset: h5py.Dataset) -> Array:
-        if dataset.dtype.kind not in "fiu":
-            raise DataError(f"{self.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
-        offset = dataset.id.get_offset()
-        if fault := storage_fault(dataset):
-            raise DataError(f"{self.path}: data set {dataset.name!r} {fault}; expected data")
-        if offset is None or dataset.size == 0:  # in chunks, compressed, in a raw file elsewhere, or empty
-            return np.asarray(dataset[...])
-        home = dataset.file.filename  # another file for an external link
-        if home not in self._maps:
-            with open(home, "rb") as stream:
-                self._maps[home] = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        return np.frombuffer(self._maps[home], dataset.dtype, dataset.size, offset).reshape(dataset.shape)
-
-    def check_size(self) -> None:
-        """Raise DataError if a mapped file has been cut: to read what is gone would kill the process.
-
-        That still happens if the file is cut while it is read. A file that takes another's place does no harm.
-        """
-        for home, mapped in self._maps.items():
-            size = mapped.size()
-            if size < len(mapped):
-                raise DataError(f"{home}: was cut to {size} bytes while in use, expected {len(mapped)}; "
-                                "restore the file and run again")  # fmt: skip
+    def check(self) -> None:
+        """Raise DataError if a file has been changed since it was opened. One that takes its place does no harm."""
+        for source in self.sources:
+            source.check()
 
 
-def storage_fault(dataset: h5py.Dataset) -> str:
-    """What is wrong with a data set that claims far more values than its file holds; empty if nothing.
+class Source:
+    """A file that is open for plain reads. Raises DataError."""
 
-    HDF5 makes up values that were never written, so a small file could fill the memory. No compression that HDF5 has
-    by itself makes data a thousand times smaller.
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stream = files.opened(path, "the HDF5 file")
+        self._identity = hdf5_helper.identity(self._stream.fileno())
+        self._lock = threading.Lock()
+        weakref.finalize(self, self._stream.close)
+
+    def check(self) -> None:
+        """Raise DataError if the file has been changed."""
+        device, inode, size, modified, _ = hdf5_helper.identity(self._stream.fileno())
+        if (device, inode, size, modified) != self._identity[:4]:
+            was = f"cut to {size} of {self._identity[2]} bytes" if size < self._identity[2] else "changed"
+            raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
+
+    def read_into(self, target: memoryview, offset: int) -> None:
+        """Fill ``target`` with the bytes from ``offset`` on. Raises DataError."""
+        done = 0
+        with self._lock:
+            try:
+                self._stream.seek(offset)
+                while done < len(target) and (count := self._stream.readinto(target[done:])):
+                    done += count
+            except OSError as error:
+                raise DataError(f"{self.path}: cannot read the HDF5 file: {reason_of(error)}") from error
+        if done < len(target):
+            self.check()
+            raise DataError(f"{self.path}: ends at byte {offset + done}, expected {offset + len(target)}")
+
+
+class Rows:
+    """The rows of a data set, read when they are asked for, or held in memory.
+
+    shape  (rows, ...)
+    dtype  of the values in the file
     """
-    stored = dataset.id.get_storage_size()
-    if dataset.nbytes < 1 << 26 or dataset.nbytes <= 2000 * stored or dataset.is_virtual or dataset.external:
-        return ""
-    return f"claims {dataset.nbytes} bytes, but only {stored} are stored"
+
+    def __init__(self, source: Source, dataset: h5py.Dataset) -> None:
+        if dataset.dtype.kind not in "fiu":
+            raise DataError(f"{source.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
+        self.shape: tuple[int, ...] = dataset.shape or ()
+        self.dtype: np.dtype[Any] = dataset.dtype
+        self._source, self._row = source, math.prod(self.shape[1:]) * self.dtype.itemsize
+        self._offset: int | None = dataset.id.get_offset()
+        small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY  # not worth a read for each
+        held = self._offset is None or small or dataset.size == 0  # or in chunks, compressed
+        self._held: Array | None = np.asarray(dataset[...]) if held else None
+
+    def take(self, rows: Array, out: Array) -> None:
+        """Copy some rows, by their numbers, into ``out``, converted to its type. Raises DataError."""
+        if self._held is not None:
+            out[...] = self._held[rows]
+            return
+        target = out if out.dtype == self.dtype and out.flags.c_contiguous else np.empty(out.shape, self.dtype)
+        view = target.reshape(-1).view(np.uint8).data
+        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]  # of rows that follow each other
+        begin = 0
+        for end in ends:
+            at = self._offset + int(rows[begin]) * self._row
+            self._source.read_into(view[begin * self._row : end * self._row], at)
+            begin = end
+        if target is not out:
+            out[...] = target
+
+    def __getitem__(self, rows: Any) -> Array:
+        """A row by its number, or several by a slice or by their numbers."""
+        numbers = np.arange(self.shape[0])[rows]
+        out = np.empty((numbers.size, *self.shape[1:]), self.dtype)
+        self.take(np.atleast_1d(numbers), out)
+        return out.reshape(numbers.shape + self.shape[1:])
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
+        """All rows."""
+        return self[:].astype(dtype or self.dtype, copy=False)
 
 
 def read_list(source: str, prototxt: str | None) -> list[Path]:
     """The files that a list names, relative to the working directory or to the list. Raises DataError."""
     path = find(source, prototxt)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").split("\n")
-    except (OSError, ValueError) as error:
-        raise DataError(f"{source}: cannot read the list of HDF5 files: {reason_of(error)}") from error
-    names = [line.strip() for line in lines if line.strip()]
+    names = [line.strip() for line in files.read_text(path, "the list of HDF5 files").split("\n") if line.strip()]
     if not names:
         raise DataError(f"{source}: the list of HDF5 files is empty")
-    files = []
+    found = []
     for name in names:
-        files.append(find(name, str(path)))
-        if not exists(files[-1]):
+        found.append(find(name, str(path)))
+        if not exists(found[-1]):
             raise DataError(f"{source}: names {name!r}, which does not exist; expected a path from the working "
                             "directory or from the list")  # fmt: skip
-    return files
+    return found

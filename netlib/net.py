@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from netlib import create, schema, snapshot
+from netlib import create, python_layer, schema, snapshot
 from netlib import engine as engines
 from netlib import weights as weights_of
 from netlib.blob import Blob, Blobs
@@ -47,7 +47,7 @@ class Net:
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine.py).
+    is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` refuses a net that brings code of its own.
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some
@@ -73,6 +73,7 @@ class Net:
         state: NetState | None = None,
         seed: int | None = None,
         engine: str | None = None,
+        python_layers: bool = True,
     ) -> None:
         for value in args:
             if isinstance(value, (int, np.integer)):
@@ -92,6 +93,7 @@ class Net:
         self.name = param.name
         self.seed = next_seed() if seed is None else seed
         self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
+        python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
         self._build(insert_splits(self.param.layer))
         self._decide_backward(param.force_backward)

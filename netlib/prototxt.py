@@ -20,7 +20,8 @@ from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from netlib.errors import NetlibError, PrototxtError, reason_of
+from netlib import files
+from netlib.errors import NetlibError, PrototxtError
 
 MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Python's own stack limit
 
@@ -101,14 +102,7 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
 
 def parse_file(path: str | Path) -> Message:
     """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not prototxt."""
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as error:
-        raise NetlibError(f"{path}: cannot read the prototxt: {reason_of(error)}") from error
-    try:
-        text = raw.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise NetlibError(f"{path}: not a text file (byte {error.start} is not UTF-8); expected a prototxt") from error
+    text = files.read_text(path, "the prototxt", NetlibError)
     return parse(text, str(path))
 
 

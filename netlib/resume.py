@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from netlib import snapshot
+from netlib import weights as weights_of
 from netlib.blob import Array
-from netlib.errors import WeightsError
+from netlib.errors import WeightsError, reason_of
 from netlib.messages import SolverParameter
 from netlib.net import Net
 from netlib.saved import SolverState
@@ -68,34 +69,46 @@ def _course(solver: Solver) -> dict[str, Any]:
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
-    """Take back a solver state. Raises WeightsError."""
+    """Take back a solver state, all of it or nothing. Raises WeightsError."""
     state = snapshot.read_state(path)
-    weights = snapshot.same_file_beside(path, state.learned_net)
     _check_histories(solver, path, state)
-    if state.extra.get("weights_crc") not in (None, snapshot.checksum(weights)):
-        raise WeightsError(f"{path}: the weights beside it, {weights}, are those of another snapshot")
-    solver.net.copy_from(weights, strict=True)
+    weights = snapshot.pair_of(path, state)
+    writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)
+    _restore_layers(solver, path, state.extra.get("layers", []))
+    weights_of.write(writes)  # from here on nothing fails
     count = len(solver.history)
     for i, array in enumerate(state.history):
         solver.history[i % count][i // count][...] = array
     solver.iter = state.iter
     solver.smoothed.clear()
     solver.smoothed.extend(state.extra.get("smoothed", []))
-    try:
-        for net, states in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
-            net.restore_layer_states(states)
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise WeightsError(f"{path}: damaged: the state of a layer cannot be restored ({error})") from error
     log.info("SGDSolver: restoring history")
     log.info("Resuming at iteration %d: weights from %s, history from %s", solver.iter, weights, path)
+    if solver.iter >= solver.param.max_iter:
+        log.warning("Nothing is left to train: max_iter is %d", solver.param.max_iter)
     if not state.extra:
         log.info("Written by Caffe: data positions and random numbers start anew")
         return
+    if "checksum" not in state.extra:
+        log.info("Written by an earlier version, without a checksum: damage would not be noticed")
     changes = list(_changes(solver, state))
     exactly = "; the training goes on exactly" if not changes else ""
     log.info("Restored: data positions, random numbers, averaged loss%s", exactly)
     for change in changes:
         log.info("Changed: %s", change)
+
+
+def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any]]) -> None:
+    """Take back the states of all layers, or leave all as they are. Raises WeightsError."""
+    nets = [solver.net, *solver.test_nets]
+    before = [net.layer_states() for net in nets]
+    try:
+        for net, of_layers in zip(nets, states):
+            net.restore_layer_states(of_layers)
+    except Exception as error:  # of a user's layer, too
+        for net, of_layers in zip(nets, before):
+            net.restore_layer_states(of_layers)
+        raise WeightsError(f"{path}: the state of a layer cannot be restored: {reason_of(error)}") from error
 
 
 def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> None:

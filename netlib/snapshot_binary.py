@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from netlib import binaryproto, messages, schema, wire
 from netlib.blob import Array
-from netlib.errors import NetlibError, WeightsError
+from netlib.errors import NetlibError, WeightsError, reason_of
 from netlib.messages import LayerParameter
 from netlib.net_parameter import distinct
 from netlib.prototxt import Field, Message
@@ -78,12 +78,14 @@ def read_state(data: bytes, path: str) -> SolverState:
         if state.history or state.learned_net:
             history = [binaryproto.array_of(blob) for blob in state.history]
             extra = json.loads(state.netlib or "{}")
-            return SolverState(state.iter, state.current_step, state.learned_net, history, extra)
+            found = SolverState(state.iter, state.current_step, state.learned_net, history, extra)
+            found.check()
+            return found
         problem = f"{path}: no history in it"
     except NetlibError as error:
         problem = str(error)
-    except ValueError as error:
-        problem = f"{path}: damaged: {error}"
+    except (ValueError, RecursionError) as error:  # of the JSON, too
+        problem = f"{path}: damaged: {reason_of(error)}"
     net = _or_none(_net, data, path)
     if net is not None and net.layer:
         raise WeightsError(f"{path}: this is a weights file; pass it as --weights, or its pair *.solverstate here")
@@ -95,7 +97,7 @@ def _net(data: bytes, path: str) -> messages.NetParameter:
 
 
 def _state(data: bytes, path: str) -> messages.SolverState:
-    return schema.read(wire.decode(data, messages.SolverState, path), messages.SolverState)
+    return schema.read(wire.decode(data, messages.SolverState, path, strict=True), messages.SolverState)
 
 
 def _or_none(read: Callable[[bytes, str], T], data: bytes, path: str) -> T | None:

@@ -7,8 +7,6 @@ solver state  /iter /current_step /learned_net /history/<index>
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import os
 from collections.abc import Iterator
@@ -18,10 +16,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netlib.errors import NetlibError, WeightsError
-from netlib.hdf5 import storage_fault
+from netlib import hdf5
+from netlib.errors import WeightsError
 from netlib.saved import SolverState, Weights
 
+STATE = ("iter", "current_step", "learned_net", "history", "netlib")  # what a solver state holds
 MAGIC = b"\x89HDF\r\n\x1a\n"  # how every such file begins
 
 
@@ -45,7 +44,7 @@ def name_fault(name: str) -> str:
 def weights_image(weights: Weights) -> bytes:
     """The HDF5 file of a net's weights, as bytes. Raises WeightsError for names that HDF5 cannot store."""
     check_names(weights)
-    with _in_memory() as (file, image):
+    with hdf5.in_memory() as (file, image):
         data = file.create_group("data")
         for layer, arrays in weights.items():
             if not arrays and name_fault(layer):
@@ -58,7 +57,7 @@ def weights_image(weights: Weights) -> bytes:
 
 def state_image(state: SolverState) -> bytes:
     """The HDF5 file of a solver state, as bytes."""
-    with _in_memory() as (file, image):
+    with hdf5.in_memory() as (file, image):
         file["iter"] = np.array([state.iter], dtype=np.int32)
         file["current_step"] = np.array([state.current_step], dtype=np.int32)
         _write_c_string(file, "learned_net", state.learned_net)
@@ -67,13 +66,6 @@ def state_image(state: SolverState) -> bytes:
             history[str(i)] = array
         _write_c_string(file, "netlib", json.dumps(state.extra))  # of a fixed length: HDF5 can hang in a damaged heap
     return image.getvalue()
-
-
-@contextlib.contextmanager
-def _in_memory() -> Iterator[tuple[h5py.File, io.BytesIO]]:
-    image = io.BytesIO()
-    with h5py.File(image, "w") as file:
-        yield file, image
 
 
 def _write_c_string(file: h5py.File, name: str, text: str) -> None:
@@ -92,7 +84,7 @@ def _write_c_string(file: h5py.File, name: str, text: str) -> None:
 
 def read_weights(path: str | Path) -> Weights:
     """Layer name -> parameter index -> array. Raises WeightsError if the file is not such a file."""
-    with _open(path, "weights") as file:
+    with hdf5.opened(path, "weights", WeightsError) as file:
         if "history" in file and "data" not in file:
             pair = _learned_net(file) or "*.caffemodel.h5"
             raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
@@ -105,8 +97,6 @@ def read_weights(path: str | Path) -> Weights:
             for key in sorted(group):
                 if not key.isdecimal() or not key.isascii() or str(int(key)) != key:
                     raise WeightsError(f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on")
-                if fault := storage_fault(group[key]):
-                    raise WeightsError(f"{path}: layer {name!r} parameter {key} {fault}; expected weights")
                 array = np.asarray(group[key][...])
                 if array.dtype.kind not in "fiu":
                     raise WeightsError(f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers")
@@ -134,18 +124,29 @@ class _Only(dict[str, Any]):
 
 def read_state(path: str | Path) -> SolverState:
     """Read a solver state. Raises WeightsError if the file is not one."""
-    with _open(path, "a solver state") as file:
+    with hdf5.opened(path, "a solver state", WeightsError) as file:
         if "history" not in file or "iter" not in file:
             hint = "this is a weights file; pass it as --weights, or its pair *.solverstate.h5 here"
             raise WeightsError(f"{path}: {hint if 'data' in file else 'not a solver state'}")
+        if unknown := sorted(set(file) - set(STATE)):
+            raise WeightsError(f"{path}: damaged: it holds {unknown[0]!r}; a solver state has {', '.join(STATE)}")
         group = file["history"]
-        return SolverState(
-            iter=int(np.ravel(file["iter"][()])[0]),
-            current_step=int(np.ravel(file["current_step"][()])[0]) if "current_step" in file else 0,
+        state = SolverState(
+            iter=_number(file, "iter"),
+            current_step=_number(file, "current_step") if "current_step" in file else 0,
             learned_net=_learned_net(file),
-            history=[group[str(i)][...] for i in range(len(group))],
+            history=[np.asarray(group[str(i)][()]) for i in range(len(group))],
             extra=json.loads(file["netlib"][()]) if "netlib" in file else {},
         )
+        state.check()
+        return state
+
+
+def _number(file: h5py.File, name: str) -> int:
+    values = np.ravel(file[name][()])
+    if values.size != 1 or values.dtype.kind not in "iu":
+        raise ValueError(f"{name} holds {values.size} values of {values.dtype}, expected one whole number")
+    return int(values[0])
 
 
 def _learned_net(file: h5py.File) -> str:
@@ -153,15 +154,3 @@ def _learned_net(file: h5py.File) -> str:
         return ""
     raw = file["learned_net"][()]
     return os.fsdecode(raw) if isinstance(raw, bytes) else str(raw)
-
-
-@contextlib.contextmanager
-def _open(path: str | Path, what: str) -> Iterator[h5py.File]:
-    """Open an HDF5 file; whatever is wrong with it becomes one WeightsError."""
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except NetlibError:
-        raise
-    except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
-        raise WeightsError(f"{path}: damaged or truncated ({' '.join(str(error).split())}); expected {what}") from error

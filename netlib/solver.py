@@ -10,12 +10,13 @@ to the logger "netlib"; tools/train.py gives it Caffe's time stamps.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ import numpy as np
 from netlib import engine as engines
 from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
 from netlib.blob import Array
-from netlib.errors import DivergenceError
+from netlib.errors import DataError, DivergenceError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
@@ -52,13 +53,19 @@ class Solver:
     net_class: type[Net] = Net  # of all its nets
 
     def __init__(
-        self, param: SolverParameter, source: str = "<solver>", seed: int | None = None, engine: str | None = None
+        self,
+        param: SolverParameter,
+        source: str = "<solver>",
+        seed: int | None = None,
+        engine: str | None = None,
+        python_layers: bool = True,
     ) -> None:
         self.param, self.source = solver_parameter.checked(param), source
         if seed is None:
             seed = param.random_seed if param.random_seed >= 0 else next_seed()
         self.seed = secrets.randbits(31) if seed is None else seed
         self.engine = engines.get(engine)
+        self.python_layers = python_layers
         self.iter = 0
         self.requested: str | None = None
         self.on_iteration: Callable[[Solver], None] | None = None
@@ -81,7 +88,9 @@ class Solver:
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
         merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
-        net = self.net_class(param, state=merged, seed=self.seed + number, engine=self.engine.name)
+        net = self.net_class(
+            param, state=merged, seed=self.seed + number, engine=self.engine.name, python_layers=self.python_layers
+        )
         net.source = name
         return net
 
@@ -106,14 +115,24 @@ class Solver:
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
-        if p.snapshot or p.snapshot_after_train:
-            snapshot.probe_directory(self.prefix)
-            if p.snapshot_format == "HDF5":
-                snapshot_hdf5.check_names(weights.owned(self.net))
-            extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
+        with contextlib.ExitStack() as stack:
+            if p.snapshot or p.snapshot_after_train:
+                stack.enter_context(snapshot.prefix_in_use(self.prefix))
+                if p.snapshot_format == "HDF5":
+                    snapshot_hdf5.check_names(weights.owned(self.net))
+                extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
+            return self._solve(resume)
+
+    def _solve(self, resume: str | Path | None) -> bool:
+        p = self.param
         if resume is not None:
             self.restore(resume)
-        finished = self.step(p.max_iter - self.iter)
+        try:
+            finished = self.step(p.max_iter - self.iter)
+        except DataError:
+            if p.snapshot_after_train and self._saved_iter != self.iter:
+                self.snapshot()  # what was learned is not lost with the data
+            raise
         if (
             p.snapshot_after_train
             and not (p.snapshot and self.iter % p.snapshot == 0)
@@ -137,13 +156,16 @@ class Solver:
         self._lap = (self.iter, time.perf_counter())
         for _ in range(iterations):
             self.net.clear_param_diffs()
-            if self._test_is_due():
-                self.test_all()
-                if self.requested == "stop":
-                    return self._stop()
-            for on_start, _ in self.callbacks:
-                on_start()
-            loss = self._forward_backward()
+            test = self._test_is_due()
+            with _undone_if_cut_short([self.net, *self.test_nets] if test else [self.net]) as undo:
+                if test:
+                    self.test_all()
+                    if self.requested == "stop":
+                        undo()  # a resume makes the tests of this iteration again, from the same rows on
+                        return self._stop()
+                for on_start, _ in self.callbacks:
+                    on_start()
+                loss = self._forward_backward()
             self.smoothed.append(loss)
             if self._display_is_due():
                 self._display()
@@ -311,6 +333,28 @@ class Solver:
         self._saved_iter = self.iter
 
 
-def get_solver(path: str | Path, seed: int | None = None, engine: str | None = None, **changes: Any) -> Solver:
-    """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError."""
-    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine)
+@contextlib.contextmanager
+def _undone_if_cut_short(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
+    """What fails within it for want of data leaves data positions and random numbers as they were: an iteration is
+    made whole or not at all. Yields a function that puts them back."""
+    before = [net.layer_states() for net in nets]
+
+    def undo() -> None:
+        for net, states in zip(nets, before):
+            net.restore_layer_states(states)
+
+    try:
+        yield undo
+    except DataError:
+        undo()
+        raise
+
+
+def get_solver(
+    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True, **changes: Any
+) -> Solver:
+    """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
+
+    ``python_layers=False`` refuses nets that bring code of their own.
+    """
+    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers)

@@ -15,6 +15,8 @@ from netlib.saved import Weights
 from netlib.schema import Phase
 from netlib.sharing import Param
 
+Writes = list[tuple[Array, Array]]  # a net's arrays, and what goes into each
+
 
 class Net(Protocol):
     """What is asked of a net here."""
@@ -57,6 +59,19 @@ def _as_caffe_says(layer: Layer) -> LayerParameter:
 
 def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
     """Copy weights by layer name from a snapshot or another net: ``Net.copy_from``."""
+    writes, ignored, missing = fitting(net, source, strict)
+    write(writes)
+    return ignored, missing
+
+
+def write(writes: Writes) -> None:
+    """Copy arrays that fit: nothing can fail any more."""
+    for target, array in writes:
+        target[...] = array
+
+
+def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
+    """What a copy would write, and what it returns; a net is never half copied. Raises WeightsError."""
     what, found = _weights_of(source)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
@@ -72,9 +87,7 @@ def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list
         own.setdefault(p.layer, []).append(p.index)
     writes = [w for name, arrays in shared.items() for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []),
                                                                     arrays, what)]  # fmt: skip
-    for target, array in writes:  # only after every check: a net is never half copied
-        target[...] = array
-    return ignored, missing_layers
+    return writes, ignored, missing_layers
 
 
 def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
@@ -84,9 +97,7 @@ def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int
     return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
 
 
-def _writes(
-    name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str
-) -> list[tuple[Array, Array]]:
+def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str) -> Writes:
     """For one layer, the net's arrays and what goes into each. Raises WeightsError if it does not fit.
 
     own  the parameters that the layer does not share with one before it
@@ -98,11 +109,11 @@ def _writes(
     for i, array in found.items():
         if i >= len(target):
             raise WeightsError(f"{what}: layer {name!r} has {len(found)} parameters, the net expects {len(target)}")
-        fitting = _legacy_shape(array, target[i].shape)
-        if fitting.shape != target[i].shape:
+        shaped = _legacy_shape(array, target[i].shape)
+        if shaped.shape != target[i].shape:
             raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
                                f"the net expects {target[i].shape}")  # fmt: skip
-        writes.append((target[i].data, fitting))
+        writes.append((target[i].data, shaped))
     return writes
 
 

@@ -88,9 +88,12 @@ def fields_of(cls: type) -> tuple[Known, ...]:
 # ---------------------------------------------------------------------------------------------- reading
 
 
-def decode(data: bytes, cls: type, source: str = "<bytes>") -> Message:
-    """The tree of a message of type ``cls``. Raises WireError where the bytes are not such a message."""
-    return _Decoder(data, source).message(cls, 0, len(data))
+def decode(data: bytes, cls: type, source: str = "<bytes>", strict: bool = False) -> Message:
+    """The tree of a message of type ``cls``. Raises WireError where the bytes are not such a message.
+
+    ``strict`` refuses fields that are not known instead of skipping them.
+    """
+    return _Decoder(data, source, strict).message(cls, 0, len(data))
 
 
 class _Decoder:
@@ -99,8 +102,8 @@ class _Decoder:
     ``end`` is that of the message. Every method raises WireError where the bytes are wrong.
     """
 
-    def __init__(self, data: bytes, source: str) -> None:
-        self.data, self.source = data, source
+    def __init__(self, data: bytes, source: str, strict: bool) -> None:
+        self.data, self.source, self.strict = data, source, strict
         self.count = 0
 
     def fail(self, at: int, message: str) -> WireError:
@@ -133,6 +136,8 @@ class _Decoder:
                     if not spec.repeated and not schema.is_message(spec.kind):
                         place = single.setdefault(spec.name, place)
                     fields[place : place + 1] = [field]
+            if self.strict and (spec is None or wire_type not in (spec.wire_type, LENGTH)):
+                raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
             at = stop
         return Message(fields, Offset(self.source, begin))
 

@@ -86,7 +86,10 @@ def test_the_textbook_knows_nothing_of_speed() -> None:
     files = [path for package in ("netlib", "layers") for path in (ROOT / package).rglob("*.py")]
     assert len(files) > 40
     found = {str(path.relative_to(ROOT)) for path in files if words.search(path.read_text(encoding="utf-8"))}
-    assert found == {"netlib/one_thread.py", "layers/__init__.py", "layers/common/tile.py"}, "where Caffe's Tile stands"
+    others = {"layers/__init__.py", "layers/common/tile.py"}  # where Caffe's layer type Tile stands
+    # locks and a watch, so that threads do not get into each other
+    safe = {"netlib/hdf5.py", "netlib/hdf5_helper.py", "netlib/one_thread.py"}
+    assert found == others | safe
 
 
 @names

@@ -12,9 +12,16 @@ from handpose.facts.cameras import CAMERAS, Camera
 from netlib import engine
 
 
-def parser_of(doc: str | None) -> argparse.ArgumentParser:
-    """A parser whose help is the docstring of the tool."""
-    return argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
+    """A parser whose help is the docstring of the tool. One that runs ``nets`` has --no-python-layers.
+
+    What that option says holds for the whole run in console.guarded, however deep a net is built.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if nets:
+        parser.add_argument("--no-python-layers", action="store_true",
+                            help="refuse nets that bring code, as layers of type Python do")  # fmt: skip
+    return parser
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:

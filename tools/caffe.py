@@ -19,12 +19,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
+import netlib
 from netlib import engine, report, schema, solver_parameter
 from netlib.net import Net
 from tools import training
@@ -42,7 +43,7 @@ EFFECTS = ("stop", "snapshot", "none")
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("command", choices=NEEDED, nargs="?", help="device_query only says that this runs on the CPU")
     parser.add_argument("--solver", metavar="FILE", help="train: the solver's prototxt")
     parser.add_argument("--model", metavar="FILE", help="test, time: the net's prototxt")
@@ -64,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
             parser.error(f"{args.command} needs -{flag}")
     if args.snapshot and args.weights:
         parser.error("-snapshot brings its own weights; give either it or -weights")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:

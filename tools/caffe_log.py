@@ -8,8 +8,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from netlib import locks
 from netlib.errors import NetlibError, reason_of
 from netlib.notes import CaffeFormatter
+from tools.console import say
 from tools.progress import ProgressBar
 
 log = logging.getLogger("netlib")
@@ -29,13 +31,27 @@ class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a gene
 
 
 class LogFile(logging.FileHandler):
-    """A log file. When it cannot be written any more, one message says so, and the training goes on without it."""
+    """A log file. When it cannot be written any more, one message says so, and the training goes on without it.
+
+    Raises OSError, NetlibError if another process is writing it.
+    """
+
+    def __init__(self, path: str | Path, append: bool) -> None:
+        super().__init__(path, encoding="utf-8")
+        assert self.stream is not None
+        if not Path(path).is_file():  # a terminal or the null device is for everybody
+            return
+        if locks.take(self.stream.fileno()) is False:
+            self.close()
+            raise NetlibError(f"{path}: another process is writing this log; wait for it, or choose another name")
+        if not append:  # only now, when it is nobody else's
+            self.stream.truncate(0)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Say what is wrong, and write no more."""
         error = sys.exc_info()[1]
         logging.getLogger(record.name).removeHandler(self)
-        print(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
+        say(f"{self.baseFilename}: cannot write the log any more: {reason_of(error)}", file=sys.stderr)
 
     def close(self) -> None:
         """Close the file; what could not be written is lost."""
@@ -54,7 +70,7 @@ def log_to(path: str | Path | None, append: bool = False) -> Iterator[BarHandler
     if path:
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
-            handlers.append(LogFile(path, mode="a" if append else "w", encoding="utf-8"))
+            handlers.append(LogFile(path, append))
         except OSError as error:
             raise NetlibError(f"{path}: cannot write the log: {reason_of(error)}") from error
     before = log.level, log.propagate

@@ -27,9 +27,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
@@ -48,7 +48,7 @@ from layers.hand.skeleton_file import text_of
 from netlib.atomic import replace_text
 from netlib.errors import NetlibError, reason_of
 from tools.arguments import camera, natural, parser_of, positive
-from tools.console import DONE, duration, guarded
+from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
 
 UNSURE = 0.03  # deviation of a size
@@ -57,7 +57,7 @@ LARGE_MM = 4.0  # a mean distance; careful annotation of one person leaves 3 mm 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("annotations", metavar="ANNOTATIONS", nargs="+",
                         help="an HDF5 file, or a list of them (.txt); with --from-depth depth frames")  # fmt: skip
     parser.add_argument("--from-depth", action="store_true", help="no annotation: size and girth alone, from depth")
@@ -90,7 +90,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("--from-depth and --camera belong together")
     if not args.from_depth and len(args.annotations) > 1:
         parser.error(f"{len(args.annotations)} ANNOTATIONS; expected one file, or a list of files")
-    return guarded(lambda: run_on_depth(args) if args.from_depth else run(args))
+    return guarded(run_on_depth if args.from_depth else run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -111,11 +111,11 @@ def run(args: argparse.Namespace) -> int:
                                          percentile=args.percentile)  # fmt: skip
     _write(args.out, found.skeleton, comment)
     print(calibration_report.report(template, frames, found, unit))
-    print(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
+    say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     after = float(np.nanmean(found.after)) * unit
     if after > LARGE_MM:
-        print(f"warning: the joints are still {after:.1f} mm from the hand on average; are all frames of one person, "
-              "and their joints in this order?", file=sys.stderr)  # fmt: skip
+        say(f"warning: the joints are still {after:.1f} mm from the hand on average; are all frames of one person, "
+            "and their joints in this order?", file=sys.stderr)  # fmt: skip
     return DONE
 
 
@@ -131,7 +131,8 @@ def run_on_depth(args: argparse.Namespace) -> int:
              f"its flesh {size.girth:.2f} times as thick, from the depth of {len(frames)} frames.")  # fmt: skip
     mirrored = " The file is its mirror image, a right hand." if hand == "left" else ""
     _write(args.out, sized(predictor.skeleton, size), words + mirrored)
-    print(f"{words}\nwrote {args.out} in {duration(time.perf_counter() - begun)}")
+    say(words)
+    say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     if size.deviation > UNSURE:
         print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
               "each? (tools/predict.py draws it)", file=sys.stderr)  # fmt: skip

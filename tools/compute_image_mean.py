@@ -14,9 +14,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from netlib.binaryproto import write_blob
 from netlib.errors import DataError
 from tools import databases
 from tools.arguments import caffes_flags, parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
 
 
@@ -36,7 +36,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("output", metavar="OUTPUT_FILE", nargs="?", help="the .binaryproto to write, (1, C, H, W)")
     parser.add_argument("--backend", type=databases.backend, default="lmdb", help="lmdb")
     args = parser.parse_args(caffes_flags(argv))
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,9 +57,9 @@ def run(args: argparse.Namespace) -> int:
     mean = (total / count).astype(np.float32)
     if args.output:
         write_blob(mean[None], args.output)
-    print(f"Number of channels: {len(mean)}")
+    say(f"Number of channels: {len(mean)}")
     for c, channel in enumerate(mean):
-        print(f"mean_value channel [{c}]: {channel.mean(dtype=np.float64):.6g}")
+        say(f"mean_value channel [{c}]: {channel.mean(dtype=np.float64):.6g}")
     return DONE
 
 

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from typing import TextIO
 
-from netlib.errors import NetlibError, reason_of
+import tools
+from netlib import python_layer
+from netlib.errors import NetlibError, printable, reason_of
 
 DONE, FAILED = 0, 1  # argparse itself exits with 2 for wrong usage
 
 
-def guarded(run: Callable[[], int]) -> int:
+def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
     """Run a tool; a user's mistake becomes one line on stderr and exit status 1, never a traceback."""
     try:
-        return run()
+        with tools.interruptible(), python_layer.allowed(not getattr(args, "no_python_layers", False)):
+            return run(args)
     except NetlibError as error:
-        print(" ".join(str(error).split("\n")), file=sys.stderr)
+        print(error, file=sys.stderr)
     except UnicodeEncodeError as error:
         print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
               "set PYTHONUTF8=1", file=sys.stderr)  # fmt: skip
@@ -26,15 +31,21 @@ def guarded(run: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f"{error.filename}: " if error.filename else "standard output: "
-        print(f"{where}{reason_of(error)}", file=sys.stderr)
+        say(f"{where}{reason_of(error)}", file=sys.stderr)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
     return FAILED
 
 
+def say(*words: object, sep: str = " ", file: TextIO | None = None) -> None:
+    """Print a line; no name in it can begin another one, or command the terminal."""
+    print(*map(printable, words), sep=sep, file=file)
+
+
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows of cells as a table: the first column aligned to the left, the others to the right."""
+    rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
     return "\n".join(
         "  ".join(cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))) for row in rows

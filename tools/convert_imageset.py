@@ -16,21 +16,22 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import cv2
 import numpy as np
 
 from layers.data.image_data import read_list
 from layers.data.images import decode_image, planes, read_image, resize_image
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.messages import Datum
 from tools import databases
 from tools.arguments import caffes_flags, natural, parser_of
-from tools.console import guarded
+from tools.console import guarded, say
 from tools.progress import ProgressBar
 
 SWITCHES = ("gray", "shuffle", "check_size", "encoded")
@@ -55,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(caffes_flags(argv, SWITCHES))
     if (args.resize_width == 0) != (args.resize_height == 0):
         parser.error("-resize_width and -resize_height must be given together")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -86,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             raise DataError(f"{args.list}: none of its {len(items)} pictures can be read; ROOTFOLDER/ stands before "
                             f"every path, as in {args.root + items[0][0]!r}")  # fmt: skip
         if left := len(items) - writers[0].entries:
-            print(f"{left} of {len(items)} pictures left out", file=sys.stderr)
+            say(f"{left} of {len(items)} pictures left out", file=sys.stderr)
 
     return databases.write_databases([args.database], fill)
 
@@ -104,7 +105,7 @@ def _file_of(path: Path, image: Array, kind: str, args: argparse.Namespace) -> b
     """The bytes of the file itself, if it is of that type and the picture as it is wanted; else a new file's."""
     own = {"jpeg": "jpg"}.get(path.suffix[1:].lower(), path.suffix[1:].lower())
     if own == {"jpeg": "jpg"}.get(kind.lower(), kind.lower()) and not args.resize_height:
-        content = path.read_bytes()
+        content = files.read_bytes(path, "the image")
         if not args.gray or decode_image(content, None, str(path)).shape[2] == 1:
             return content
     try:

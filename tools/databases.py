@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import shutil
+import contextlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from layers.data.database import open_database
 from netlib import atomic, schema, wire
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.messages import Datum
-from tools.console import DONE
+from tools.console import DONE, say
 from tools.stopper import StoppedError, Stopper
 
 FIRST_SIZE = 1 << 26  # bytes that a database may have before it is made larger
@@ -111,22 +111,21 @@ def write_databases(paths: Sequence[Path], fill: Callable[[Sequence[Writer]], ob
         if path.exists() or list(paths).count(path) > 1:
             what = "is there already" if path.exists() else "is named twice"
             raise NetlibError(f"{path}: {what}; a new database needs a name of its own")
-    folders = [atomic.beside(path, "tmp") for path in paths]
     try:
-        with Stopper() as stopper:
+        with contextlib.ExitStack() as stack, Stopper() as stopper:
+            for path in paths:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            folders = [stack.enter_context(atomic.temporary_folder(path)) for path in paths]
             counts = _write(lmdb, folders, fill, stopper.check)
-        for folder, path, count in zip(folders, paths, counts):
-            folder.rename(path)
-            atomic.sync_directory(path.parent)
-            print(f"{path}: {count} entries")
+            for folder, path, count in zip(folders, paths, counts):
+                folder.rename(path)
+                atomic.sync_directory(path.parent)
+                say(f"{path}: {count} entries")
     except StoppedError:
         print("stopped; no database was written", file=sys.stderr)
         return 128 + stopper.signum
     except lmdb.Error as error:
         raise DataError(f"{paths[0]}: cannot write the database: {reason_of(error)}") from error
-    finally:
-        for folder in folders:
-            shutil.rmtree(folder, ignore_errors=True)
     return DONE
 
 
@@ -138,7 +137,6 @@ def _write(
     whole = False
     try:
         for folder in folders:
-            folder.parent.mkdir(parents=True, exist_ok=True)
             writers.append(Writer(lmdb, folder, check))
         fill(writers)
         whole = True

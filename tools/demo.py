@@ -17,9 +17,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import cv2
 import numpy as np
@@ -32,18 +32,18 @@ from handpose.synthetic.scenes import draw_scenes
 from netlib.errors import NetlibError, reason_of
 from tools import pictures
 from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
     parser.add_argument("--frames", type=positive, default=6, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the frames (default: %(default)s)")
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
             progress(1)
     seconds = time.perf_counter() - begun
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
-    print(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
-    print(f"For your own camera: python tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
+    say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
+    say(f"For your own camera: python tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
     return DONE
 
 

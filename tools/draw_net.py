@@ -14,12 +14,16 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import tools
+
+tools.begin(__name__)
+
 from netlib import prototxt
 from netlib.caffe import draw
 from netlib.caffe.proto import caffe_pb2
 from netlib.upgrade import upgraded
 from tools.arguments import parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 PHASES = {"TRAIN": caffe_pb2.TRAIN, "TEST": caffe_pb2.TEST, "ALL": None}
 
@@ -36,7 +40,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="draw the layers of this phase (default: %(default)s)")  # fmt: skip
     parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers that learn")
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     net = caffe_pb2.NetParameter()
     net.merge_tree(upgraded(prototxt.parse_file(args.input_net_proto_file)))
     draw.draw_net_to_file(net, args.output_image_file, args.rankdir, PHASES[args.phase], args.display_lrm)
-    print(f"wrote {args.output_image_file}")
+    say(f"wrote {args.output_image_file}")
     return DONE
 
 

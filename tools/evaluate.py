@@ -26,9 +26,9 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 from handpose.facts import nyu
 from handpose.scoring import published_predictions as published
@@ -39,7 +39,7 @@ from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools import plots
 from tools.arguments import named_file, parser_of
-from tools.console import DONE, aligned, guarded
+from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -68,7 +68,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"--plot must end in {', '.join(PICTURES)}, found {args.plot}")
     if args.angles and args.dataset != "nyu":
         parser.error("--angles is for nyu: the hand model's limits are those of its hand")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,15 +83,15 @@ def run(args: argparse.Namespace) -> int:
         predictions[name] = predicted
         scores[name] = published.score_on(benchmark, joint_errors(predicted, truth))
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
-            print(f"warning: {path}: a mean error of {scores[name].mean_mm:.0f} mm; are these {args.format}, "
-                  f"y up if xyz, of the same {benchmark.name} frames?", file=sys.stderr)  # fmt: skip
+            say(f"warning: {path}: a mean error of {scores[name].mean_mm:.0f} mm; are these {args.format}, "
+                f"y up if xyz, of the same {benchmark.name} frames?", file=sys.stderr)  # fmt: skip
     if args.plot:
         plots.plot_joint_errors(scores, benchmark, len(truth), args.plot)
-        print(f"wrote {args.plot}", file=sys.stderr)
+        say(f"wrote {args.plot}", file=sys.stderr)
     fitted: dict[str, FittedAngles] = {}
     if args.angles:
         if warning := nyu.one_size_for_all(len(truth)):
-            print(warning, file=sys.stderr)
+            say(warning, file=sys.stderr)
         fitted = compare_angles(skeletons.load(), truth, predictions, ProgressBar)
     if args.json:
         print(_json(scores, fitted, benchmark, len(truth), args))

@@ -20,16 +20,16 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 from handpose.facts.nyu import CUBE_MM
 from netlib import atomic
 from netlib.errors import NetlibError, reason_of
 from tools import onnx_net
 from tools.arguments import parser_of
-from tools.console import DONE, FAILED, guarded
+from tools.console import DONE, FAILED, guarded, say
 
 BATCHES = (1, 3)  # of --check
 TOLERANCE = 1e-5
@@ -37,7 +37,7 @@ TOLERANCE = 1e-5
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("net", metavar="NET", help="the net's deploy prototxt")
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
@@ -49,7 +49,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if not 0 < args.cube < float("inf"):
         parser.error(f"--cube must be more than 0, found {args.cube:g}")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,18 +57,18 @@ def run(args: argparse.Namespace) -> int:
     net = onnx_net.load(args.net, args.weights)
     image = onnx_net.onnx_image(net, args.blob, args.cube)
     try:
-        atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
+        atomic.replace_bytes(args.out, image)
     except OSError as error:
         raise NetlibError(f"{args.out}: cannot write the file: {reason_of(error)}") from error
-    print(f"wrote {args.out}: {len(image) / 1e6:.2f} MB")
+    say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB")
     if not args.check:
         return DONE
     worst = onnx_net.differences(args.out.read_bytes(), net, BATCHES, args.blob)
     for name, difference in worst.items():
-        print(f"{name}: largest difference {difference:.1e} of its largest value, batches of "
-              f"{' and '.join(map(str, BATCHES))}")  # fmt: skip
+        say(f"{name}: largest difference {difference:.1e} of its largest value, batches of "
+            f"{' and '.join(map(str, BATCHES))}")  # fmt: skip
     if max(worst.values()) > TOLERANCE:
-        print(f"{args.out}: onnxruntime computes something else, by more than {TOLERANCE:g}", file=sys.stderr)
+        say(f"{args.out}: onnxruntime computes something else, by more than {TOLERANCE:g}", file=sys.stderr)
         return FAILED
     return DONE
 

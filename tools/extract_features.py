@@ -16,12 +16,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
+import netlib
 from netlib.errors import NetlibError, did_you_mean
 from netlib.messages import Datum
 from netlib.net import Net
@@ -34,7 +35,7 @@ from tools.progress import ProgressBar
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("weights", metavar="WEIGHTS", help="the weights")
     parser.add_argument("net", metavar="NET", help="the net's prototxt, with a layer that reads data")
     parser.add_argument("blobs", metavar="BLOB[,BLOB]", help="names of blobs")
@@ -48,7 +49,7 @@ def main(argv: list[str] | None = None) -> int:
     args.blobs, args.databases = args.blobs.split(","), [Path(name) for name in args.databases.split(",")]
     if len(args.blobs) != len(args.databases):
         parser.error(f"{len(args.blobs)} blobs need as many databases, found {len(args.databases)}")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,9 +22,9 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.hdf5 import read_list
 from tools.arguments import parser_of, positive, weight
-from tools.console import DONE, duration, guarded
+from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
 
 
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):
         parser.error("--swarm keeps to the limits and has no ridge")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     inputs, residuals = (_fit_list if is_list(args.joints) else _fit_text)(args, skeleton)
     frame = np.nanmean(residuals, axis=1)
     broken = metrics.fraction_out_of_limits(inputs, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6)
-    print(
+    say(
         f"{len(frame)} frames in {duration(time.perf_counter() - begun)}: residual {np.nanmean(residuals):.4f} mm "
         f"(mean over joints), {np.median(frame):.4f} median frame, {frame.max():.4f} worst frame; "
         f"{broken:.2%} of the frames have an angle out of its limits"
@@ -105,7 +105,7 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
         except OSError as error:
             raise NetlibError(f"{args.out}: {reason_of(error)}") from None
     if warning := nyu.one_size_for_all(len(xyz)):
-        print(warning, file=sys.stderr)
+        say(warning, file=sys.stderr)
     return found.inputs, found.residuals_mm
 
 
@@ -118,7 +118,7 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     files = read_list(args.joints, None)
 
     def told(number: int, target: Path, residuals: Any) -> None:
-        print(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
+        say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
 
     return fit_list(files, Path(args.out), Path(args.joints).name, skeleton, told=told,
                     limits=not args.no_limits, ridge=args.ridge, starts=args.starts)  # fmt: skip

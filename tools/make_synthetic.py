@@ -33,13 +33,17 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import tools
+
+tools.begin(__name__)
+
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import RECIPES, Generator, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
 from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, duration, guarded
+from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
 from tools.stopper import fill_folder
 
@@ -67,7 +71,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.places and args.recipe != "nyu":
         parser.error("--recipe is for hands; places are seen by three cameras, always the same")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -86,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
     if data.is_whole:
-        print(f"{summary} are already there{where}, kept")
+        say(f"{summary} are already there{where}, kept")
         return DONE
     begun = time.perf_counter()
 
@@ -102,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     status = fill_folder(out, "whole splits are" if args.raw else "whole files are", fill)
     if status == DONE:
         made = ", made" if args.raw else f"; made {data.missing_frames} of them"
-        print(f"{summary}{where}{made} in {duration(time.perf_counter() - begun)}")
+        say(f"{summary}{where}{made} in {duration(time.perf_counter() - begun)}")
     return status
 
 

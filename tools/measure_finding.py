@@ -20,9 +20,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from handpose.synthetic.scenes import KINDS, draw_scenes
 from netlib.blob import Array
 from netlib.errors import DataError
 from tools.arguments import add_engine, natural, parser_of, positive
-from tools.console import DONE, aligned, guarded
+from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
 FOUND_MM = 30.0
@@ -41,14 +41,14 @@ FOUND_MM = 30.0
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("--scenes", type=positive, default=150, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="of the scenes (default: 0)")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="accurate", help="default: %(default)s")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"seed": args.seed, "fit": args.fit, "ms": each, "rows": rows}, indent=2))
     else:
-        print(f"{args.scenes} scenes, seed {args.seed}, {args.fit} fit, {each:.0f} ms each; mm")
+        say(f"{args.scenes} scenes, seed {args.seed}, {args.fit} fit, {each:.0f} ms each; mm")
         cells = [
             [row["scenes"], row["count"], f"{row['found']:.1%}", f"{row['right']:.1%}",
              *("" if row[name] is None else f"{row[name]:.1f}" for name in ("located", "mean", "median"))]

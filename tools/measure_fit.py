@@ -25,9 +25,9 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_c
 from handpose.synthetic.generator import RECIPES, Generator
 from netlib.blob import Array
 from tools.arguments import add_engine, natural, parser_of, positive
-from tools.console import DONE, aligned, guarded
+from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
 TERMS = {  # what is left out -> the weights without it
@@ -61,7 +61,7 @@ ROLLS = ((-180, -135), (-135, -45), (-45, 45), (45, 135), (135, 180))
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET", help="the net that predicts with them")
     parser.add_argument("--recipes", choices=RECIPES, nargs="+", default=list(RECIPES), metavar="NAME",
@@ -78,7 +78,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if bool(args.weights) != bool(args.model):
         parser.error("--weights and --model belong together")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"weights": str(weights), "frames": args.frames, "seed": args.seed, "rows": rows}, indent=2))
     else:
-        print(
+        say(
             f"{args.frames} frames of each recipe, seed {args.seed}, {time.perf_counter() - begun:.0f} s; mm, 14 joints"
         )
         print(_table(rows))

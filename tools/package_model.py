@@ -19,9 +19,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 from handpose.experiments import fit_figures
 from handpose.experiments.fit_figures import frames_of
@@ -36,13 +36,13 @@ from handpose.synthetic.generator import RECIPES, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
     parser.add_argument("--model", metavar="NET", required=True, help="the net that predicts with them")
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")
@@ -55,7 +55,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.bits > 23:
         parser.error(f"--bits must be at most 23, found {args.bits}")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         _measure(net, args)
     image = args.out.read_bytes()
-    print(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}")
+    say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}")
     return DONE
 
 
@@ -95,9 +95,9 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     weights = {plan: weights_of(found.signs[plan], found.fits[plan]) for plan in PLANS}
     tables = {plan: table_of(doubt_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
     write_model(net, NetworkErrors(errors.limbs, tables, weights), args.out)
-    print(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
-          f"{args.bits} bits {first.network.mean():.2f} mm, "
-          + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip
+    say(f"{args.frames} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
+        f"{args.bits} bits {first.network.mean():.2f} mm, "
+        + ", ".join(f"{plan} fit {errors.mean():.2f} mm" for plan, errors in found.fits.items()))  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -16,10 +16,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from netlib.errors import DataError, reason_of
+import tools
+
+tools.begin(__name__)
+
+from netlib import files
+from netlib.errors import DataError
 from tools import pictures
 from tools.arguments import parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 _NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
@@ -45,23 +50,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", metavar="FILE", default="log.png",
                         help="the picture; the ending of its name says the format (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
     logs = {path: read_log(path) for path in args.logs}
     plot(logs, args.out)
-    print(f"wrote {args.out}")
+    say(f"wrote {args.out}")
     return DONE
 
 
 def read_log(path: str | Path) -> Log:
     """Parse a log. Raises DataError if it cannot be read or has no iteration in it."""
-    try:
-        text = Path(path).read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the log: {reason_of(error)}") from error
+    text = files.read_text(path, "the log", errors="replace")
     log, iteration = Log(), 0
     for line in text.splitlines():
         if found := _LOSS.search(line):

@@ -30,9 +30,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +49,12 @@ from netlib.errors import DataError, NetlibError, reason_of
 from netlib.paths import ROOT
 from tools import findings, pictures
 from tools.arguments import add_engine, camera, center, natural, parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="crops, or with --camera whole depth frames")
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET",
@@ -93,7 +93,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"--unit must be more than 0, found {args.unit:g}")
     if not 0 < args.cube < float("inf"):
         parser.error(f"--cube must be more than 0, found {args.cube:g}")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -122,9 +122,9 @@ def run(args: argparse.Namespace) -> int:
             results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube, **facts,
                             "joints_mm": rounded})  # fmt: skip
         else:
-            print(f"{image}: {findings.in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
+            say(f"{image}: {findings.in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
             for name, (x, y, z) in joints.items():
-                print(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
+                say(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
     if args.json:
         print(json.dumps(results, indent=2))
     return DONE

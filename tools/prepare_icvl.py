@@ -23,6 +23,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import tools
+
+tools.begin(__name__)
+
 from handpose.data import icvl_files
 from tools import preparing
 from tools.console import guarded
@@ -41,7 +45,7 @@ ICVL = Importer(
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     args = preparing.arguments(argv, __doc__, ICVL)
-    return guarded(lambda: preparing.run(args, ICVL))
+    return guarded(lambda args: preparing.run(args, ICVL), args)
 
 
 if __name__ == "__main__":

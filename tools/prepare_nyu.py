@@ -23,6 +23,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import tools
+
+tools.begin(__name__)
+
 from handpose.data import nyu_files
 from handpose.facts.nyu import CENTER_JOINT
 from tools import preparing
@@ -42,7 +46,7 @@ NYU = Importer(
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     args = preparing.arguments(argv, __doc__, NYU)
-    return guarded(lambda: preparing.run(args, NYU))
+    return guarded(lambda args: preparing.run(args, NYU), args)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from handpose.data.prepared_splits import PreparedSplit, refuse_foreign
 from handpose.data.published_frames import PublishedFrames
 from netlib import engine
 from tools.arguments import parser_of, positive
-from tools.console import DONE, FAILED, duration
+from tools.console import DONE, FAILED, duration, say
 from tools.progress import ProgressBar
 from tools.stopper import fill_folder
 
@@ -65,12 +65,12 @@ def run(args: argparse.Namespace, importer: Importer) -> int:
         found, wrong = importer.check(args.root, split)
         problems += [problem for problem in wrong if problem not in problems]
         for line in found if args.check else ():
-            print(line)
+            say(line)
     for problem in problems:
-        print(f"{'' if problem.fatal or args.check else 'warning: '}{problem.text}", file=sys.stderr)
+        say(f"{'' if problem.fatal or args.check else 'warning: '}{problem.text}", file=sys.stderr)
     if args.check:
         if not problems:
-            print(f"{args.root}: complete")
+            say(f"{args.root}: complete")
         return FAILED if problems else DONE
     if any(problem.fatal for problem in problems):
         return FAILED
@@ -106,7 +106,7 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Seq
     for split, outcome in zip(splits, outcomes):
         print(split.report(outcome))
     made, took = sum(outcome.made for outcome in outcomes), duration(time.perf_counter() - begun)
-    print(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all kept")
+    say(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all kept")
     return DONE
 
 
@@ -120,10 +120,10 @@ def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[in
             raise error
         count += 1
         if count <= NAMED:
-            print(f"{split.frames.split} frame {i}: {error}", file=sys.stderr)
+            say(f"{split.frames.split} frame {i}: {error}", file=sys.stderr)
 
     outcome = split.write(args.workers, advance, on_bad)
     if count > NAMED:
-        print(f"{split.frames.split}: {count - NAMED} more bad frames, see {split.bad}", file=sys.stderr)
+        say(f"{split.frames.split}: {count - NAMED} more bad frames, see {split.bad}", file=sys.stderr)
     split.write_list(outcome)
     return outcome

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any, TextIO
 
+from netlib.errors import printable
+
 
 class ProgressBar:
     """A bar on stderr, if that is a terminal and tqdm is installed; otherwise nothing is shown.
@@ -28,8 +30,8 @@ class ProgressBar:
                 from tqdm import tqdm
             except ImportError:
                 return self
-            self._bar = tqdm(total=self.total, initial=self.done, unit=f" {self.unit}", desc=self.what or None,
-                             dynamic_ncols=True)  # fmt: skip
+            self._bar = tqdm(total=self.total, initial=self.done, unit=f" {self.unit}",
+                             desc=printable(self.what) or None, dynamic_ncols=True)  # fmt: skip
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -17,6 +17,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import tools
+
+tools.begin(__name__)
+
 import numpy as np
 
 from handpose.data.examples import examples_of
@@ -24,7 +28,7 @@ from handpose.drawing import hands, sheets
 from layers.hand import skeleton as skeletons
 from tools import pictures
 from tools.arguments import parser_of, positive
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -39,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if not args.out.lower().endswith((".png", ".jpg")):
         parser.error(f"--out must end in .png or .jpg, found {args.out}")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
             images.append(np.full_like(images[-1], 255))
             titles.append("")
     pictures.write_image(args.out, sheets.sheet(images, args.columns, titles, gap=4))
-    print(f"wrote {args.out}", file=sys.stderr)
+    say(f"wrote {args.out}", file=sys.stderr)
     return DONE
 
 

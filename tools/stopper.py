@@ -11,7 +11,7 @@ from types import FrameType
 from typing import Any
 
 from netlib.errors import NetlibError, reason_of
-from tools.console import DONE
+from tools.console import DONE, say
 
 
 class StoppedError(Exception):
@@ -58,7 +58,7 @@ def fill_folder(folder: Path, kept: str, fill: Callable[[Callable[[], None]], ob
             folder.mkdir(parents=True, exist_ok=True)
             fill(stopper.check)
     except StoppedError:
-        print(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
+        say(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
         raise NetlibError(f"{folder}: {reason_of(error)}") from None

@@ -20,12 +20,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
+import netlib
 from handpose.drawing.comparisons import side_by_side
 from handpose.experiments import table1_page
 from handpose.experiments.networks import NETWORKS
@@ -45,7 +46,7 @@ from netlib.net import Net
 from tools import pictures, plots, training
 from tools.advice import on_missing_data
 from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, duration, guarded
+from tools.console import DONE, duration, guarded, say
 
 DATA, ANGLES = Path("data/nyu"), Path("data/nyu_angles")  # as the prototxt files of the networks have them
 RESULTS = Path(__file__).resolve().parent.parent / "docs" / "results"
@@ -54,14 +55,14 @@ DRAWN = 4  # frames in the picture of hands
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("--iterations", type=positive, default=10000, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=natural, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER", help="default: docs/results")
     parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
                         help="where snapshots and logs go (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -137,7 +138,7 @@ def _draw(path: Path, found: Sequence[Answers], skeleton: Skeleton) -> None:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    say(text, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -19,10 +19,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
+import netlib
 from handpose.data.examples import spread
 from handpose.drawing import comparisons
 from handpose.fitting.depth.search import PLANS
@@ -35,7 +36,7 @@ from netlib.net import Net
 from tools import pictures
 from tools.advice import on_missing_data
 from tools.arguments import add_engine, parser_of
-from tools.console import DONE, aligned, guarded
+from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -55,7 +56,7 @@ COLUMNS = {  # figure -> heading, format
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
     parser.add_argument("--model", metavar="NET", default=str(ROOT / "prototxt" / "nyu_train_test.prototxt"),
                         help="the net's prototxt (default: nyu_train_test.prototxt)")  # fmt: skip
@@ -68,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.picture and not args.picture.lower().endswith(".png"):
         parser.error(f"--picture must end in .png, found {args.picture}")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -96,8 +97,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({**facts, "centre": "of the crop", "snapshots": rows}, indent=2, allow_nan=False))
     else:
         cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
-        print(f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
-              f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm")  # fmt: skip
+        say(f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
+            f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm")  # fmt: skip
         print(_table(rows))
     return DONE
 
@@ -116,7 +117,7 @@ def _draw(path: Path, net: Net, found: Predictions) -> None:
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     pictures.write_image(path, sheet)
-    print(f"wrote {path}", file=sys.stderr)
+    say(f"wrote {path}", file=sys.stderr)
 
 
 def _table(rows: list[dict[str, object]]) -> str:

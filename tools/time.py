@@ -17,23 +17,24 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 import numpy as np
 
+import netlib
 from netlib import engine
 from netlib.net import Net
 from tools.advice import on_missing_data
 from tools.arguments import add_engine, parser_of, positive
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 from tools.costs import memory_of, time_layers, time_passes
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("model", metavar="MODEL", help="the net's prototxt")
     parser.add_argument("--iterations", type=positive, default=20, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="default: %(default)s")
@@ -41,7 +42,7 @@ def main(argv: list[str] | None = None) -> int:
     add_engine(parser)
     parser.add_argument("--memory", action="store_true", help="say where the memory goes instead")
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,22 +57,22 @@ def run(args: argparse.Namespace) -> int:
     net.run_backward()
     if args.memory:
         for what, size in memory_of(net):
-            print(f"{size / 2**20:10.2f} MiB  {what}")
-        print(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
+            say(f"{size / 2**20:10.2f} MiB  {what}")
+        say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
         return DONE
-    print(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
+    say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
     print("*** Benchmark begins ***")
-    print(f"Testing for {args.iterations} iterations.")
+    say(f"Testing for {args.iterations} iterations.")
     forward, backward = time_layers(net, args.iterations)
     print("Average time per layer:")
     for layer in net.layers:
-        print(f"{layer.name:>16}\tforward: {forward[layer.name] * 1e3:.6g} ms.")
-        print(f"{layer.name:>16}\tbackward: {backward[layer.name] * 1e3:.6g} ms.")
+        say(f"{layer.name:>16}", f"forward: {forward[layer.name] * 1e3:.6g} ms.", sep="\t")
+        say(f"{layer.name:>16}", f"backward: {backward[layer.name] * 1e3:.6g} ms.", sep="\t")
     passes = time_passes(net, args.iterations)
     for what, seconds in zip(("Forward pass", "Backward pass"), passes):
-        print(f"Average {what}: {seconds * 1e3:.6g} ms.")
-    print(f"Average Forward-Backward: {sum(passes) * 1e3:.6g} ms.")
-    print(f"Total Time: {sum(passes) * args.iterations * 1e3:.6g} ms.")
+        say(f"Average {what}: {seconds * 1e3:.6g} ms.")
+    say(f"Average Forward-Backward: {sum(passes) * 1e3:.6g} ms.")
+    say(f"Total Time: {sum(passes) * args.iterations * 1e3:.6g} ms.")
     print("*** Benchmark ends ***")
     return DONE
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
+import tools
 
-# isort: split
+tools.begin(__name__)
 
 from tools import training
 from tools.arguments import add_engine, natural, parser_of, positive
@@ -26,7 +26,7 @@ from tools.console import guarded
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("solver", metavar="SOLVER", help="the solver's prototxt")
     parser.add_argument("--snapshot", metavar="STATE", help="go on from this solver state (*.solverstate.h5)")
     parser.add_argument("--weights", metavar="FILE", action="append", help="start from these weights (*.caffemodel.h5)")
@@ -38,7 +38,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.snapshot and args.weights:
         parser.error("--snapshot brings its own weights; give either it or --weights")
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:

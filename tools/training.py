@@ -64,7 +64,7 @@ def new_solver(
     **changes: Any,
 ) -> Solver:
     """The solver for ``train``, described in the log; ``changes`` replace fields of its file. Raises NetlibError."""
-    log.info("Initializing solver from parameters: \n%s", str(prototxt.parse_file(solver_file)).rstrip())
+    log.info("Initializing solver from parameters: \n%s", prototxt.parse_file(solver_file))
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
     with advice.on_missing_data():

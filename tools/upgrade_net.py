@@ -17,17 +17,21 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from netlib import prototxt, schema, wire
-from netlib.atomic import replace_all
+import tools
+
+tools.begin(__name__)
+
+from netlib import files, prototxt, schema, wire
+from netlib.atomic import replace_bytes
 from netlib.create import check_options
-from netlib.errors import DataError, NetlibError, PrototxtError, reason_of
+from netlib.errors import NetlibError, PrototxtError
 from netlib.messages import NetParameter, SolverParameter
 from netlib.net_parameter import input_layer
 from netlib.prototxt import Field, Message, Scalar
 from netlib.solver_parameter import OLD_TYPES
 from netlib.upgrade import AnyNetParameter, upgraded
 from tools.arguments import parser_of
-from tools.console import DONE, guarded
+from tools.console import DONE, guarded, say
 
 INPUTS = ("input", "input_shape", "input_dim")
 
@@ -39,12 +43,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("new", metavar="OUT", help="the file to write")
     parser.add_argument("--solver", action="store_true", help="it is a solver, in text")
     args = parser.parse_args(argv)
-    return guarded(lambda: run(args))
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Upgrade as the parsed arguments say."""
-    content = _content(args.old)
+    content = files.read_bytes(args.old, "the net")
     if args.solver or _is_text(content):
         tree = prototxt.parse_file(args.old)
         new = todays_solver(tree) if args.solver else todays_net(tree)
@@ -54,17 +58,10 @@ def run(args: argparse.Namespace) -> int:
         new = todays_net(tree)
         image = wire.encode(new, NetParameter)
     if new.fields == tree.fields:
-        print(f"{args.old}: already in today's format", file=sys.stderr)
-    replace_all([(Path(args.new), image)])
-    print(f"wrote {args.new}")
+        say(f"{args.old}: already in today's format", file=sys.stderr)
+    replace_bytes(Path(args.new), image)
+    say(f"wrote {args.new}")
     return DONE
-
-
-def _content(path: str) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the net: {reason_of(error)}") from None
 
 
 def _is_text(content: bytes) -> bool:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.images import read_crop
-from netlib.errors import DataError, reason_of
-from netlib.hdf5 import read_list
+from netlib.errors import DataError
+from netlib.hdf5 import File, read_list
 
 # A crop (size, size) in [-1, 1], and the joints in half-cubes, if the data set has them.
 Example = tuple[NDArray[np.float32], "NDArray[np.float64] | None"]
@@ -24,11 +24,8 @@ def examples_of(path: Path, count: int) -> list[Example]:
             raise DataError(f"{path}: no PNG pictures in this folder; expected crops")
         return [(read_crop(crops[i]), None) for i in spread(len(crops), count)]
     files = [path] if path.suffix == ".h5" else read_list(str(path), None)
-    try:
-        rows = [(file, row) for file in files for row in range(_rows(file))]
-        return [_example(*rows[i]) for i in spread(len(rows), count)]
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the data: {reason_of(error)}") from None
+    rows = [(file, row) for file in map(_open, files) for row in range(file.rows)]
+    return [_example(*rows[i]) for i in spread(len(rows), count)]
 
 
 def spread(total: int, count: int) -> NDArray[np.int_]:
@@ -36,16 +33,15 @@ def spread(total: int, count: int) -> NDArray[np.int_]:
     return np.linspace(0, total - 1, min(total, count)).astype(int)
 
 
-def _rows(path: Path) -> int:
-    with h5py.File(path, "r") as file:
-        depth = file.get("depth")
-        if not isinstance(depth, h5py.Dataset) or depth.ndim < 3 or depth.shape[-1] != depth.shape[-2]:
-            raise DataError(f"{path}: no data set depth of square crops; it has {', '.join(file) or 'none'}")
-        return len(depth)
+def _open(path: Path) -> File:
+    """A file of crops, with joints if it has them. Raises DataError."""
+    file = File(path, ("depth",))
+    shape = file.datasets[0].shape
+    if len(shape) < 3 or shape[-1] != shape[-2] or math.prod(shape[1:]) != shape[-1] * shape[-2]:
+        raise DataError(f"{path}: data set 'depth' has shape {shape}, expected square crops (N, 1, size, size)")
+    return File(path, ("depth", "joint")) if "joint" in file.names else file
 
 
-def _example(path: Path, row: int) -> Example:
-    with h5py.File(path, "r") as file:
-        crop = np.asarray(file["depth"][row], dtype=np.float32)
-        joints = np.asarray(file["joint"][row], dtype=np.float64) if "joint" in file else None
-    return crop.reshape(crop.shape[-2:]), joints
+def _example(file: File, row: int) -> Example:
+    crop, *joints = (dataset[row] for dataset in file.datasets)
+    return crop.reshape(crop.shape[-2:]).astype(np.float32), joints[0].astype(np.float64) if joints else None

@@ -20,7 +20,8 @@ from handpose.data.published_frames import PublishedFrames, read_centers
 from handpose.facts.cameras import ICVL
 from handpose.facts.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAIN_FRAMES
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError
+from netlib.files import read_text
 from netlib.paths import names_in
 
 ANNOTATION: dict[str, tuple[str, ...]] = {
@@ -52,15 +53,11 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
     files: list[Path] = []
     values = array.array("d")
     for path in paths:
-        try:
-            with path.open(encoding="utf-8") as lines:
-                for number, line in enumerate(lines, 1):
-                    words = line.split()
-                    if words:
-                        files.append(path.parent / "Depth" / words[0].replace("\\", "/").lstrip("/"))
-                        _append(values, words[1:], f"{path}:{number}")
-        except (OSError, UnicodeDecodeError) as error:
-            raise DataError(f"{path}: cannot read the labels: {reason_of(error)}") from None
+        for number, line in enumerate(read_text(path, "the labels").split("\n"), 1):
+            words = line.split()
+            if words:
+                files.append(path.parent / "Depth" / words[0].replace("\\", "/").lstrip("/"))
+                _append(values, words[1:], f"{path}:{number}")
     uvd = np.frombuffer(values, dtype=np.float64).reshape(-1, len(JOINTS), 3)
     if not files:
         raise DataError(f"{paths[0]}: no labels in it")

@@ -8,7 +8,6 @@ read_crop     ... which is a crop, in [-1, 1]
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
 
 import cv2
@@ -18,38 +17,28 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.bad_frames import DAMAGED, MISSING, BadFrameError
 from handpose.data.crops import SIZE
 from handpose.facts.cameras import UNIT_MM, Camera
+from netlib import files, pictures
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
-
-_PNG = b"\x89PNG\r\n\x1a\n"  # the first bytes of such a file
+from netlib.errors import DataError
+from netlib.paths import exists
 
 
 def read_png(path: str | Path) -> Array:
     """The pixels of a PNG file as they are, colours in OpenCV's order (blue first). Raises BadFrameError."""
+    if not exists(Path(path)):
+        raise BadFrameError(path, MISSING)
     try:
-        raw = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise BadFrameError(path, MISSING) from None
-    except OSError as error:
-        raise BadFrameError(path, DAMAGED, reason_of(error)) from None
-    if not raw.startswith(_PNG):
-        raise BadFrameError(path, DAMAGED)
-    try:
-        return _decoded(raw)
-    except ValueError:
-        raise BadFrameError(path, DAMAGED) from None
+        raw = files.read_bytes(path, "the frame")
+        if raw.startswith(pictures.PNG):
+            return pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(path))
+    except DataError:
+        pass
+    raise BadFrameError(path, DAMAGED)
 
 
 def read_picture(path: str | Path) -> Array:
     """The pixels of a picture as they are, colours in OpenCV's order (blue first). Raises DataError."""
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the picture: {reason_of(error)}") from error
-    try:
-        return _decoded(raw)
-    except ValueError as error:
-        raise DataError(f"{path}: not a picture that can be read{error}") from None
+    return pictures.decode(files.read_bytes(path, "the picture"), cv2.IMREAD_UNCHANGED, str(path))
 
 
 def read_frame(path: str | Path, camera: Camera, unit_mm: float | None = None) -> NDArray[np.float32]:
@@ -100,32 +89,3 @@ def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
     """The inverse of ``unpack_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame."""
     mm = np.asarray(depth).astype(np.uint16)
     return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)
-
-
-def _decoded(raw: bytes) -> Array:
-    """The pixels of a picture's file. Raises ValueError, which says why there are none, to go on a sentence with.
-
-    A PNG file is first checked chunk by chunk, because some versions of OpenCV fill up a truncated picture.
-    """
-    if raw.startswith(_PNG) and not _is_whole_png(raw):
-        raise ValueError(": truncated or damaged")
-    try:
-        image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
-    except cv2.error as error:
-        raise ValueError(f": {str(error).splitlines()[0]}") from error
-    if image is None:
-        raise ValueError("; expected a grey PNG")
-    return np.asarray(image)
-
-
-def _is_whole_png(raw: bytes) -> bool:
-    """Are all chunks there, each with the right checksum?"""
-    at, view = len(_PNG), memoryview(raw)
-    while at + 12 <= len(raw):
-        end = at + 8 + int.from_bytes(raw[at : at + 4], "big")
-        if zlib.crc32(view[at + 4 : end]) != int.from_bytes(raw[end : end + 4], "big"):
-            return False
-        if raw[at + 4 : at + 8] == b"IEND":
-            return True
-        at = end + 4
-    return False

@@ -52,7 +52,7 @@ def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) 
     usual         half-cube in mm where the file does not say
     """
     file = File(path, ("joint",))
-    stored = file.arrays[0]
+    stored = file.datasets[0][:]
     count = stored.size // file.rows // 3
     if count not in joint_counts or stored.shape[1:] not in ((3 * count,), (count, 3)):
         expected = " or ".join(f"(N, {3 * known}) for {known} joints" for known in joint_counts)
@@ -69,7 +69,7 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
     """Half-cubes (n,) in mm of the frames of an open file, ``usual`` where it does not say. Raises DataError."""
     if "half_cube" not in file.names:
         return np.full(file.rows, usual)
-    stored = File(file.path, ("half_cube",)).arrays[0]
+    stored = File(file.path, ("half_cube",)).datasets[0][:]
     if stored.shape not in ((file.rows,), (file.rows, 1)):
         raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
                         "mm, one number per frame")  # fmt: skip
@@ -93,10 +93,10 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
         for name in ("center_uvd", "center"):
             if name not in file.names:
                 raise DataError(f"{file.path}: no data set {name!r}; expected where the crops were cut")
-        stored = File(file.path, ("center_uvd", "center")).arrays
+        stored = [dataset[:] for dataset in File(file.path, ("center_uvd", "center")).datasets]
         if any(array.shape != (file.rows, 3) for array in stored):
             raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
-        found.append(np.stack([np.asarray(array, dtype=np.float64) for array in stored]))
+        found.append(np.stack(stored).astype(np.float64))
     uvd, xyz = np.concatenate(found, axis=1)
     if not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > 0).all()):
         raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")

@@ -27,7 +27,7 @@ from handpose.facts.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from netlib import atomic
+from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.paths import names_in
@@ -103,7 +103,7 @@ def _read_matlab(path: Path) -> dict[str, Any]:
 
 def _read_hdf5(path: Path) -> dict[str, Any]:
     """The variables of a file of version 7.3, which is HDF5 with the axes in reverse order."""
-    with h5py.File(path, "r") as file:
+    with hdf5.opened(path, "the annotation") as file:
         _check_names(path, list(file))
         datasets = {name: file[name] for name in ("joint_uvd", "joint_xyz")}
         found: dict[str, Any] = {

@@ -19,9 +19,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netlib import atomic
+from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.paths import exists
 
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
@@ -42,9 +43,9 @@ class Part:
 def attributes(path: Path) -> dict[str, Any] | None:
     """The attributes of an HDF5 file, or None if it is none."""
     try:
-        with h5py.File(path, "r") as file:
+        with hdf5.opened(path, "the data") as file:
             return dict(file.attrs)
-    except OSError:
+    except DataError:
         return None
 
 
@@ -59,12 +60,12 @@ def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[s
     lines = [line.strip() for path in lists for line in (atomic.text_of(path) or "").splitlines()]
     listed = [Path(line) for line in lines if line]
     for path in dict.fromkeys([*files, *listed]):
-        if not path.exists():
+        if not exists(path):
             continue
         found = attributes(path)
         if found is None:
             raise DataError(f"{path}: not a readable HDF5 file; move it away, choose another --out, or use --force")
-        origin = found.get("made_from", "an unknown source")
+        origin = str(found.get("made_from", "an unknown source"))
         if origin not in own:
             raise DataError(
                 f"{path}: holds data made from {origin}; choose another --out, or use --force to replace it"
@@ -116,13 +117,12 @@ def write_part(
 
 def _shorten(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> None:
     """Keep the first ``rows`` rows of a file; HDF5 cannot cut data sets in one piece, so they are copied to another."""
-    long = path.with_name(f"{path.name}.long.tmp")
-    path.replace(long)
-    try:
-        with long.open("rb") as file:
-            _fill(path, rows, columns, _rows(file, _offsets(long), columns, rows), attributes)
-    finally:
-        long.unlink(missing_ok=True)
+
+    def fill(short: Path) -> None:
+        with path.open("rb") as file:
+            _fill(short, rows, columns, _rows(file, _offsets(path), columns, rows), attributes)
+
+    atomic.replace(path, fill, sync=False)
 
 
 def _fill(path: Path, rows: int, columns: Columns, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> int:
@@ -153,7 +153,7 @@ def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, o
     plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     # Data sets begin on whole pages, so that readers can map them into memory.
-    with h5py.File(path, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
+    with h5py.File(path, "w", locking=False, alignment_threshold=1 << 16, alignment_interval=4096) as file:
         for name, value in attributes.items():
             file.attrs[name] = value
         for name, array in columns.items():
@@ -162,7 +162,7 @@ def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, o
 
 
 def _offsets(path: Path) -> dict[str, int]:
-    with h5py.File(path, "r") as file:
+    with h5py.File(path, "r", locking=False) as file:
         return {name: file[name].id.get_offset() for name in file}
 
 

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from handpose.data import parts as files
 from handpose.data.bad_frames import BadFrameError
 from handpose.data.crops import SIZE
 from handpose.data.frames import Frames
 from handpose.data.parts import Columns, Part, is_whole, write_part
 from handpose.data.published_frames import PublishedFrames
+from netlib import hdf5
 
 _CHUNK = 16  # frames that a thread makes crops of at a time
 _AHEAD = 8  # chunks ahead of the writer, per thread
@@ -87,13 +86,13 @@ class _Writer:
 
     def recall(self, part: Part) -> None:
         """Take the outcome of a part from its file."""
-        with h5py.File(part.path, "r") as file:
+        with hdf5.opened(part.path, "the data") as file:
             self.outcome.index += file["index"][...].tolist()
-            bad = json.loads(file.attrs["bad"])
-        for kind, indices in bad.items():
-            for i in indices:
-                self.outcome.bad[i] = kind
-                self.on_bad(i, BadFrameError(self.frames.files[i], kind))
+            kinds = json.loads(file.attrs["bad"])
+            bad = [(i, kind, self.frames.files[i]) for kind, indices in kinds.items() for i in indices]
+        for i, kind, path in bad:
+            self.outcome.bad[i] = kind
+            self.on_bad(i, BadFrameError(path, kind))
 
     def write(self, part: Part, start: int) -> None:
         """Write a part of the frames from ``start`` on."""

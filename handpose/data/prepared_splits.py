@@ -11,7 +11,7 @@ from handpose.data.bad_frames import BadFrameError
 from handpose.data.preparation import Outcome, parts_of, write_parts
 from handpose.data.published_frames import PublishedFrames, statistics
 from netlib import atomic
-from netlib.errors import DataError
+from netlib.errors import DataError, printable
 
 
 class PreparedSplit:
@@ -62,7 +62,7 @@ class PreparedSplit:
         counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
         bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"
         split = self.frames.split
-        head = f"{split}: {len(outcome.index)} frames ({self.frames.made_from}){bad}"
+        head = f"{split}: {len(outcome.index)} frames ({printable(self.frames.made_from)}){bad}"
         return f"{head}\n{split}: {statistics(self.frames, outcome.index)}"
 
 

@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from handpose.data.bad_frames import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, Bad
 from handpose.data.crops import crop, normalise_joints
 from handpose.data.frames import Frames, empty_frames
 from handpose.facts.cameras import Camera
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
@@ -120,25 +122,31 @@ def read_centers(path: Path, frames: int) -> Array:
 
     In an .npz file the array is called center_uvd, or is the only one.
     """
-    try:
-        if path.suffix in (".npy", ".npz"):
-            loaded = np.load(path, allow_pickle=False)
-            if path.suffix == ".npz":
-                names = loaded.files
-                name = "center_uvd" if "center_uvd" in names else names[0] if len(names) == 1 else ""
-                if not name:
-                    raise DataError(f"{path}: holds {', '.join(names) or 'nothing'}; expected an array center_uvd")
-                loaded = loaded[name]
-            found = np.asarray(loaded, dtype=np.float64)
-        else:
-            lines = path.read_text(encoding="utf-8").split("\n")
-            lines = lines[:-1] if lines and not lines[-1].strip() else lines
-            found = np.array([_numbers(path, i, line, 3) for i, line in enumerate(lines, 1)]).reshape(-1, 3)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{path}: cannot read the centres: {reason_of(error)}") from None
+    if path.suffix in (".npy", ".npz"):
+        found = _array_in(path)
+    else:
+        lines = files.read_text(path, "the centres").split("\n")
+        lines = lines[:-1] if lines and not lines[-1].strip() else lines
+        found = np.array([_numbers(path, i, line, 3) for i, line in enumerate(lines, 1)]).reshape(-1, 3)
     if found.shape != (frames, 3):
         raise DataError(f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame")
     return found
+
+
+def _array_in(path: Path) -> Array:
+    """The array in an .npy or .npz file. Raises DataError."""
+    with BufferedReader(files.opened(path, "the centres")) as stream:
+        try:
+            loaded = np.load(stream, allow_pickle=False)
+            if isinstance(loaded, np.ndarray):
+                return loaded.astype(np.float64)
+            names = loaded.files
+            name = "center_uvd" if "center_uvd" in names else names[0] if len(names) == 1 else ""
+            if name:
+                return np.asarray(loaded[name], dtype=np.float64)
+        except Exception as error:  # of a damaged file, NumPy's reader and the one of archives may raise anything
+            raise DataError(f"{path}: cannot read the centres: {reason_of(error)}") from None
+    raise DataError(f"{path}: holds {', '.join(names) or 'nothing'}; expected an array center_uvd")
 
 
 def _numbers(path: Path, line: int, text: str, count: int) -> list[float]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fitting.depth.network_errors import GROUP, NetworkErrors, arrays_of
-from netlib import atomic
+from netlib import hdf5
 from netlib.net import Net
 
 
@@ -25,8 +23,7 @@ def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
 
 def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
     """The net's weights as Caffe reads them (HDF5, float32), shuffled and compressed, and its errors beside them."""
-    image = io.BytesIO()
-    with h5py.File(image, "w") as file:
+    with hdf5.written(path) as file:
         for layer, blobs in net.params.items():
             for i, blob in enumerate(blobs):
                 values = np.asarray(blob.data, np.float32)
@@ -34,4 +31,3 @@ def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
                                     shuffle=True)  # fmt: skip
         for name, values in arrays_of(errors).items() if errors else ():
             file.create_dataset(f"{GROUP}/{name}", data=values)
-    atomic.replace(path, lambda temporary: temporary.write_bytes(image.getvalue()))

@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from netlib import atomic
+from netlib import hdf5
 
 BOTTLENECK = 30  # components
 
@@ -22,15 +21,10 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     """Write weights of the layer "joints": mean and largest principal components of the joints in the files."""
     count, total, products = 0, 0.0, 0.0
     for source in files:
-        with h5py.File(source, "r") as file:
-            joints = file["joint"][...].astype(np.float64)
+        joints = hdf5.File(source, ("joint",)).datasets[0][:].astype(np.float64)
         count, total, products = count + len(joints), total + joints.sum(axis=0), products + joints.T @ joints
     mean = np.asarray(total / count)
     values, vectors = np.linalg.eigh(products / count - np.outer(mean, mean))
     scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
-
-    def fill(temporary: Path) -> None:
-        with h5py.File(temporary, "w") as file:
-            file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)
-
-    atomic.replace(path, fill)
+    with hdf5.written(path) as file:
+        file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)

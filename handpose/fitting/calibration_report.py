@@ -10,6 +10,7 @@ from handpose.fitting.angles import rotations
 from handpose.fitting.calibration import Calibration
 from handpose.fitting.observations import Observations
 from layers.hand.skeleton import Skeleton
+from netlib.errors import printable
 
 
 def comment(
@@ -68,7 +69,7 @@ def report(template: Skeleton, frames: Observations, found: Calibration, unit: f
     worst = np.nanmean(found.after, axis=1).max() * unit
     seen = np.count_nonzero(~np.isnan(frames.targets[:, :, 0]))
     cubes = " and ".join(f"{half:g}" for half in np.unique(frames.half_cube))
-    return "\n".join([
+    return "\n".join(printable(line) for line in [
         *lines,
         "",
         f"{len(frames.targets)} of {frames.rows} frames, {seen} joints ({frames.unseen} more unknown or cut off)",

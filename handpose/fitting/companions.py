@@ -6,7 +6,8 @@ only joints. Each HDF5 file of the set gets a small companion with
     dof          (n, 47) inputs of the hand model, as its layer HandModel takes them
     residual_mm  (n, 31) what the fit leaves of each joint; NaN for joints that were cut off at the cube
 
-and links to everything else in the first file, so that a list of companions is read like the list of the first files.
+and the name of the first file, where all else is (``netlib.hdf5.File``), so that a list of companions is read like the
+list of the first files.
 """
 
 from __future__ import annotations
@@ -18,17 +19,16 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from handpose.data import labels, parts
 from handpose.fitting.levenberg_marquardt import fit_joints
 from layers.hand.skeleton import Skeleton
-from netlib import atomic
+from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
-VERSION = 2  # to be raised when a change of the code changes the angles
+VERSION = 3  # to be raised when a change of the code changes the angles
 
 Told = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
 
@@ -37,7 +37,7 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     """Where the companion of each file goes. Raises DataError if two of them, or a file and its own, are the same."""
     targets = [out / path.name for path in files]
     for path, target in zip(files, targets):
-        if path.resolve() == target.resolve():
+        if os.path.realpath(path) == os.path.realpath(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
@@ -62,8 +62,7 @@ def fit_list(
     residuals, inputs = [], []
     for number, (path, target) in enumerate(zip(files, targets), 1):
         residuals.append(fit_file(path, target, skeleton, **options))
-        with h5py.File(target, "r") as file:
-            inputs.append(file["dof"][...].astype(np.float64))
+        inputs.append(hdf5.File(target, ("dof",)).datasets[0][:].astype(np.float64))
         told(number, target, residuals[-1])
     atomic.replace_text(out / name, parts.list_text(targets))
     return np.concatenate(inputs), np.concatenate(residuals)
@@ -91,8 +90,7 @@ def fit_file(
     )  # fmt: skip
     kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
-        with h5py.File(target, "r") as file:
-            residuals = file["residual_mm"][...].astype(np.float64)
+        residuals = hdf5.File(target, ("residual_mm",)).datasets[0][:].astype(np.float64)
         progress(len(residuals))
         return np.asarray(residuals)
     told = labels.read(path, [len(skeleton.parents)])
@@ -101,20 +99,14 @@ def fit_file(
         found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    others = [name for name in told.names if name not in ("dof", "residual_mm")]
     residuals = found.residuals * told.half_cube[:, None]
 
-    def fill(temporary: Path) -> None:
-        with h5py.File(temporary, "w") as file:
+    rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
+    try:
+        with hdf5.written(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)
-            for name in others:
-                file[name] = h5py.ExternalLink(os.path.relpath(path.resolve(), target.parent.resolve()), name)
-            file.attrs.update(recipe=recipe, made_from=told.made_from)
-
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        atomic.replace(target, fill)
+            file.attrs.update(recipe=recipe, made_from=told.made_from, rest_in=rest)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
     return np.asarray(residuals)

@@ -18,7 +18,8 @@ from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.locator import Locator
 from handpose.predicting.nets import hand_layer, trained
 from handpose.predicting.predictor import Fit, Hand, Predictor
-from netlib.errors import NetlibError, WeightsError, reason_of
+from netlib import files
+from netlib.errors import NetlibError, WeightsError
 from netlib.paths import ROOT
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
@@ -39,10 +40,7 @@ class Card:
 def read_card(folder: Path) -> Card:
     """The card of a model's folder. Raises NetlibError."""
     path = folder / "readme.md"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise NetlibError(f"{path}: cannot read the model's card: {reason_of(error)}") from error
+    lines = files.read_text(path, "the model's card", NetlibError).splitlines()
     if lines[:1] != ["---"] or "---" not in lines[1:]:
         raise NetlibError(f"{path}: no front matter; expected lines 'key: value' between two lines '---'")
     said = dict(line.split(":", 1) for line in lines[1 : lines.index("---", 1)] if ":" in line)
@@ -55,10 +53,7 @@ def read_card(folder: Path) -> Card:
 
 def checked_weights(card: Card) -> Path:
     """The file of weights, after comparing its checksum. Raises WeightsError."""
-    try:
-        found = hashlib.sha256(card.weights.read_bytes()).hexdigest()
-    except OSError as error:
-        raise WeightsError(f"{card.weights}: cannot read weights: {reason_of(error)}") from error
+    found = hashlib.sha256(files.read_bytes(card.weights, "weights", WeightsError)).hexdigest()
     if found != card.sha256:
         raise WeightsError(
             f"{card.weights}: SHA-256 {found[:12]}..., the card says {card.sha256[:12]}...; the file is damaged or of "

@@ -14,7 +14,7 @@ from handpose.predicting.nets import data_layer, hand_layer
 from handpose.scoring import metrics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError, NetlibError, printable
 from netlib.net import Net
 
 
@@ -66,7 +66,7 @@ def predict_all(
         skeleton=arrays[hand.spec.top[0]].reshape(done, -1, 3) if hand else None,
         half_cube=np.concatenate([labels.read_half_cubes(file) for file in data.files]),
         outputs={name: float(np.mean(values)) for name, values in sums.items()},
-        made_from=", ".join(sorted({file.made_from for file in data.files})),
+        made_from=", ".join(sorted({printable(file.made_from) for file in data.files})),
     )
 
 

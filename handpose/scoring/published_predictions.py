@@ -17,8 +17,9 @@ from handpose.facts import icvl, nyu
 from handpose.facts.cameras import ICVL, NYU, Camera
 from handpose.scoring import metrics
 from layers.hand import skeleton
+from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError
 
 Format = Literal["uvd", "xyz"]
 
@@ -88,10 +89,10 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
 def is_list(path: str | Path) -> bool:
     """Does the first line name a file, where a file of joints has a number? No, if there is nothing to be read."""
     try:
-        with open(path, encoding="utf-8-sig", errors="replace") as file:
-            first = file.readline().split()
-    except OSError:
+        begin = files.read_bytes(path, "the joints", first=1 << 16).decode("utf-8-sig", "replace")
+    except DataError:
         return False  # ``read_joints`` says what is wrong
+    first = begin.split("\n")[0].split()
     try:
         [float(word) for word in first[:1]]
     except ValueError:
@@ -101,10 +102,7 @@ def is_list(path: str | Path) -> bool:
 
 def _text(path: str | Path) -> str:
     """The text of a file that is not empty. Raises DataError."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot read the joints: {reason_of(error)}") from None
+    text = files.read_text(path, "the joints")
     if not text.strip():
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
     return text

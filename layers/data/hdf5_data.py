@@ -57,7 +57,7 @@ class HDF5Data(Layer):
         self.files = [File(path, self.spec.top) for path in read_list(source, self.source)]
         self.rows = sum(file.rows for file in self.files)
         for file in self.files[1:]:
-            for name, first, this in zip(self.spec.top, self.files[0].arrays, file.arrays):
+            for name, first, this in zip(self.spec.top, self.files[0].datasets, file.datasets):
                 if first.shape[1:] != this.shape[1:]:
                     raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
                                     f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
@@ -68,8 +68,8 @@ class HDF5Data(Layer):
             self.notes.insert(0, f"{few}; every batch repeats some")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        for blob, array in zip(top, self.files[0].arrays):
-            blob.reshape(self.batch_size, *array.shape[1:])
+        for blob, dataset in zip(top, self.files[0].datasets):
+            blob.reshape(self.batch_size, *dataset.shape[1:])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.cursor = self.read(self.cursor, [blob.data for blob in top])
@@ -82,18 +82,14 @@ class HDF5Data(Layer):
             file = self.files[self.order(len(self.files), turn, 0)[place]]
             take = min(size - done, file.rows - row)
             rows = self.order(file.rows, turn, 1 + place)[row : row + take]
-            file.check_size()
-            for out, array in zip(batch, file.arrays):
-                self.pick(array, rows, out[done : done + take])
+            file.check()
+            for out, dataset in zip(batch, file.datasets):
+                dataset.take(rows, out[done : done + take])
             done += take
             cursor = (turn, place, row + take)
             if row + take == file.rows:
                 cursor = (turn, place + 1, 0) if place + 1 < len(self.files) else (turn + 1, 0, 0)
         return cursor
-
-    def pick(self, array: Array, rows: Array, out: Array) -> None:
-        """Copy some rows."""
-        out[...] = array[rows]
 
     def order(self, count: int, turn: int, stream: int) -> Array:
         """In which order a pass takes the files (stream 0), or the rows of its n-th file (stream n)."""
@@ -111,7 +107,10 @@ class HDF5Data(Layer):
             return
         self.seed = int(state["seed"])
         if state.get("files") == self._identity():  # with other data there is no such place to go on
-            self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]), int(state["cursor"][2]))
+            turn, place, row = map(int, state["cursor"])
+            self.cursor = (turn, place, row)
+            if turn < 0 or not 0 <= row < self.files[self.order(len(self.files), turn, 0)[place]].rows or place < 0:
+                raise ValueError(f"there is no row at {state['cursor']}")
 
     def _identity(self) -> list[list[Any]]:
         return [[file.path.name, file.rows, file.made_from] for file in self.files]
@@ -128,7 +127,7 @@ class HDF5Data(Layer):
         """One row of every data set, counted over all files in the order of the list."""
         for file in self.files:
             if number < file.rows:
-                file.check_size()
-                return [np.asarray(array[number]) for array in file.arrays]
+                file.check()
+                return [dataset[number] for dataset in file.datasets]
             number -= file.rows
         raise IndexError(f"there are {self.rows} rows")

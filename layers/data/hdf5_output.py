@@ -14,9 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
-
-from netlib import atomic
+from netlib import hdf5
 from netlib.blob import Blobs
 from netlib.errors import DataError, reason_of
 from netlib.layer import Layer
@@ -61,13 +59,10 @@ class HDF5Output(Layer):
             raise self.fail(f"{self.path} holds the batch of the first forward; HDF5Output writes no second one, "
                             "as in Caffe: run one iteration, with a batch of all items", "file_name")  # fmt: skip
 
-        def fill(path: Path) -> None:
-            with h5py.File(path, "w") as file:
+        try:
+            with hdf5.written(self.path) as file:
                 for name, x in zip(NAMES, bottom):
                     file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
-
-        try:
-            atomic.replace(self.path, fill)
         except OSError as error:
             raise DataError(f"{self.path}: cannot write the HDF5 file: {reason_of(error)}") from error
         self.written = True

@@ -24,8 +24,9 @@ import numpy as np
 
 from layers.data.images import planes, read_image, resize_image
 from layers.data.transform import TransformationParameter, Transformer, misplaced
+from netlib import files
 from netlib.blob import Array, Blobs
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError
 from netlib.layer import Layer
 from netlib.paths import find
 from netlib.schema import UInt, numbered
@@ -128,7 +129,10 @@ class ImageData(Layer):
             return
         self.seed = int(state["seed"])
         if state.get("list") == self._identity():  # in another list there is no such place to go on
-            self.cursor = (int(state["cursor"][0]), int(state["cursor"][1]))
+            turn, place = map(int, state["cursor"])
+            self.cursor = (turn, place)
+            if turn < 0 or not 0 <= place < len(self.items):
+                raise ValueError(f"there is no image at {state['cursor']}")
 
     def _identity(self) -> list[Any]:
         return [len(self.items), self.checksum]
@@ -136,10 +140,7 @@ class ImageData(Layer):
 
 def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
     """The paths and labels of a list, and a checksum of it. Raises DataError."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot read the list of images: {reason_of(error)}") from error
+    text = files.read_text(path, "the list of images")
     items = []
     for number, line in enumerate(text.split("\n"), 1):
         if not line.strip():
@@ -148,7 +149,7 @@ def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
         if not space:
             name, label = line, ""
         label = label.strip() or "0"  # Caffe's label of a line that has none
-        if not re.fullmatch(r"[+-]?\d+", label):
+        if not re.fullmatch(r"[+-]?\d{1,10}", label):
             raise DataError(f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'")
         items.append((name, int(label)))
     if not items:

@@ -7,28 +7,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from netlib import files, pictures
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError
 
 
 def read_image(path: Path, color: bool) -> Array:
     """A picture in colour (C = 3) or in grey (C = 1). Raises DataError."""
-    try:
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot read the image: {reason_of(error)}") from error
+    content = files.read_bytes(path, "the image")
     return decode_image(content, color, str(path))
 
 
 def decode_image(content: bytes, color: bool | None, what: str) -> Array:
     """The picture in the bytes of a file; ``color`` None: with as many channels as it has. Raises DataError."""
     flag = {True: cv2.IMREAD_COLOR, False: cv2.IMREAD_GRAYSCALE, None: cv2.IMREAD_UNCHANGED}[color]
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
-    except cv2.error:  # of no bytes at all
-        image = None
-    if image is None:
-        raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")
+    image = pictures.decode(content, flag, what)
     if image.dtype != np.uint8:
         raise DataError(f"{what}: an image of {image.dtype}, expected 8 bits for each value")
     return image.reshape(*image.shape[:2], -1)

@@ -95,3 +95,5 @@ class MemoryData(Layer):
         super().restore(state)
         if state.get("items") == self.items:  # of as many items: the caller has handed over the same arrays again
             self.position = int(state["position"])
+            if not 0 <= self.position < max(self.items, 1):
+                raise ValueError(f"there is no item {self.position}")

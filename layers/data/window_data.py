@@ -35,8 +35,9 @@ import numpy as np
 
 from layers.data.images import planes, read_image, resize_image
 from layers.data.transform import TransformationParameter, Transformer, misplaced
+from netlib import files
 from netlib.blob import Array, Blobs
-from netlib.errors import DataError, did_you_mean, reason_of
+from netlib.errors import DataError, did_you_mean
 from netlib.layer import Layer
 from netlib.paths import find
 from netlib.schema import UInt, numbered
@@ -198,10 +199,7 @@ def _round(number: Any) -> int:
 
 def _read_windows(path: Path) -> list[tuple[Window, float]]:
     """The windows of a list, with their overlaps. Raises DataError."""
-    try:
-        words = iter(path.read_text(encoding="utf-8-sig").split())
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot read the list of windows: {reason_of(error)}") from error
+    words = iter(files.read_text(path, "the list of windows").split())
     found: list[tuple[Window, float]] = []
     channels, images = 0, 0
     for word in words:

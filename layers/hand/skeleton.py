@@ -15,6 +15,7 @@ Each joint starts from its parent's position and frame, and in order
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -191,7 +192,7 @@ def _signed(axis: Axis) -> tuple[int, float]:
 
 def load(path: str | Path = NYU_HAND) -> Skeleton:
     """The skeleton of a file; by default the NYU hand. Raises PrototxtError, NetlibError."""
-    return _load(Path(path), Path(path).resolve())
+    return _load(Path(path), Path(os.path.realpath(path)))
 
 
 @functools.lru_cache(maxsize=16)

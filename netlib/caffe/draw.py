@@ -151,7 +151,8 @@ def draw_net(
 
     Raises NetlibError, also if pydot or Graphviz is missing.
     """
-    text: bytes = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm).to_string().encode()
+    graph = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm)
+    text: bytes = graph.to_string().encode("utf-8", "backslashreplace")
     if ext == "raw":
         return text
     program = shutil.which("dot")
@@ -176,6 +177,6 @@ def draw_net_to_file(
         raise NetlibError(f"{filename}: the ending of the name is the picture's format; expected .png, .svg, .pdf ...")
     picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm)
     try:
-        atomic.replace(Path(filename), lambda file: file.write_bytes(picture))
+        atomic.replace_bytes(Path(filename), picture)
     except (OSError, ValueError) as error:
         raise NetlibError(f"{filename}: cannot write the picture: {reason_of(error)}") from error

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import zoom
 
+from netlib import files, pictures
 from netlib.blob import Array
 from netlib.caffe.proto import caffe_pb2
-from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
+from netlib.errors import DataError, NetlibError, did_you_mean
 
 Size = Sequence[int] | Array  # height and width
 GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue
@@ -240,16 +241,8 @@ def load_image(filename: str | Path, color: bool = True) -> NDArray[np.float32]:
 
     8 and 16 bits are scaled to [0, 1], floats are left as they are. Raises DataError.
     """
-    try:
-        raw = Path(filename).read_bytes()
-    except (OSError, ValueError) as error:
-        raise DataError(f"{filename}: cannot read the image: {reason_of(error)}") from error
-    try:
-        pixels = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
-    except cv2.error:
-        pixels = None
-    if pixels is None:
-        raise DataError(f"{filename}: not an image that OpenCV can read; expected PNG, JPEG, TIFF ...")
+    raw = files.read_bytes(filename, "the image")
+    pixels = pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(filename))
     if pixels.dtype.kind not in "uf":
         raise DataError(f"{filename}: an image of {pixels.dtype}; expected 8 or 16 bits without sign, or floats")
     if pixels.ndim == 3 and pixels.shape[2] not in (3, 4):

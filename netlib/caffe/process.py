@@ -51,8 +51,9 @@ def init_log(level: int | None = None, stderr: bool = True) -> None:
 
 
 def log(text: str) -> None:
-    """A line in the log."""
-    _log.info("%s", text)
+    """Lines in the log."""
+    for line in text.split("\n"):
+        _log.info("%s", line)
 
 
 # One process trains with one solver here.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import secrets
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from netlib import atomic
+from netlib import atomic, locks
 from netlib.errors import DataError
 
 
@@ -52,8 +55,52 @@ def test_text_of(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
-    """A file cannot take its place, and it is not put aside."""
+    """A file cannot take its place, and then neither of a pair is written."""
     (tmp_path / "folder").mkdir()
-    with pytest.raises(OSError, match="Is a directory"):
-        atomic.replace_all([(tmp_path / "a", b"1"), (tmp_path / "folder", b"2")])
+    with pytest.raises(OSError, match=r"Is a directory.*folder'$"):
+        atomic.replace_pair((tmp_path / "a", b"1"), (tmp_path / "folder", b"2"))
+    with pytest.raises(OSError, match=r"Is a directory.*folder'$"):
+        atomic.replace_bytes(tmp_path / "folder", b"2")
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def test_a_link_that_somebody_planted_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even one that has guessed the random name."""
+    (tmp_path / "precious").write_text("mine")
+    monkeypatch.setattr(secrets, "token_hex", lambda count: "0123abcd")
+    (tmp_path / ".w.0123abcd.netlib.tmp").symlink_to(tmp_path / "precious")
+    with pytest.raises(FileExistsError):
+        atomic.replace_bytes(tmp_path / "w", b"new")
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+def test_what_a_killed_process_left_is_cleared_and_what_a_living_one_writes_is_not(tmp_path: Path) -> None:
+    """Files and folders; nothing of another name."""
+    (tmp_path / ".w.h5.0123abcd.netlib.tmp").write_text("left")
+    (tmp_path / ".database.89abcdef.netlib.tmp").mkdir()
+    (tmp_path / ".database.89abcdef.netlib.tmp" / "data.mdb").write_text("left")
+    others = [".w.h5.tmp", ".w.h5.0123abcd.netlib", "w.h5.0123abcd.netlib.tmp", ".w.h5.0123abcd.netlib.old"]
+    for name in others:
+        (tmp_path / name).write_text("not ours")
+    with atomic.temporary(tmp_path / "living") as fresh, atomic.temporary_folder(tmp_path / "folder") as folder:
+        atomic.clear_leftovers(tmp_path)
+        assert {path.name for path in tmp_path.iterdir()} == {*others, fresh.name, folder.name}
+    assert {path.name for path in tmp_path.iterdir()} == set(others)
+
+
+def test_a_name_taken_for_a_leftover_before_it_was_locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another is made."""
+    held, calls = locks.held, []
+
+    @contextlib.contextmanager
+    def late(path: Path) -> Iterator[bool | None]:
+        calls.append(path)
+        if len(calls) == 1:
+            path.unlink()
+        with held(path) as locked:
+            yield locked
+
+    monkeypatch.setattr(locks, "held", late)
+    atomic.replace_bytes(tmp_path / "w", b"new")
+    assert len(calls) == 2
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"w": b"new"}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import netlib
-from netlib import prototxt
+from netlib import caffe, prototxt, python_layer
 
 SQUARE = """
 import netlib
@@ -147,6 +148,153 @@ def test_a_python_layer_that_is_not_there(squares: None, layer: str, message: st
     """The module or class, and where it was looked for."""
     with pytest.raises(netlib.PrototxtError, match=message):
         net_with(layer)
+
+
+# ---------------------------------------------------------------------------------------------- before a module runs
+
+RAN = "import pathlib; pathlib.Path(__file__ + '.ran').touch()\n"  # leaves a file beside the module when it runs
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
+    """``module("own/inner.py", text)``: a module in the working directory; a package's ``__init__`` says if it runs."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    before = set(sys.modules)
+
+    def write(name: str, text: str) -> None:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(RAN + text)
+
+    yield write
+    for name in set(sys.modules) - before:
+        del sys.modules[name]
+
+
+def has_run() -> set[str]:
+    """The modules that did."""
+    return {path.name.removesuffix(".py.ran") for path in Path().rglob("*.ran")}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "class Squared: pass", "from math import sqrt as Squared", "print(Square)", "def f(Square=1): return Square",
+     "Squares = 'Square'"],
+)  # fmt: skip
+def test_a_module_that_cannot_have_the_class_does_not_run(module: Callable[[str, str], None], text: str) -> None:
+    """Its text is read first; the error is the same as for one that has run."""
+    module("gadget.py", text)
+    with pytest.raises(netlib.PrototxtError, match=r"layer 'own': gadget.Square has no such class \(.*gadget.py\)$"):
+        net_with(python("Square", "gadget"))
+    assert has_run() == set() and "gadget" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["from netlib import Layer as Square", "import netlib\nSquare = netlib.Layer", "from made import *",
+     "import netlib\nif True:\n    class Square(netlib.Layer): pass",
+     "import netlib\nglobals()['Squ' + 'are'] = netlib.Layer",
+     "import netlib\ndef __getattr__(name): return netlib.Layer",
+     "exec('from netlib import Layer as Squ' + 'are')",
+     "import netlib, sys\nsetattr(sys.modules[__name__], 'Squ' + 'are', netlib.Layer)"],
+)  # fmt: skip
+def test_a_module_that_may_have_it_runs(module: Callable[[str, str], None], text: str) -> None:
+    """Any statement that makes the name, and whatever can make names that the text does not show."""
+    module("made.py", "from netlib import Layer as Square")
+    module("own_module.py", text)
+    with pytest.raises(netlib.LayerError, match="reshape failed: NotImplementedError"):  # the class is Layer itself
+        net_with(python("Square", "own_module"))
+    assert "own_module" in has_run()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nowhere", "cannot import 'nowhere' .ModuleNotFoundError: No module named 'nowhere'."),
+        ("parent.nowhere", "cannot import 'parent.nowhere' .ModuleNotFoundError: No module named 'parent.nowhere'."),
+        ("parent.gadget", r"parent.gadget.Square has no such class \(.*gadget.py\)$"),
+        ("parent.child.gadget", r"parent.child.gadget.Square has no such class \(.*gadget.py\)$"),
+        ("parent.broken", "cannot import 'parent.broken' .SyntaxError: .*broken.py, line 2"),
+        ("parent", r"parent.Square has no such class \(.*__init__.py\)$"),
+        ("folder.gadget", r"folder.gadget.Square has no such class \(.*gadget.py\)$"),
+    ],
+)
+def test_packages_do_not_run_for_nothing(module: Callable[[str, str], None], name: str, message: str) -> None:
+    """Neither those above a module that is not there, nor those above one without the class."""
+    for file in ("parent/__init__", "parent/gadget", "parent/child/__init__", "parent/child/gadget", "folder/gadget"):
+        module(f"{file}.py", "")
+    module("parent/broken.py", "def")
+    with pytest.raises(netlib.PrototxtError, match=message):
+        net_with(python("Square", name))
+    assert has_run() == set()
+
+
+def test_a_package_may_say_where_its_modules_are(module: Callable[[str, str], None], tmp_path: Path) -> None:
+    """Then only running it tells."""
+    module("elsewhere/squares_inside.py", SQUARE)
+    module("parent/__init__.py", f"__path__.append({str(tmp_path / 'elsewhere')!r})")
+    net = net_with(python("Square", "parent.squares_inside"))
+    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
+
+
+@pytest.mark.parametrize("name", ["", ".", ".squares", "squares.", "a..b", "../squares", "\\000", "sys", "sys.path"])
+def test_names_that_no_module_has(squares: None, name: str) -> None:
+    """One line."""
+    with pytest.raises(netlib.PrototxtError, match=r"cannot import|has no such class"):
+        net_with(python("Square", name))
+
+
+# ---------------------------------------------------------------------------------------------- not allowed
+
+REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which runs code of whoever wrote the net, and that is not"
+
+
+def text_with(layer: str) -> prototxt.Message:
+    return prototxt.parse('layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 } } } ' + layer, "f")
+
+
+@pytest.mark.parametrize("make", [netlib.Net, caffe.Net])
+def test_a_net_without_python_layers(module: Callable[[str, str], None], make: type[netlib.Net]) -> None:
+    """Is refused, if it has one, before any layer is made; without one it is a net like any other."""
+    module("squares.py", SQUARE)
+    with pytest.raises(netlib.PrototxtError, match=REFUSED):
+        make(text_with(python("Square")), netlib.TRAIN, python_layers=False)
+    assert has_run() == set()
+    assert make(text_with(""), netlib.TRAIN, python_layers=False).inputs == ["x"]
+    assert make(text_with(python("Square")), netlib.TRAIN).outputs == ["y"]
+
+
+@pytest.mark.parametrize("make", [netlib.get_solver, caffe.get_solver, caffe.SGDSolver])
+def test_a_solver_without_python_layers(module: Callable[[str, str], None], make: Callable[..., object]) -> None:
+    """The same for its nets."""
+    module("squares.py", SQUARE)
+    Path("f").write_text(str(text_with(python("Square"))).replace("\n", " "))
+    Path("solver.prototxt").write_text('net: "f" base_lr: 0.1 lr_policy: "fixed"')
+    with pytest.raises(netlib.PrototxtError, match=REFUSED):
+        make("solver.prototxt", python_layers=False)
+    assert has_run() == set()
+    make("solver.prototxt")
+
+
+def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
+    """One of another phase is not made, and so is not refused."""
+    other = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
+    netlib.Net(text_with(other), netlib.TRAIN, python_layers=False)
+    with pytest.raises(netlib.PrototxtError, match="'own' is of type 'Python'"):
+        netlib.Net(text_with(other), netlib.TEST, python_layers=False)
+
+
+def test_a_process_without_python_layers(squares: None) -> None:
+    """No net of it may have one, whatever its own argument says; afterwards all is as before."""
+    with python_layer.allowed(False), python_layer.allowed(True), pytest.raises(netlib.PrototxtError, match=REFUSED):
+        netlib.Net(text_with(python("Square")), netlib.TRAIN, python_layers=True)
+    with pytest.raises(KeyError), python_layer.allowed(False):
+        raise KeyError
+    netlib.Net(text_with(python("Square")), netlib.TRAIN)
+
+
+# ---------------------------------------------------------------------------------------------- names and options
 
 
 @pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])

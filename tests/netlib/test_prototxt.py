@@ -76,7 +76,10 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "cannot read the prototxt: No such file or directory"), (b"\xff\xfe\x00", "not a text file")],
+    [
+        (None, "cannot read the prototxt: No such file or directory"),
+        (b"\xff\xfe\x00", "cannot read the prototxt: not a text file (byte 0 is not UTF-8)"),
+    ],
 )
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
     """Missing, or not text."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import snapshot
+from netlib import atomic, snapshot
 from netlib.saved import SolverState
 from netlib.weights import image
 
@@ -42,7 +42,7 @@ def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
 def state_of(net: netlib.Net, iteration: int = 5) -> SolverState:
     """A solver state with one history for each parameter."""
     histories = [np.full(p.blob.shape, iteration, np.float32) for p in net.learnable]
-    return SolverState(iteration, 2, "dir/w_iter_5.caffemodel.h5", histories, {"seed": 3})
+    return SolverState(iteration, 2, "dir/w_iter_5.caffemodel.h5", histories, {"smoothed": [3.0]})
 
 
 def write_pair(net: netlib.Net, state: SolverState, weights: Path, states: Path) -> None:
@@ -87,7 +87,9 @@ def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> N
     assert np.array_equal(found["a"][1], net.params["a"][1].data)
     state = snapshot.read_state(names[1])
     assert (state.iter, state.current_step, state.learned_net) == (5, 2, "dir/w_iter_5.caffemodel.h5")
-    assert state.extra == {"seed": 3, "weights_crc": snapshot.checksum(names[0])}
+    assert state.extra == {
+        "smoothed": [3.0], "weights_crc": snapshot.checksum(names[0]), "checksum": state.checksum(),
+    }  # fmt: skip
     assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
 
 
@@ -145,27 +147,71 @@ def test_a_failure_leaves_the_old_pair(
     assert everything_in(tmp_path) == before
 
 
-def test_a_process_that_dies_between_the_two_leaves_no_wrong_pair(
-    net: netlib.Net, names: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A state that exists has its weights, whichever renaming is the last that happens."""
-    write_pair(net, state_of(net, 5), *names)
+@pytest.fixture
+def killed_between(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
+    """What a process leaves that was killed after the new weights had their name, and before the new state had its."""
+    old, new = (path.with_name(f"w_iter_5.{path.name[2:]}") for path in names)
+    state = state_of(net, 5)
+    state.learned_net = str(old)
+    write_pair(net, state, old, new)
+    os.link(old, tmp_path / f".{old.name}.0123abcd.netlib.old")
     net.params["a"][0].data[...] = 9
+    (tmp_path / "fresh").write_bytes(image(net, old))
+    os.replace(tmp_path / "fresh", old)
+    (tmp_path / f".{new.name}.0123abcd.netlib.tmp").write_bytes(b"half")
+    return old, new
 
-    replace, calls = os.replace, []
 
-    def once(*args: Any) -> None:
-        calls.append(args)
-        if len(calls) > 1:
-            raise KeyboardInterrupt
-        replace(*args)
+def test_the_state_of_a_pair_that_was_being_replaced_finds_its_weights(killed_between: tuple[Path, Path]) -> None:
+    """The old ones, which were kept, not the new ones under the name."""
+    weights, state = killed_between
+    found = snapshot.pair_of(state, snapshot.read_state(state))
+    assert found == weights.with_name(f".{weights.name}.0123abcd.netlib.old")
+    assert (snapshot.read_weights(weights)["a"][0] == 9).all()
+    assert not (snapshot.read_weights(found)["a"][0] == 9).all()
 
-    monkeypatch.setattr(os, "replace", once)
-    with pytest.raises(KeyboardInterrupt):
-        write_pair(net, state_of(net, 6), *names)
-    if names[1].exists():
-        new_weights = (snapshot.read_weights(names[0])["a"][0] == 9).all()
-        assert snapshot.read_state(names[1]).iter == (6 if new_weights else 5)
+
+def test_the_next_training_puts_the_pair_right(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
+    """The old pair stands under its names again, and nothing else is left."""
+    weights, state = killed_between
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
+    assert sorted(everything_in(tmp_path)) == sorted([weights.name, state.name])
+
+
+@pytest.mark.parametrize("which", ["nothing was renamed", "both were renamed"])
+def test_a_kill_before_or_after(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, which: str) -> None:
+    """The old or the new pair; what was kept of the old weights is not needed."""
+    weights, state = tmp_path / "w_iter_5.caffemodel", tmp_path / "w_iter_5.solverstate"
+    write_pair(net, state_of(net, 5), weights, state)
+    kept = tmp_path / f".{weights.name}.0123abcd.netlib.old"
+    os.link(weights, kept)
+    if which == "both were renamed":
+        net.params["a"][0].data[...] = 9
+        write_pair(net, state_of(net, 6), weights, state)
+    before = weights.read_bytes(), state.read_bytes()
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        pass
+    assert (weights.read_bytes(), state.read_bytes()) == before
+    assert sorted(everything_in(tmp_path)) == [weights.name, state.name]
+
+
+def test_what_another_training_is_writing_is_left_alone(tmp_path: Path) -> None:
+    """In the same folder, under another prefix or the same: it is locked."""
+    with atomic.temporary(tmp_path / "other_iter_5.caffemodel") as fresh, snapshot.prefix_in_use(tmp_path / "w"):
+        assert fresh.exists()
+
+
+def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
+    """The second says so; the first being gone, it may begin."""
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        with pytest.raises(netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"):
+            snapshot.prefix_in_use(tmp_path / "w").__enter__()
+        with snapshot.prefix_in_use(tmp_path / "w2"):
+            pass
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        pass
+    assert everything_in(tmp_path) == {}
 
 
 def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
@@ -186,7 +232,7 @@ def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, P
     if snapshot.is_hdf5(names[1]):
         with h5py.File(names[1]) as file:
             assert file["netlib"].dtype.kind == "S"
-    assert snapshot.read_state(names[1]).extra["seed"] == 3
+    assert snapshot.read_state(names[1]).extra["smoothed"] == [3.0]
 
 
 @pytest.mark.parametrize("options", [{}, {"chunks": (1024,)}, {"chunks": (1024,), "compression": "gzip"}], ids=str)
@@ -194,18 +240,18 @@ def test_values_that_were_never_written(tmp_path: Path, options: dict[str, Any])
     """HDF5 would make them up, more than there is memory for."""
     with h5py.File(tmp_path / "w.h5", "w") as file:
         file.create_dataset("data/ip/0", (10**12,), "f4", **options)
-    with pytest.raises(netlib.WeightsError, match="layer 'ip' parameter 0 claims 4000000000000 bytes, but only 0 are"):
+    with pytest.raises(netlib.WeightsError, match="data set '/data/ip/0' claims 4000000000000 bytes, but only 0 are"):
         snapshot.read_weights(tmp_path / "w.h5")
 
 
 def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before training: can snapshots be written here at all?"""
-    snapshot.probe_directory(tmp_path / "new" / "prefix")
+    snapshot.probe(tmp_path / "new" / "prefix")
     assert everything_in(tmp_path / "new") == {}
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full_disk)
         with pytest.raises(netlib.WeightsError, match=r"new: cannot write snapshots there: No space left on device$"):
-            snapshot.probe_directory(tmp_path / "new" / "prefix")
+            snapshot.probe(tmp_path / "new" / "prefix")
     assert everything_in(tmp_path / "new") == {}
 
 
@@ -259,6 +305,23 @@ def test_a_damaged_file_is_one_line_or_read(pair: tuple[Path, Path], which: int)
             assert "\n" not in str(error)
             failed += 1
     assert failed > 3
+
+
+def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
+    """Wherever it is: refused, or nothing that is in the state has changed."""
+    good, content = snapshot.read_state(pair[1]), pair[1].read_bytes()
+    rng = np.random.default_rng(5)
+    refused = 0
+    for bit in rng.choice(8 * len(content), 150, replace=False):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        pair[1].write_bytes(damaged)
+        try:
+            assert snapshot.read_state(pair[1]).checksum() == good.checksum()
+        except netlib.WeightsError as error:
+            assert str(error).startswith(f"{pair[1]}: ")
+            refused += 1
+    assert refused > 10
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def test_wrong_usage(files, capsys, arguments, message):
     ("arguments", "message"),
     [
         (["A=no.txt"], "no.txt: cannot read the joints: No such file or directory"),
-        (["A=near.txt", "B=."], ".: cannot read the joints: Is a directory"),
+        (["A=near.txt", "B=."], ".: cannot read the joints: Is a directory; expected a file"),
         (["A=short.txt"], "short.txt: 19 frames, the ground truth truth.txt has 20"),
         (["A=near.txt", "--plot", "no/a.png"], "no/a.png: cannot write the picture: No such file or directory"),
         (["A=near.txt", "--plot", "folder.png"], "folder.png: cannot write the picture: Is a directory"),

@@ -1,6 +1,7 @@
 """tools/fit_pose.py: angles for a text file of joints, or for a list of HDF5 files."""
 
 import re
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -11,6 +12,7 @@ from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from netlib.hdf5 import File
 from tools import fit_pose
 
 SKELETON = skeletons.load()
@@ -132,7 +134,7 @@ def test_another_hand(joints, tmp_path, capsys):
 
 
 def test_the_files_of_a_list(data, tmp_path, capsys):
-    """Each gets its angles beside links to its data, and the list names them: a training set to be read."""
+    """Each gets its angles and the name of its data, and the list names them: a training set to be read."""
     assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
     captured = capsys.readouterr()
     assert captured.out.startswith("5 frames in ")
@@ -140,9 +142,9 @@ def test_the_files_of_a_list(data, tmp_path, capsys):
     assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
     found = []
     for name in FILES:
-        with h5py.File(f"angles/{name}") as file:
-            assert file["depth"].shape == (len(file["dof"]), 1, 4, 4)
-            found.append(kinematics_of(SKELETON).joints(file["dof"][...]))
+        dof, depth = File(Path("angles", name), ("dof", "depth")).datasets
+        assert depth.shape == (dof.shape[0], 1, 4, 4)
+        found.append(kinematics_of(SKELETON).joints(dof[:]))
     found = np.concatenate(found).reshape(FRAMES, 93)
     assert found[np.abs(data) < 1] == pytest.approx(data[np.abs(data) < 1], abs=1e-4)
 

@@ -265,7 +265,7 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypat
         (np.ones((480, 640), np.uint16), [], "640 x 480 pixels; camera kinect2 has 512 x 424"),
         (np.ones((424, 512), np.uint8), [], r"found uint8 \(424, 512\); expected a 16-bit grey PNG of depth"),
         (np.ones((424, 512, 3), np.uint8), [], r"found uint8 \(424, 512, 3\); expected a 16-bit grey PNG of depth"),
-        (None, [], "not a picture that can be read; expected a grey PNG"),
+        (None, [], "not an image that OpenCV can decode"),
     ],
     ids=["empty", "little", "hole", "beside", "behind", "far off", "size", "8-bit", "colour", "no picture"],
 )

@@ -48,7 +48,7 @@ def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
     ("make", "message"),
     [
         (lambda folder: folder / "missing.txt", "missing.txt"),
-        (lambda folder: folder / "missing.h5", "cannot read the data"),
+        (lambda folder: folder / "missing.h5", "cannot read the HDF5 file"),
         (lambda folder: folder, "no PNG pictures in this folder"),
     ],
 )
@@ -64,4 +64,4 @@ def test_a_file_without_crops(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["depth"] = np.zeros((3, 4))
     assert show_data.main([str(tmp_path / "a.h5"), "--out", str(tmp_path / "out.png")]) == 1
-    assert "no data set depth of square crops; it has depth" in capsys.readouterr().err
+    assert "data set 'depth' has shape (3, 4), expected square crops" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
@@ -72,7 +73,7 @@ def test_main(name: str) -> None:
 def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The parser takes all that the docstring shows, and there is something."""
     module = importlib.import_module(f"tools.{name}")
-    monkeypatch.setattr(module, "guarded", lambda run: 0)
+    monkeypatch.setattr(module, "guarded", lambda run, args: 0)
     shown = examples(module.__doc__, name)
     assert shown
     for argv in shown:
@@ -96,3 +97,60 @@ def test_engine(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         module.main(["--help"])
     assert f"--engine {{{','.join(engine.NAMES)}}}" in capsys.readouterr().out
+
+
+def reached(path: Path) -> set[str]:
+    """All that a file imports, and what the modules of tools/ and handpose/ import that it does."""
+    found: set[str] = set()
+    todo = {path}
+    while todo:
+        for name in imports(todo.pop()) - found:
+            found.add(name)
+            files = [ROOT.joinpath(*part.split(".")).with_suffix(".py") for part in (name, name.rpartition(".")[0])]
+            todo |= {file for file in files if name.startswith(("handpose.", "tools.")) and file.is_file()}
+    return found
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_that_runs_nets_can_refuse_code(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """--no-python-layers, for nets of strangers; a command that runs no net has no such option."""
+    runs_nets = bool({"netlib.net.Net", "netlib.solver.Solver"} & reached(ROOT / "tools" / f"{name}.py"))
+    module = importlib.import_module(f"tools.{name}")
+    with pytest.raises(SystemExit):
+        module.main(["--help"])
+    assert ("--no-python-layers" in capsys.readouterr().out) == runs_nets
+
+
+PYTHON = """
+layer { name: "x" type: "Input" top: "depth" input_param { shape { dim: 1 } } }
+layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { module: "gadget" layer: "Own" } }
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "argv"),
+    [
+        ("caffe", ["time", "-model", "net.prototxt"]),
+        ("caffe", ["train", "-solver", "solver.prototxt"]),
+        ("extract_features", ["none.caffemodel", "net.prototxt", "pred", "db", "1", "lmdb"]),
+        ("measure_fit", ["--model", "net.prototxt", "--weights", "none.caffemodel"]),
+        ("predict", ["crop.png", "--model", "net.prototxt", "--weights", "none.caffemodel"]),
+        ("test", ["none.caffemodel", "--model", "net.prototxt"]),
+        ("time", ["net.prototxt"]),
+        ("train", ["solver.prototxt"]),
+    ],
+)
+def test_no_python_layers(
+    name: str, argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """However deep a net is built, it is refused, and nothing of it runs; the next call begins anew."""
+    monkeypatch.chdir(tmp_path)
+    Path("net.prototxt").write_text(PYTHON)
+    Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"')
+    Path("gadget.py").write_text("class Own: pass")
+    module = importlib.import_module(f"tools.{name}")
+    assert module.main([*argv, "--no-python-layers"]) == 1
+    assert "layer 'own' is of type 'Python', which runs code" in capsys.readouterr().err.splitlines()[-1]
+    assert module.main(argv) == 1
+    assert "gadget.Own is not a subclass of netlib.Layer" in capsys.readouterr().err.splitlines()[-1]
+    sys.modules.pop("gadget")

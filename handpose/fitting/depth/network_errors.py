@@ -17,13 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from scipy.optimize import minimize
 
 from handpose.fitting.depth.body import FleshModel
+from netlib import hdf5, snapshot
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import DataError
 
 GROUP = "fit"
 LIMBS = "limbs"
@@ -74,17 +74,12 @@ def unknown_errors(model: FleshModel) -> NetworkErrors:
 
 def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
     """Those that stand in a file of weights, or those of an unknown network. Raises DataError."""
-    if not h5py.is_hdf5(path):
+    if not snapshot.begins_as_hdf5(path, "weights"):
         return unknown_errors(model)
-    try:
-        with h5py.File(path, "r") as file:
-            if GROUP not in file:
-                return unknown_errors(model)
-            found = {name: np.asarray(item, dtype=np.float64) for name, item in file[GROUP].items()}
-    except NetlibError:
-        raise
-    except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as error:
-        raise DataError(f"{path}: cannot read the group {GROUP!r}: {reason_of(error)}") from error
+    with hdf5.opened(path, f"the group {GROUP!r}") as file:
+        if GROUP not in file:
+            return unknown_errors(model)
+        found = {name: np.asarray(item, dtype=np.float64) for name, item in file[GROUP].items()}
     limbs = found.pop(LIMBS, np.zeros(0))
     L = len(model.limbs)
     if limbs.shape != (L, L) or not np.isfinite(limbs).all() or np.linalg.eigvalsh(limbs).min(initial=1.0) <= 0:

@@ -40,12 +40,12 @@ def test_a_truncated_picture_of_a_user(tmp_path: Path) -> None:
     raw = cv2.imencode(".png", image)[1].tobytes()
     path = tmp_path / "image.png"
     path.write_bytes(raw[: len(raw) * 3 // 4])
-    with pytest.raises(DataError, match=r"image\.png: not a picture that can be read: truncated or damaged"):
+    with pytest.raises(DataError, match=r"image\.png: truncated or damaged"):
         images.read_picture(path)
     path.write_bytes(cv2.imencode(".bmp", image)[1].tobytes())
     assert (images.read_picture(path).reshape(40, 30, -1)[..., 0] == image).all()
     path.write_bytes(b"")
-    with pytest.raises(DataError, match="not a picture that can be read; expected a grey PNG"):
+    with pytest.raises(DataError, match="not an image that OpenCV can decode"):
         images.read_picture(path)
 
 

@@ -75,13 +75,14 @@ def test_joints_that_are_not_seen(tmp_path):
 
 
 def test_labels_of_another_file(tmp_path):
-    """Links are followed; one that leads nowhere is no file without half-cubes."""
+    """What a file lacks is looked up in the file that it names."""
     write(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
-    links = {name: h5py.ExternalLink("first.h5", name) for name in ("joint", "half_cube")}
-    path = write(tmp_path / "a.h5", **links)
+    path = write(tmp_path / "a.h5", dof=np.zeros((4, 3)))
+    with h5py.File(path, "r+") as file:
+        file.attrs["rest_in"] = "first.h5"
     assert labels.read(path, [2]).half_cube.tolist() == [130.5] * 4
-    write(tmp_path / "first.h5", joint=ROWS)
-    with pytest.raises(DataError, match=r"a\.h5: data set 'half_cube' is kept in first\.h5, which is missing or lacks"):
+    (tmp_path / "first.h5").unlink()
+    with pytest.raises(DataError, match=r"first\.h5: cannot read the HDF5 file: No such file"):
         labels.read(path, [2])
 
 

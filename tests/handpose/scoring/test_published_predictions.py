@@ -43,7 +43,7 @@ def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
     [
         ("", "joints.txt: empty, expected the numbers of a frame on each line"),
         (" \n\n", "joints.txt: empty, expected the numbers of a frame on each line"),
-        (b"\x89HDF\r\n\x1a\n", "joints.txt: cannot read the joints: not a text file"),
+        (b"\x89HDF\r\n\x1a\n", "joints.txt: cannot read the joints: not a text file (byte 0 is not UTF-8)"),
         (b"\0\0", r"joints.txt:1:1: found '\x00\x00', expected a number of px or mm, below 1e+06"),
         (LINE + "1 2 3 4 5\n", "joints.txt:2: found 5 numbers, expected 6 = 2 joints x 3"),
         ("1\n" + LINE, "joints.txt:1: found 1 number, expected 6 = 2 joints x 3"),
@@ -73,7 +73,10 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     """Not there, or a folder."""
-    for path, reason in ((tmp_path / "no.txt", "No such file or directory"), (tmp_path, "Is a directory")):
+    for path, reason in (
+        (tmp_path / "no.txt", "No such file or directory"),
+        (tmp_path, "Is a directory; expected a file"),
+    ):
         with pytest.raises(DataError) as caught:
             published.read_joints(path, 2, "uvd", NYU)
         assert str(caught.value) == f"{path}: cannot read the joints: {reason}"

@@ -334,7 +334,7 @@ def test_what_is_no_image(tmp_path):
         io.load_image(tmp_path / "none.png")
     for content in (b"", b"hello"):
         (tmp_path / "a.png").write_bytes(content)
-        with pytest.raises(DataError, match=r"a\.png: not an image that OpenCV can read"):
+        with pytest.raises(DataError, match=r"a\.png: not an image that OpenCV can decode"):
             io.load_image(tmp_path / "a.png")
     signed = written(tmp_path / "a.tiff", np.zeros((2, 2), np.int16))
     with pytest.raises(DataError, match=r"an image of int16; expected 8 or 16 bits without sign"):

@@ -1,0 +1,74 @@
+"""Files that a user names, read in one way: regular files of a bounded size, and one line for whatever is wrong.
+
+A pipe could keep a program waiting for ever, a device may never end, and a file may be larger than the memory.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from io import FileIO
+from pathlib import Path
+
+from netlib.errors import DataError, NetlibError, reason_of
+
+LARGEST = (1 << 31) - 1  # bytes of a file that is read whole: as many as a message of protocol buffers may have
+LARGEST_TEXT = 1 << 28
+
+KINDS = {
+    stat.S_IFIFO: "it is a pipe", stat.S_IFCHR: "it is a device", stat.S_IFBLK: "it is a device",
+    stat.S_IFSOCK: "it is a socket", stat.S_IFDIR: "Is a directory",
+}  # fmt: skip
+
+
+def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> FileIO:
+    """A file that is open for reading; ``what`` it is meant to be stands in the error. Raises ``kind``."""
+    try:
+        _check(Path(path).stat(), path, what, kind)
+        stream = FileIO(path, "rb", opener=_at_once)
+        try:
+            _check(os.fstat(stream.fileno()), path, what, kind)  # what was put there since
+        except BaseException:
+            stream.close()
+            raise
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+    return stream
+
+
+def read_bytes(
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: int = LARGEST, first: int | None = None
+) -> bytes:
+    """The content of a file, or its ``first`` bytes. Raises ``kind``, also where there are more than ``limit``."""
+    with opened(path, what, kind) as stream:
+        try:
+            size = os.fstat(stream.fileno()).st_size
+            if first is not None:
+                return stream.read(first)
+            if size <= limit:
+                return stream.readall()
+        except (OSError, MemoryError) as error:
+            raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+    raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {limit} are read")
+
+
+def read_text(path: str | Path, what: str, kind: type[NetlibError] = DataError, errors: str = "strict") -> str:
+    """The text of a file in UTF-8, without a byte order mark, with line ends ``\\n``. Raises ``kind``."""
+    content = read_bytes(path, what, kind, LARGEST_TEXT)
+    try:
+        text = content.decode("utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        where = f"byte {error.start} is not UTF-8"
+        raise kind(f"{path}: cannot read {what}: {reason_of(error)} ({where})") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:
+    found = stat.S_IFMT(status.st_mode)
+    if found != stat.S_IFREG:
+        raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is no file')}; expected a file")
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Opens without waiting for whoever is to write into a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -1,0 +1,53 @@
+"""Picture files to arrays, by OpenCV: every picture that anybody names is decoded here."""
+
+from __future__ import annotations
+
+import zlib
+
+import cv2
+import numpy as np
+
+from netlib.blob import Array
+from netlib.errors import DataError
+
+PNG = b"\x89PNG\r\n\x1a\n"  # the first bytes of such a file
+MOST_PIXELS = 1 << 28  # more than any camera has; a small file can claim to hold many more
+
+
+def decode(content: bytes, flag: int, what: str) -> Array:
+    """The pixels (H, W) or (H, W, C), blue first, of a picture's file, as the flag of cv2.imdecode says.
+
+    Raises DataError, which begins with ``what``. A PNG file is checked chunk by chunk first, because some versions of
+    OpenCV fill up a truncated picture.
+    """
+    if content.startswith(PNG):
+        _check_png(content, what)
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), flag) if content else None
+    except (cv2.error, MemoryError) as error:
+        raise DataError(f"{what}: not an image that OpenCV can decode: {str(error).splitlines()[0]}") from error
+    if image is None:
+        raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")
+    if image.shape[0] * image.shape[1] > MOST_PIXELS:
+        raise DataError(_too_large(what, image.shape[1], image.shape[0]))
+    return np.asarray(image)
+
+
+def _check_png(content: bytes, what: str) -> None:
+    """Are all chunks there, each with the right checksum, and is the picture of a sensible size?"""
+    width, height = (int.from_bytes(content[at : at + 4], "big") for at in (16, 20))
+    at, view = len(PNG), memoryview(content)
+    while at + 12 <= len(content):
+        end = at + 8 + int.from_bytes(content[at : at + 4], "big")
+        if zlib.crc32(view[at + 4 : end]) != int.from_bytes(content[end : end + 4], "big"):
+            break
+        if content[at + 4 : at + 8] == b"IEND":
+            if width * height > MOST_PIXELS:
+                raise DataError(_too_large(what, width, height))
+            return
+        at = end + 4
+    raise DataError(f"{what}: truncated or damaged PNG")
+
+
+def _too_large(what: str, width: int, height: int) -> str:
+    return f"{what}: a picture of {width} x {height} pixels; expected at most {MOST_PIXELS}"

@@ -1,0 +1,199 @@
+"""The long campaign: tens of thousands of cases on all processors, and a table of what they found.
+
+    python -m tests.faults.campaign                             all of it, 1,500 cases for each reader: half an hour
+    python -m tests.faults.campaign --only "resume" --seed 7    what has this in its name, with other dice
+    python -m tests.faults.campaign --only "weights hdf5" --seed 7 --case 123      one case again
+    python -m tests.faults.campaign --write                     put the table into docs/reliability.md
+
+Exit status 1 if a promise was broken. The short run, with fixed seeds, is part of the tests.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+from tests.faults import readers
+from tests.faults.isolation import ROOT, Outcome, Worker
+
+CASES = 1500
+RANDOM_MOMENTS = 200
+PAGE = ROOT / "docs" / "reliability.md"
+BEGIN, END = "<!-- the campaign's table begins -->", "<!-- the campaign's table ends -->"
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A row of the table.
+
+    promise, how  what users read
+    module        whose cases test it, those whose names begin with one of ``begin``
+    dice          how many cases there are for each name, for cases that are dice; None where they are counted off
+    """
+
+    promise: str
+    how: str
+    module: str
+    begin: tuple[str, ...] = ("",)
+    dice: int | None = None
+
+    def names(self) -> list[str]:
+        """Of its groups of cases."""
+        module = importlib.import_module(self.module)
+        names = [r.name for r in module.READERS] if self.module.endswith("readers") else list(module.NAMES)
+        others = [b for p in PROMISES if p.module == self.module and p is not self for b in p.begin if b]
+        taken = [n for n in names if not self.begin[0] and any(n.startswith(b) for b in others)]
+        return [n for n in names if n.startswith(self.begin) and n not in taken]
+
+
+_F = "tests.faults."
+PROMISES = (
+    Promise("a damaged file is one line, or is read all the same: no traceback, no crash, no hang",
+            "every reader on files with flipped bits, cut, spliced, with extreme numbers and strange names",
+            _F + "readers", dice=CASES),
+    Promise("what a checksum guards is right or refused; a solver that refuses is as it was",
+            "solver states and their weights, packaged models, depth pictures, damaged in the same way", _F + "readers",
+            ("resume", "packaged", "depth picture"), CASES),
+    Promise("what is no file (a FIFO, a folder, /dev/zero, a link to itself, 1 TB) is one line",
+            "in place of every file of every reader", _F + "disks", ("nothing for", "an empty", "a directory", "a FIFO",
+            "/dev/zero", "a link", "a file of")),
+    Promise("a killed run loses nothing; the next one ends bit for bit the same and leaves nothing behind",
+            "SIGKILL before every file event of nine runs that write", _F + "kills"),
+    Promise("a signal stops a training with a snapshot, from which it goes on bit for bit",
+            "SIGINT, SIGTERM, SIGHUP at every forward, also of tests, and at every file event of a snapshot",
+            _F + "signals", ("SIGINT at a f", "SIGTERM at a f", "SIGHUP at a f")),
+    Promise("... at any time", "the same at random moments", _F + "signals",
+            ("SIGINT at a r", "SIGTERM at a r", "SIGHUP at a r"), RANDOM_MOMENTS),
+    Promise("a disk that is full, read-only or failing is one line; old files are whole; the next run ends the same",
+            "from every file event on; files limited to nine sizes", _F + "disks",
+            ("full", "read-only", "one failing", "limited")),
+    Promise("data that are cut, zeroed, removed or replaced while a training reads them are one line, or it goes on",
+            "after every iteration", _F + "disks", ("data ",)),
+    Promise("two trainings into one prefix: the second says so, a kill of the first frees it", "both", _F + "disks",
+            ("two",)),
+    Promise("no temporary file is written through somebody's link", "links planted at all names that can be guessed",
+            _F + "disks", ("planted",)),
+    Promise("clocks do not matter", "standing still, going backwards, jumping", _F + "disks", ("clock",)),
+    Promise("nothing leaks", "hundreds of nets and solvers built, trained, restored, dropped", _F + "disks", ("soak",)),
+)  # fmt: skip
+
+
+@dataclass
+class Group:
+    """The cases of one name, and what became of them."""
+
+    promise: Promise
+    name: str
+    counts: Counter[str] = field(default_factory=Counter)
+    failures: list[tuple[int, Outcome]] = field(default_factory=list)
+
+    def numbers(self, cases: int | None) -> Iterator[int]:
+        """As many as there are dice to be thrown, or until a case says that it is over."""
+        number = 0
+        while not self.counts["over"] and (self.promise.dice is None or number < (cases or self.promise.dice)):
+            yield number
+            number += 1
+
+    def run(self, seed: int, cases: int | None, only: int | None = None) -> Group:
+        """All of its cases, in a process of their own."""
+        with Worker() as worker:
+            for number in self.numbers(cases) if only is None else (only,):
+                outcome = outcome_of(worker, self.promise.module, self.name, seed, number)
+                self.counts[outcome.kind] += 1
+                if outcome.failed:
+                    self.failures.append((number, outcome))
+                if outcome.kind == "BROKEN" or self.counts["HANG"] > 20:
+                    break
+        return self
+
+    @property
+    def cases(self) -> int:
+        """How many were run."""
+        return self.counts.total() - self.counts["over"]
+
+
+def groups(only: str = "") -> list[Group]:
+    """All groups, or those with a word in their names; the longest first."""
+    return [Group(promise, name) for promise in PROMISES for name in promise.names() if only in name]
+
+
+def table(done: list[Group]) -> str:
+    """Markdown: what is promised, and what was found."""
+    lines = ["| promise | how it is tested | cases | failures |", "|---|---|---:|---:|"]
+    for promise in PROMISES:
+        own = [group for group in done if group.promise is promise]
+        if own:
+            cases, failures = sum(g.cases for g in own), sum(len(g.failures) for g in own)
+            lines.append(f"| {promise.promise} | {promise.how} | {cases:,} | {failures:,} |")
+    cases, failures = sum(g.cases for g in done), sum(len(g.failures) for g in done)
+    return "\n".join([*lines, f"| | all | {cases:,} | {failures:,} |"]) + "\n"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run it; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, metavar="N", help=f"for each reader (default: {CASES})")
+    parser.add_argument(
+        "--seed", type=int, default=int(time.time()), metavar="S", help="of the dice (default: the time)"
+    )
+    parser.add_argument("--only", default="", metavar="NAME", help="groups with this in their names")
+    parser.add_argument("--case", type=int, metavar="NUMBER", help="this case alone")
+    parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")
+    parser.add_argument("--verbose", action="store_true", help="show every failure, not only different ones")
+    args = parser.parse_args(argv)
+    begun, todo, done = time.monotonic(), groups(args.only), list[Group]()
+    print(f"seed {args.seed}, {len(todo)} groups of cases", file=sys.stderr)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for group in pool.map(lambda group: group.run(args.seed, args.cases, args.case), todo):
+            done.append(group)
+            told = ", ".join(f"{count} {kind}" for kind, count in sorted(group.counts.items()) if kind != "over")
+            print(f"{time.monotonic() - begun:6.0f} s  {len(done)}/{len(todo)}  {group.name}: {told}", file=sys.stderr)
+            for number, outcome in group.failures if args.verbose else distinct(group.failures):
+                print(f"          case {number}: {outcome.kind} {outcome.detail}", file=sys.stderr)
+    text = table(done)
+    print(text, end="")
+    if args.write:
+        page = PAGE.read_text(encoding="utf-8")
+        head, tail = page.split(BEGIN)[0], page.split(END)[1]
+        PAGE.write_text(f"{head}{BEGIN}\n{text}{END}{tail}", encoding="utf-8")
+    return 1 if any(group.failures for group in done) else 0
+
+
+def outcome_of(worker: Worker, module: str, name: str, seed: int, number: int) -> Outcome:
+    """What became of a case; what a library cannot do better is no failure of ours."""
+    outcome = worker.run(module, name, seed, number)
+    known = next((r.known for r in readers.READERS if module.endswith("readers") and r.name == name), ())
+    return Outcome("known", outcome.detail) if outcome.kind in known else outcome
+
+
+def failures(worker: Worker, module: str, name: str, numbers: Iterable[int], seed: int = 0) -> list[str]:
+    """What went wrong in some cases of a group, a line each: the short run of the tests."""
+    told = []
+    for number in numbers:
+        outcome = outcome_of(worker, _F + module, name, seed, number)
+        if outcome.kind == "over":
+            break
+        if outcome.failed:
+            told.append(f"--only {name!r} --seed {seed} --case {number}: {outcome.kind} {outcome.detail}")
+        if outcome.kind == "BROKEN":  # and so would all others be
+            break
+    return told
+
+
+def distinct(failures: list[tuple[int, Outcome]]) -> list[tuple[int, Outcome]]:
+    """The first of each kind and place."""
+    seen: dict[tuple[str, str], tuple[int, Outcome]] = {}
+    for number, outcome in failures:
+        seen.setdefault((outcome.kind, outcome.detail[:40] if outcome.kind != "LEFT" else ""), (number, outcome))
+    return list(seen.values())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

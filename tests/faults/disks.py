@@ -1,0 +1,344 @@
+"""Disks that are full, read-only or failing, files that are no files or change under way, clocks that go backwards.
+
+Each name is a fault; its cases are the moments at which it strikes, or the things that it strikes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import gc
+import os
+import resource
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import netlib  # before NumPy: it chooses the BLAS threads
+
+# isort: split
+
+from netlib.errors import NetlibError
+from tests.faults import readers, runs
+from tests.faults.isolation import BrokenPromise, Outcome
+
+# ---------------------------------------------------------------------------------------------- every write fails
+
+FAULTS = {"full disk": errno.ENOSPC, "read-only disk": errno.EROFS, "one failing write": errno.EIO}
+SIZES = (0, 1, 100, 1000, 4096, 8192, 20000, 65536, 100000)  # that a file may have
+
+
+def failing_disk(fault: str, run: str, number: int) -> Outcome:
+    """From its event ``number`` on, a run cannot create, sync or rename files; over if it has fewer events."""
+    before = runs.undisturbed(run)
+    struck = False
+
+    def fail(event: int, what: str, path: str | None) -> None:
+        nonlocal struck
+        reached = event == number + 1 if fault == "one failing write" else event > number
+        if reached and (what in runs.CREATING or (fault != "full disk" and what != "fcntl.flock")):
+            struck = True
+            raise OSError(FAULTS[fault], os.strerror(FAULTS[fault]), *([path] if path else []))
+
+    def disturbed() -> str:
+        runs.at_events(fail)
+        before.run.run()
+        return "struck" if struck else "over"
+
+    with readers._copied(before.folder):
+        status, answer = runs.forked(disturbed)
+        if answer == "over":
+            return Outcome("over")
+        expect_refusal(status, answer, f"{fault} at file event {number + 1}")
+        runs.finish(before, f"a {fault} at file event {number + 1}")
+    return Outcome("held")
+
+
+def expect_refusal(status: int, answer: Any, what: str) -> None:
+    """A run that could not do its work said so in a line, or could do it all the same."""
+    if status < 0:
+        raise BrokenPromise("CRASH", f"{what}: ended by {signal.Signals(-status).name}")
+    if isinstance(answer, list) and answer[0] != "refused":
+        raise BrokenPromise(answer[0], f"{what}: {answer[1]}")
+    if isinstance(answer, list) and not (answer[1].isprintable() and ":" in answer[1]):
+        raise BrokenPromise("UNCLEAR", f"{what}: {answer[1]!r}")
+
+
+def limited_size(run: str, number: int) -> Outcome:
+    """No file may be larger than this: what a quota does, also to what HDF5 writes by itself."""
+    if number == len(SIZES):
+        return Outcome("over")
+    before = runs.undisturbed(run)
+
+    def limited() -> str:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (SIZES[number], resource.RLIM_INFINITY))
+        before.run.run()
+        return "held"
+
+    with readers._copied(before.folder):
+        status, answer = runs.forked(limited)
+        expect_refusal(status, answer, f"files of at most {SIZES[number]} bytes")
+        runs.finish(before, f"files of at most {SIZES[number]} bytes")
+    return Outcome("held")
+
+
+# ---------------------------------------------------------------------------------------------- no files
+
+
+def _fifo(path: Path) -> None:
+    os.mkfifo(path)
+
+
+THINGS: dict[str, Callable[[Path], None]] = {
+    "nothing": lambda path: None,
+    "an empty file": lambda path: path.touch(),
+    "a directory": lambda path: path.mkdir(),
+    "a FIFO": _fifo,
+    "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
+    "a link to itself": lambda path: path.symlink_to(path.name),
+    "a link to nothing": lambda path: path.symlink_to("nowhere"),
+    "a file of 1 TB": lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_WRONLY), 1 << 40),
+}
+
+
+def instead_of_a_file(thing: str, number: int) -> Outcome:
+    """Where a reader expects its file there is something else; one case for each reader and file."""
+    places = [(reader, i) for reader in readers.READERS if reader.modules for i in range(2)]
+    if number == len(places):
+        return Outcome("over")
+    reader, which = places[number]
+
+    def read() -> str:
+        here = Path(tempfile.mkdtemp(dir="."))
+        with readers._inside(here):
+            files = reader.make()
+            path = Path(files[which % len(files)])
+            path.unlink()
+            THINGS[thing](path)
+            try:
+                reader.read(path)
+            except NetlibError as error:
+                outcome = readers.judged(error, path)
+                if outcome.failed:
+                    raise BrokenPromise(outcome.kind, f"{reader.name}: {thing} as {path}: {outcome.detail}") from None
+        return "held"
+
+    status, answer = runs.forked(read)
+    runs.expect_good(status, answer, f"{reader.name}: {thing}")
+    return Outcome("held")
+
+
+# ---------------------------------------------------------------------------------------------- changes under way
+
+
+def _cut(path: Path) -> None:
+    os.truncate(path, 100)
+
+
+def _zero(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.write(b"\0" * path.stat().st_size)
+
+
+def _replace(path: Path) -> None:
+    Path("other").write_bytes(b"no HDF5 at all")
+    os.replace("other", path)
+
+
+CHANGES: dict[str, Callable[[Path], None]] = {
+    "cut": _cut,
+    "zeroed": _zero,
+    "removed": Path.unlink,
+    "replaced": _replace,
+}
+
+
+def changed_under_way(change: str, number: int) -> Outcome:
+    """The file of a training's rows changes after some iterations: the training stops with a line, or goes on."""
+    if number == 6:
+        return Outcome("over")
+    before = runs.undisturbed("training hdf5")
+
+    def disturbed() -> str:
+        solver = netlib.get_solver("solver.prototxt", seed=3)
+        if number:
+            solver.step(number)
+        CHANGES[change](Path("rows.h5"))
+        solver.step(6 - number)
+        return "held"
+
+    with readers._copied(before.folder):
+        status, answer = runs.forked(disturbed)
+        expect_refusal(status, answer, f"rows.h5 {change} after {number} iterations")
+    return Outcome("held")
+
+
+# -------------------------------------------------------------------------------------- two at once, links, clocks
+
+
+def two_trainings(number: int) -> Outcome:
+    """A second training into the same prefix says so and stops; the first goes on; a kill of the first frees it."""
+    if number == 2:
+        return Outcome("over")
+    before = runs.undisturbed("training hdf5")
+
+    def waiting() -> str:
+        def wait() -> None:
+            Path("begun").touch()
+            while not Path("go").exists():
+                time.sleep(0.002)
+
+        solver = netlib.get_solver("solver.prototxt", seed=3)
+        solver.callbacks.append((lambda: wait() if solver.iter == 3 else None, lambda: None))
+        solver.solve(runs.last_state())
+        return "held"
+
+    def meanwhile(child: int) -> None:
+        while not Path("begun").exists():
+            time.sleep(0.002)
+        status, answer = runs.forked(before.run.run)
+        if number:
+            os.kill(child, signal.SIGKILL)
+        Path("go").touch()
+        if not isinstance(answer, list) or answer[0] != "refused":
+            second.append(f"the second training ended with {status}, {answer}")
+
+    second: list[str] = []
+    with readers._copied(before.folder):
+        status, answer = runs.forked(waiting, meanwhile)
+        if second:
+            raise BrokenPromise("SILENT", second[0])
+        if not number:
+            runs.expect_good(status, answer, "the first of two trainings")
+        for name in ("begun", "go"):
+            Path(name).unlink()
+        runs.finish(before, "two trainings at once")
+    return Outcome("held")
+
+
+def planted_links(run: str, number: int) -> Outcome:
+    """Links at all names that could be guessed for temporary files lead to somebody's file, which stays as it is."""
+    if number == 1:
+        return Outcome("over")
+    before = runs.undisturbed(run)
+
+    def plant() -> str:
+        victim = Path("victim").resolve()
+        guesses = [*before.names, "s_iter_1000000000.solverstate", "s_iter_1000000000.solverstate.h5"]
+        for name in guesses:
+            for suffix in ("tmp", "old", "tmp.long.tmp"):
+                with contextlib.suppress(FileExistsError, FileNotFoundError):
+                    Path(name).with_name(f".{Path(name).name}.{os.getpid()}.{suffix}").symlink_to(victim)
+        before.run.run()
+        return "held"
+
+    with readers._copied(before.folder):
+        Path("victim").write_text("precious")
+        status, answer = runs.forked(plant)
+        expect_refusal(status, answer, "planted links")
+        if Path("victim").read_bytes() != b"precious":
+            raise BrokenPromise("LOST", "a file was written through a link that somebody had planted")
+    return Outcome("held")
+
+
+def clock(number: int) -> Outcome:
+    """Clocks that stand still, go backwards or jump: the same training."""
+    steps = (0.0, -1.0, -1e6, 1e9)
+    if number == len(steps):
+        return Outcome("over")
+    before = runs.undisturbed("training hdf5")
+
+    def disturbed() -> str:
+        now = [1e9]
+
+        def tick() -> float:
+            now[0] += steps[number]
+            return now[0]
+
+        for name in ("time", "perf_counter", "monotonic"):
+            setattr(time, name, tick)
+        return readers.digest(before.run.run())
+
+    with readers._copied(before.folder):
+        status, answer = runs.forked(disturbed)
+        runs.expect_good(status, answer, f"a clock that goes by {steps[number]} s")
+        if answer != before.result:
+            raise BrokenPromise("SILENT", f"another result with a clock that goes by {steps[number]} s")
+    return Outcome("held")
+
+
+def soak(seed: int, number: int) -> Outcome:
+    """Many nets and solvers, built and dropped: memory, open files and threads are what they were."""
+    rounds = 3 if number == 0 else 60
+    if number == 2:
+        return Outcome("over")
+
+    def live() -> str:
+        readers.make_solver()
+        for name, text in (("vision.prototxt", readers.VISION), ("old.prototxt", readers.OLD_NET)):
+            readers.put(name, text)
+        for _ in range(2):
+            _some_work()
+        before = _used()
+        for _ in range(rounds):
+            _some_work()
+        after = _used()
+        if after[1:] != before[1:]:
+            raise BrokenPromise("LEAK", f"files and threads were {before[1:]}, after {rounds} rounds {after[1:]}")
+        if after[0] - before[0] > 2_000_000 + 20_000 * rounds:
+            raise BrokenPromise("LEAK", f"{(after[0] - before[0]) / 1e6:.1f} MB after {rounds} rounds")
+        return "held"
+
+    with tempfile.TemporaryDirectory(dir=".") as folder, readers._inside(Path(folder)):
+        status, answer = runs.forked(live)
+        runs.expect_good(status, answer, "soak")
+    return Outcome("held")
+
+
+def _some_work() -> None:
+    for _ in range(3):
+        readers.read_solver(Path("solver.prototxt"))
+        solver = netlib.get_solver("solver.prototxt")
+        solver.step(2)
+        solver.restore(solver.snapshot())
+        readers.read_net(Path("vision.prototxt"))
+
+
+def _used() -> tuple[int, int, int]:
+    """Bytes of memory, open files, threads."""
+    gc.collect()
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize(), len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
+
+
+# ---------------------------------------------------------------------------------------------- the table
+
+_RUNS = tuple(run.name for run in runs.RUNS)
+CASES: dict[str, Callable[[int, int], Outcome]] = {
+    **{
+        f"{fault}: {run}": (lambda seed, number, f=fault, r=run: failing_disk(f, r, number))
+        for fault in FAULTS
+        for run in _RUNS
+    },
+    **{f"limited size: {run}": (lambda seed, number, r=run: limited_size(r, number)) for run in _RUNS},
+    **{f"{thing} for a file": (lambda seed, number, t=thing: instead_of_a_file(t, number)) for thing in THINGS},
+    **{f"data {change}": (lambda seed, number, c=change: changed_under_way(c, number)) for change in CHANGES},
+    **{f"planted links: {run}": (lambda seed, number, r=run: planted_links(r, number)) for run in _RUNS},
+    "two trainings": lambda seed, number: two_trainings(number),
+    "clock": lambda seed, number: clock(number),
+    "soak": soak,
+}
+NAMES = tuple(CASES)
+
+
+def case(name: str, seed: int, number: int) -> Outcome:
+    """One moment or place of a fault; over when there are no more."""
+    return CASES[name](seed, number)

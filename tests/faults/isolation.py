@@ -1,0 +1,166 @@
+"""Cases in a process of their own: what crashes, hangs or takes all memory there is one failure and ends no campaign.
+
+A *case* is a function ``case(name, seed, number) -> Outcome`` of a module of this folder. A ``Worker`` is a child
+process that takes one after the other:
+
+    with Worker() as worker:
+        worker.run("tests.faults.readers", "weights", seed=0, number=17)   # Outcome("refused", "...")
+
+The child has 4 GB of address space, and the parent keeps the time. A child that dies or hangs is replaced.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+MEMORY = 4 << 30  # bytes of address space
+LIMIT_S = 20.0
+GOOD = ("refused", "read", "held", "known")  # every other outcome is a failure
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a case.
+
+    kind    refused     by one line that names the file, which is what should happen
+            read        all the same, and what was read is right, as far as that can be known
+            held        a promise that is not about reading was kept
+            known       a fault of a library, which the documents tell
+            over        there is no case of this number: all moments of a run are through
+            and in capitals the failures: TRACEBACK, CRASH, HANG, UNCLEAR, SILENT ...
+    detail  the line, or where and what
+    """
+
+    kind: str
+    detail: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Is it one that must not happen?"""
+        return self.kind.isupper()
+
+
+class BrokenPromise(Exception):  # noqa: N818
+    """Raised by a case that sees more than an exception: the outcome ``kind``."""
+
+    def __init__(self, kind: str, detail: str) -> None:
+        super().__init__(detail)
+        self.kind = kind
+
+
+class Worker:
+    """A child process for cases."""
+
+    def __init__(self, limit_s: float = LIMIT_S) -> None:
+        self.limit_s = limit_s
+        self._folder = tempfile.TemporaryDirectory(prefix="faults.")
+        self._child: subprocess.Popen[bytes] | None = None
+        self._children = 0
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._end()
+        self._folder.cleanup()
+
+    def run(self, module: str, name: str, seed: int, number: int) -> Outcome:
+        """One case."""
+        child = self._child or self._start()
+        assert child.stdin is not None
+        child.stdin.write(json.dumps([module, name, seed, number]).encode() + b"\n")
+        child.stdin.flush()
+        ready, _, _ = select.select([self._answers], [], [], self.limit_s)
+        if not ready:
+            self._end()
+            return Outcome("HANG", f"nothing after {self.limit_s:g} s")
+        answer = self._answers.readline()
+        if answer.endswith(b"\n"):
+            return Outcome(*json.loads(answer))
+        status = child.wait()
+        died = f"by {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
+        said = (self._place / "stderr").read_text(errors="replace").strip().splitlines()[-1:]
+        self._end()
+        return Outcome("CRASH", " ".join([f"the process ended {died}", *said])[:300])
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        readable, writable = os.pipe()
+        self._answers = os.fdopen(readable, "rb", buffering=0)
+        environment = {**os.environ, "NETLIB_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+        self._children += 1
+        self._place = Path(self._folder.name) / str(self._children)
+        self._place.mkdir()
+        with open(self._place / "stderr", "wb") as stderr:
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "tests.faults.isolation", str(writable)], stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL, stderr=stderr, pass_fds=[writable], cwd=self._place, env=environment,
+                start_new_session=True,
+            )  # fmt: skip
+        os.close(writable)
+        return self._child
+
+    def _end(self) -> None:
+        """End the child and all that it has started."""
+        if self._child is None:
+            return
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._child.pid, signal.SIGKILL)
+        self._child.wait()
+        assert self._child.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._child.stdin.close()
+        self._answers.close()
+        self._child = None
+
+
+def outcome_of(module: str, name: str, seed: int, number: int) -> Outcome:
+    """Run a case here; any exception that is none of ours is a failure with its place."""
+    try:
+        outcome: Outcome = importlib.import_module(module).case(name, seed, number)
+        return outcome
+    except BaseException as error:  # SystemExit, too: a reader must not end the process
+        return outcome_of_error(error)
+
+
+def outcome_of_error(error: BaseException) -> Outcome:
+    """The failure that an exception is."""
+    if isinstance(error, BrokenPromise):
+        return Outcome(error.kind, str(error)[:500])
+    said = " ".join(str(error).split())[:160]
+    return Outcome("TRACEBACK", f"{type(error).__name__} at {_place(error)}: {said}")
+
+
+def _place(error: BaseException) -> str:
+    """The last line of this project in a traceback, outside this folder if it has one."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(str(ROOT))]
+    ours = [f for f in frames if "/tests/" not in f.filename and "/.venv/" not in f.filename] or frames
+    return f"{Path(ours[-1].filename).relative_to(ROOT)}:{ours[-1].lineno}" if ours else "nowhere"
+
+
+def _serve(answers: int) -> None:
+    """The child: orders on standard input, one answer for each."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for order in sys.stdin:
+        outcome = outcome_of(*json.loads(order))
+        text = outcome.detail.encode("utf-8", "backslashreplace").decode()
+        os.write(answers, json.dumps([outcome.kind, text]).encode() + b"\n")
+
+
+if __name__ == "__main__":
+    from tests.faults import isolation  # by its own name, so that cases raise the BrokenPromise that is caught here
+
+    isolation._serve(int(sys.argv[1]))

@@ -1,0 +1,875 @@
+"""Every reader there is: what it reads, the modules that open the files, and how far a wrong result can be told.
+
+A case damages one of the good files of a reader and reads it. What must happen is one line that names the file or what
+is wrong in it, or that the file is read all the same; where a checksum guards the content (``exact``), what is read is
+then what was written.
+
+``READERS`` is the table. tests/faults/test_campaign_is_complete.py compares it with the sources: a module that opens a
+file and stands in no row fails the test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import itertools
+import os
+import random
+import re
+import shutil
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import netlib  # before NumPy: it chooses the BLAS threads
+
+# isort: split
+
+import cv2
+import h5py
+import numpy as np
+
+from netlib.errors import NetlibError
+from tests.faults import mutations
+from tests.faults.isolation import ROOT, BrokenPromise, Outcome
+
+sys.path.append(str(ROOT / "tests" / "support"))
+
+RECORDED = ROOT / "tests" / "caffe"
+TEXT_SUFFIXES = (".prototxt", ".txt", ".log", ".md", ".pbtxt")
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A row of the table.
+
+    name     of the reader
+    modules  the files of this project that open what it reads; none if it is given bytes
+    make     makes good files in the working directory; returns those that will be damaged
+    read     reads, with one of them damaged; returns what was read. Raises NetlibError
+    exact    a checksum says whether the content is what was written
+    known    outcomes that are a library's own fault, and why: docs/reliability.md names them
+    """
+
+    name: str
+    modules: tuple[str, ...]
+    make: Callable[[], list[str]]
+    read: Callable[[Path], Any]
+    exact: bool = False
+    known: tuple[str, ...] = ()
+
+
+# ---------------------------------------------------------------------------------------------- a case
+
+
+def case(name: str, seed: int, number: int) -> Outcome:
+    """Damage a file of a reader, and read it."""
+    reader, good, expected = _prepared(name)
+    rng = random.Random(f"{name} {seed} {number}")
+    path = Path(rng.choice(good.files))
+    donor = good.contents[rng.choice(good.files)]
+    content, how = mutations.damaged(good.contents[str(path)], donor, rng, path.suffix in TEXT_SUFFIXES)
+    with _copied(good.folder):
+        path.write_bytes(content)
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            try:
+                found = digest(reader.read(path))
+            except NetlibError as error:
+                outcome = judged(error, path)
+            else:
+                same = not reader.exact or found in expected or content in good.contents.values()
+                outcome = Outcome("read") if same else Outcome("SILENT", f"{path}: read, but not as it was written")
+    if warned and not outcome.failed:
+        where = f"{Path(warned[0].filename).name}:{warned[0].lineno}"
+        outcome = Outcome("WARNING", f"{where}: {warned[0].message} (then {outcome.kind})")
+    return Outcome(outcome.kind, f"{outcome.detail} [{how}]") if outcome.failed else outcome
+
+
+# What is wrong may be a file that the damaged one names, or show only in a layer that runs.
+_ELSEWHERE = re.compile(r": cannot (read|open|use)|^layer '|layer '.*'|^\S+\.(h5|txt|prototxt|png|jpg):")
+
+
+def judged(error: NetlibError, path: Path) -> Outcome:
+    """A refusal is one printable line, and says where: the file, or the layer."""
+    line = str(error)
+    if not line.isprintable():
+        return Outcome("UNCLEAR", f"not one line that can be printed: {line[:200]!r}")
+    if len(line) > 2000:
+        return Outcome("UNCLEAR", f"{len(line)} characters long: {line[:100]!r}")
+    if path.name not in line and not _ELSEWHERE.search(line):
+        return Outcome("UNCLEAR", f"does not name {path}: {line[:200]!r}")
+    return Outcome("refused", line)
+
+
+@dataclass(frozen=True)
+class _Good:
+    folder: Path
+    files: list[str]
+    contents: dict[str, bytes]
+
+
+@functools.cache
+def _prepared(name: str) -> tuple[Reader, _Good, set[str]]:
+    """A reader with its good files, and the digests of what they hold: once for each process."""
+    reader = next(reader for reader in READERS if reader.name == name)
+    folder = Path(f"good.{name.replace(' ', '_')}").resolve()
+    folder.mkdir(exist_ok=True)
+    with _inside(folder):
+        files = reader.make()
+        contents = {file: Path(file).read_bytes() for file in files}
+    expected = set()
+    for file in files:
+        with _copied(folder), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            expected.add(digest(reader.read(Path(file))))
+    return reader, _Good(folder, files, contents), expected
+
+
+_numbers = itertools.count()
+
+
+@contextlib.contextmanager
+def _copied(folder: Path) -> Iterator[None]:
+    """Within it, a copy of the folder is the working directory; its name is new, for what remembers files by name."""
+    copy = folder.parent / f"case{next(_numbers)}"
+    shutil.copytree(folder, copy)
+    try:
+        with _inside(copy):
+            yield
+    finally:
+        shutil.rmtree(copy, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _inside(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+def digest(value: Any) -> str:
+    """Of anything that is made of arrays, numbers and texts: equal values have equal digests."""
+    found = hashlib.sha256()
+
+    def add(item: Any) -> None:
+        if isinstance(item, np.ndarray):
+            found.update(f"{item.dtype} {item.shape}".encode() + np.ascontiguousarray(item).tobytes())
+        elif isinstance(item, dict):
+            for key in sorted(item, key=str):
+                found.update(repr(key).encode())
+                add(item[key])
+        elif isinstance(item, (list, tuple)):
+            found.update(f"{len(item)} items".encode())
+            for one in item:
+                add(one)
+        else:
+            found.update(repr(item).encode())
+
+    add(value)
+    return found.hexdigest()
+
+
+# ---------------------------------------------------------------------------------------------- nets and solvers
+
+NET = """name: "small"
+layer { name: "data" type: "HDF5Data" top: "data" top: "label" include { phase: TRAIN }
+        hdf5_data_param { source: "list.txt" batch_size: 3 shuffle: true } }
+layer { name: "data" type: "HDF5Data" top: "data" top: "label" include { phase: TEST }
+        hdf5_data_param { source: "list.txt" batch_size: 3 } }
+layer { name: "a" type: "InnerProduct" bottom: "data" top: "a" param { lr_mult: 1 } param { lr_mult: 2 decay_mult: 0 }
+        inner_product_param { num_output: 4 weight_filler { type: "xavier" } } }
+layer { name: "drop" type: "Dropout" bottom: "a" top: "a" dropout_param { dropout_ratio: 0.3 } }
+layer { name: "relu" type: "ReLU" bottom: "a" top: "a" }
+layer { name: "b/x" type: "InnerProduct" bottom: "a" top: "b"
+        inner_product_param { num_output: 2 weight_filler { type: "gaussian" std: 0.1 } } }
+layer { name: "loss" type: "EuclideanLoss" bottom: "b" bottom: "label" top: "loss" }
+"""
+SOLVER = """net: "net.prototxt" base_lr: 0.05 momentum: 0.9 weight_decay: 0.001
+lr_policy: "step" gamma: 0.5 stepsize: 2 max_iter: 6 average_loss: 2
+test_iter: 4 test_interval: 2 test_initialization: true
+snapshot: 2 snapshot_prefix: "s" snapshot_format: FORMAT random_seed: 3
+"""
+VISION = """name: "vision" input: "data" input_shape { dim: 2 dim: 3 dim: 9 dim: 11 }
+layer { name: "c" type: "Convolution" bottom: "data" top: "c" convolution_param { num_output: 4 kernel_size: 3 pad: 1
+        stride: 2 group: 1 dilation: 1 weight_filler { type: "xavier" } bias_filler { type: "constant" value: 0.1 } } }
+layer { name: "bn" type: "BatchNorm" bottom: "c" top: "c" batch_norm_param { moving_average_fraction: 0.9 eps: 1e-4 } }
+layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { pool: AVE kernel_size: 3 stride: 2 pad: 1 } }
+layer { name: "n" type: "LRN" bottom: "p" top: "n" lrn_param { local_size: 3 alpha: 0.1 beta: 0.75 } }
+layer { name: "f" type: "InnerProduct" bottom: "n" top: "f" inner_product_param { num_output: 6 axis: 1 } }
+layer { name: "s" type: "Slice" bottom: "f" top: "s1" top: "s2" slice_param { axis: 1 slice_point: 2 } }
+layer { name: "k" type: "Concat" bottom: "s2" bottom: "s1" top: "k" concat_param { axis: 1 } }
+layer { name: "r" type: "Reshape" bottom: "k" top: "r" reshape_param { shape { dim: 0 dim: -1 dim: 1 } } }
+layer { name: "t" type: "Tile" bottom: "r" top: "t" tile_param { axis: 2 tiles: 3 } }
+layer { name: "e" type: "Reduction" bottom: "t" top: "e" reduction_param { operation: SUMSQ axis: 1 coeff: 0.5 }
+        loss_weight: 1 }
+"""
+OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
+layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 2 weight_decay: 1 weight_decay: 0
+         convolution_param { num_output: 2 kernel_size: 3 } }
+layers { name: "r" type: RELU bottom: "c" top: "c" }
+layers { name: "i" type: INNER_PRODUCT bottom: "c" top: "i" inner_product_param { num_output: 2 } }
+"""
+HAND = """layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 2 dim: 47 }
+        data_filler { type: "gaussian" std: 0.1 } } }
+layer { name: "h" type: "HandModel" bottom: "x" top: "y" hand_model_param { skeleton: "hand.prototxt" } }
+layer { name: "l" type: "PhysLimit" bottom: "x" top: "z" phys_limit_param { skeleton: "hand.prototxt" } loss_weight: 1 }
+"""
+
+
+def put(name: str, text: str) -> str:
+    """A text file."""
+    Path(name).write_text(text, encoding="utf-8")
+    return name
+
+
+def put_rows(name: str, seed: int = 0, **shapes: tuple[int, ...]) -> str:
+    """An HDF5 file of random rows."""
+    rng = np.random.default_rng(seed)
+    with h5py.File(name, "w") as file:
+        for dataset, shape in shapes.items():
+            file[dataset] = rng.normal(size=shape).astype(np.float32)
+        file.attrs["made_from"] = "a campaign"
+    return name
+
+
+def run_once(net: netlib.Net) -> dict[str, Any]:
+    """Forwards and backwards."""
+    net.run_forward()
+    net.run_backward()
+    return {name: net.blobs[name].data.copy() for name in net.outputs}
+
+
+def make_nets() -> list[str]:
+    """A net of every layer type that needs no file, and some that are larger."""
+    from layer_cases import CASES
+
+    files = [put("vision.prototxt", VISION), put("old.prototxt", OLD_NET), put("vision2.prototxt", VISION)]
+    for kind, (options, bottoms, more) in CASES.items():
+        shapes = [np.shape(array) for array in bottoms(2)]
+        text = "".join(
+            f'layer {{ name: "x{i}" type: "Input" top: "x{i}" input_param {{ shape {{ {dims(shape)} }} }} }}\n'
+            for i, shape in enumerate(shapes)
+        )
+        ends = [f'bottom: "x{i}"' for i in range(len(shapes))] + [f'top: "y{i}"' for i in range(more.get("tops", 1))]
+        files.append(
+            put(f"{kind}.prototxt", f'{text}layer {{ name: "l" type: "{kind}" {" ".join(ends)} {options} }}\n')
+        )
+    return files
+
+
+def dims(shape: tuple[int, ...]) -> str:
+    """As a prototxt has them."""
+    return " ".join(f"dim: {n}" for n in shape)
+
+
+def read_net(path: Path) -> Any:
+    """Build it, and run it once."""
+    return run_once(netlib.Net(str(path), netlib.TRAIN, seed=1))
+
+
+def make_solver(layout: str = "HDF5") -> list[str]:
+    """A solver that trains and tests on 7 rows."""
+    put_rows("rows.h5", data=(7, 5), label=(7, 2))
+    put("list.txt", "rows.h5\n")
+    return [put("solver.prototxt", SOLVER.replace("FORMAT", layout)), put("net.prototxt", NET)]
+
+
+def read_solver(path: Path) -> Any:
+    """Build it and make two steps; no snapshots, which might go anywhere."""
+    solver = netlib.get_solver("solver.prototxt", snapshot=0, snapshot_after_train=False)
+    solver.step(2)
+    return parameters(solver)
+
+
+def parameters(solver: netlib.Solver) -> list[Any]:
+    """All that learning changes."""
+    return [p.blob.data.copy() for p in solver.net.learnable]
+
+
+def make_skeletons() -> list[str]:
+    """The packaged hand, and a net that computes with it."""
+    shutil.copy(ROOT / "prototxt" / "hand" / "nyu.prototxt", "hand.prototxt")
+    put("net.prototxt", HAND)
+    return ["hand.prototxt"]
+
+
+def read_skeleton(path: Path) -> Any:
+    """Load it, with its flesh, and run the layers that use it."""
+    from layers.hand import skeleton
+
+    found = skeleton.load(path)
+    if found.param.flesh is not None:
+        found.with_flesh()
+    return run_once(netlib.Net("net.prototxt", netlib.TRAIN, seed=1))
+
+
+# ---------------------------------------------------------------------------------------------- weights and states
+
+
+def make_weights(suffix: str) -> list[str]:
+    """Weights of two nets, and the nets."""
+    make_solver()
+    put("vision.prototxt", VISION)
+    for name, model in (("net", "net.prototxt"), ("vision", "vision.prototxt")):
+        netlib.Net(model, netlib.TRAIN, seed=2).save(f"{name}{suffix}")
+    return [f"net{suffix}", f"vision{suffix}"]
+
+
+def read_weights(path: Path) -> Any:
+    """Into their net, which stays as it was if they are refused."""
+    net = netlib.Net(f"{path.name.split('.')[0]}.prototxt", netlib.TEST, seed=1)
+    before = digest({name: [blob.data for blob in blobs] for name, blobs in net.params.items()})
+    try:
+        net.copy_from(path)
+    except NetlibError:
+        if digest({name: [blob.data for blob in blobs] for name, blobs in net.params.items()}) != before:
+            raise BrokenPromise("CHANGED", f"{path}: refused, but the net is not what it was") from None
+        raise
+
+
+def make_old_weights() -> list[str]:
+    """Binary weights of a net of 2014, and of Caffe itself."""
+    from netlib import prototxt, wire
+    from netlib.upgrade import AnyNetParameter
+
+    blob = "blobs { num: 1 channels: 1 height: 2 width: 8 " + "data: 0.5 " * 16 + "}"
+    text = OLD_NET.replace("num_output: 2 }", "num_output: 2 } " + blob)
+    Path("old.caffemodel").write_bytes(wire.encode(prototxt.parse(text), AnyNetParameter))
+    shutil.copy(RECORDED / "solvers" / "init.caffemodel", "caffe.caffemodel")
+    return ["old.caffemodel", "caffe.caffemodel"]
+
+
+def read_any_weights(path: Path) -> Any:
+    """Without a net."""
+    from netlib import snapshot
+
+    snapshot.read_weights(path)
+
+
+def make_pair(layout: str) -> list[str]:
+    """A training of two iterations, and its snapshot."""
+    make_solver(layout)
+    solver = netlib.get_solver("solver.prototxt", max_iter=2)
+    solver.solve()
+    suffix = ".h5" if layout == "HDF5" else ""
+    return [f"s_iter_2.solverstate{suffix}", f"s_iter_2.caffemodel{suffix}"]
+
+
+def read_pair(path: Path) -> Any:
+    """Resume, and train to the end; a solver that refuses stays as it was, and can still train."""
+    solver = netlib.get_solver("solver.prototxt", seed=99, snapshot=0, snapshot_after_train=False)
+    before = digest(everything(solver))
+    try:
+        solver.restore(str(path).replace("caffemodel", "solverstate"))
+    except NetlibError:
+        if digest(everything(solver)) != before:
+            raise BrokenPromise("CHANGED", f"{path}: refused, but the solver is not what it was") from None
+        raise
+    solver.step(max(0, min(solver.param.max_iter - solver.iter, 6)))
+    return [solver.iter, parameters(solver), list(solver.smoothed)]
+
+
+def everything(solver: netlib.Solver) -> list[Any]:
+    """All that a restore may change."""
+    states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
+    return [solver.iter, parameters(solver), solver.history, list(solver.smoothed), states]
+
+
+def make_old_state() -> list[str]:
+    """States without a checksum: Caffe's own, and one of an earlier version."""
+    for file in (ROOT / "tests" / "netlib" / "older").iterdir():
+        shutil.copy(file, file.name)
+    for name in ("train0.h5", "train1.h5"):
+        shutil.copy(RECORDED / "solvers" / name, name)
+    put("list.txt", "train0.h5\ntrain1.h5\n")
+    return ["older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"]
+
+
+def make_fit() -> list[str]:
+    """Weights with what is known of the network's errors beside them."""
+    from handpose.fitting.depth.network_errors import SIGNS
+
+    table = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
+    with h5py.File("model.caffemodel.h5", "w") as file:
+        file["data/a/0"] = np.zeros((2, 2), np.float32)
+        file["fit/limbs"] = np.eye(len(_flesh_model().limbs)) * 0.04
+        file["fit/fast"], file["fit/fast.signs"] = table, np.full(len(SIGNS), 1 / len(SIGNS))
+    return ["model.caffemodel.h5"]
+
+
+@functools.cache
+def _flesh_model() -> Any:
+    from handpose.fitting.depth.body import FleshModel
+    from layers.hand import skeleton
+
+    return FleshModel(skeleton.load(), 150.0)
+
+
+def read_fit(path: Path) -> Any:
+    """The group beside the weights."""
+    from handpose.fitting.depth.network_errors import read_errors
+
+    read_errors(path, _flesh_model())
+
+
+def make_card() -> list[str]:
+    """A model's folder."""
+    Path("model").mkdir()
+    Path("model/w.h5").write_bytes(b"weights" * 100)
+    said = {"name": "m", "caffemodel": "w.h5", "license": "MIT", "sha256": hashlib.sha256(b"weights" * 100).hexdigest()}
+    front = "".join(f"{key}: {value}\n" for key, value in said.items())
+    return [put("model/readme.md", f"---\n{front}---\n\n# A model\n"), "model/w.h5"]
+
+
+def read_packaged(path: Path) -> Any:
+    """Its card, and its weights if they are those of the card."""
+    from handpose.predicting.packaged import checked_weights, read_card
+
+    weights = checked_weights(read_card(Path("model")))
+    return weights.read_bytes()
+
+
+# ---------------------------------------------------------------------------------------------- data of layers
+
+
+def make_hdf5() -> list[str]:
+    """Rows in one piece, in compressed chunks, and behind a link; the list of the files."""
+    put_rows("a.h5", 1, data=(5, 2, 3), label=(5,))
+    with h5py.File("b.h5", "w") as file:
+        file.create_dataset(
+            "data", data=np.ones((40, 2, 3), np.float32), chunks=(8, 2, 3), compression="gzip", shuffle=True
+        )
+        file.create_dataset("label", data=np.arange(40, dtype=np.int64), maxshape=(None,))
+    with h5py.File("c.h5", "w", libver="latest") as file:
+        file["group/deep"] = np.zeros((3, 2, 3), np.float16)
+        file["data"], file["label"] = h5py.SoftLink("/group/deep"), np.zeros(3)
+        file.attrs["made_from"] = "a text that is not of a fixed length"
+    put("net.prototxt", 'layer { name: "d" type: "HDF5Data" top: "data" top: "label" '
+                        'hdf5_data_param { source: "list.txt" batch_size: 6 shuffle: true } }')  # fmt: skip
+    return ["a.h5", "b.h5", "c.h5", put("list.txt", "a.h5\nb.h5\nc.h5\n")]
+
+
+def read_batches(path: Path) -> Any:
+    """A few batches of the net in net.prototxt."""
+    net = netlib.Net("net.prototxt", netlib.TRAIN, seed=1)
+    for _ in range(3):
+        net.run_forward()
+
+
+def put_picture(name: str, shape: tuple[int, ...], dtype: type = np.uint8, seed: int = 0) -> str:
+    """A picture file of random pixels, smooth enough for a JPEG."""
+    pixels = np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, shape)
+    smooth = cv2.blur(pixels.astype(np.float32), (5, 5))
+    if not cv2.imwrite(name, smooth.astype(dtype)):
+        raise OSError(name)
+    return name
+
+
+def make_pictures() -> list[str]:
+    """PNG and JPEG files, their list, and a mean image."""
+    from caffe_messages import write_blob
+
+    files = [put_picture("a.png", (12, 16, 3)), put_picture("b.jpg", (12, 16, 3)), put_picture("c.png", (12, 16)),
+             put_picture("d.bmp", (12, 16, 3)), put_picture("e.png", (12, 16, 4))]  # fmt: skip
+    write_blob(Path("mean.binaryproto"), np.full((1, 3, 12, 16), 100, np.float32))
+    put("net.prototxt", 'layer { name: "d" type: "ImageData" top: "x" top: "t" image_data_param { source: "list.txt" '
+        'batch_size: 5 } transform_param { mean_file: "mean.binaryproto" crop_size: 8 mirror: true } }')  # fmt: skip
+    listed = "".join(f"{name} {i}\n" for i, name in enumerate(files))
+    return [*files, put("list.txt", listed), "mean.binaryproto"]
+
+
+def make_windows() -> list[str]:
+    """A list of windows in two pictures."""
+    lines = []
+    for i in range(2):
+        put_picture(f"{i}.png", (12, 16, 3), seed=i)
+        lines += [f"# {i}", f"{i}.png", "3 12 16", "2", "5 0.75 2 3 5 6", "5 0.25 1 2 8 4"]
+    put("net.prototxt", 'layer { name: "d" type: "WindowData" top: "x" top: "t" window_data_param { source: '
+        '"windows.txt" batch_size: 2 fg_fraction: 0.5 context_pad: 1 } transform_param { crop_size: 4 } }')  # fmt: skip
+    return [put("windows.txt", "\n".join(lines) + "\n"), "0.png"]
+
+
+def make_database() -> list[str]:
+    """A database of eight entries: pixels, floats and a picture."""
+    import lmdb
+    from caffe_messages import datum
+
+    rng = np.random.default_rng(0)
+    entries: list[bytes] = [datum(rng.integers(0, 256, (3, 8, 8)).astype(np.uint8), i) for i in range(6)]
+    entries.append(datum(rng.normal(size=(3, 8, 8)).astype(np.float32), 6))
+    entries.append(datum(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), 7))
+    with lmdb.open("db", map_size=1 << 20) as database, database.begin(write=True) as change:
+        for i, entry in enumerate(entries):
+            change.put(f"{i:08}".encode(), entry)
+    put("net.prototxt", 'layer { name: "d" type: "Data" top: "x" top: "t" '
+        'data_param { source: "db" backend: LMDB batch_size: 4 } }')  # fmt: skip
+    return ["db/data.mdb"]
+
+
+def make_datums() -> list[str]:
+    """Single entries of a database."""
+    from caffe_messages import datum
+
+    image = np.arange(192, dtype=np.uint8).reshape(3, 8, 8)
+    Path("pixels.datum").write_bytes(datum(image, 3))
+    Path("floats.datum").write_bytes(datum(image.astype(np.float32), 3))
+    Path("picture.datum").write_bytes(datum(cv2.imencode(".png", image[0])[1].tobytes(), 3))
+    return ["pixels.datum", "floats.datum", "picture.datum"]
+
+
+def read_datum(path: Path) -> Any:
+    """As a layer and the tools decode it."""
+    from layers.data.datum import decode_datum
+
+    decode_datum(path.read_bytes(), True, str(path))
+
+
+def read_database(path: Path) -> Any:
+    """By the layer, and entry by entry as the tools do."""
+    from tools import databases
+
+    read_batches(path)
+    list(databases.read_database("db")[1])
+
+
+def make_mean() -> list[str]:
+    """Mean images, in floats and doubles."""
+    from caffe_messages import write_blob
+
+    write_blob(Path("mean.binaryproto"), np.ones((1, 3, 4, 5), np.float32))
+    write_blob(Path("double.binaryproto"), np.ones((1, 3, 4, 5), np.float64))
+    return ["mean.binaryproto", "double.binaryproto"]
+
+
+def read_mean(path: Path) -> Any:
+    """The blob."""
+    from netlib.binaryproto import read_blob
+
+    read_blob(path)
+
+
+def make_messages() -> list[str]:
+    """Nets as messages of caffe_pb2."""
+    from netlib.caffe.proto import caffe_pb2
+
+    make_old_weights()
+    make_mean()
+    solver = caffe_pb2.SolverParameter(net="net.prototxt", base_lr=0.1, test_iter=[3])
+    Path("SolverParameter.bin").write_bytes(solver.SerializeToString())
+    shutil.move("old.caffemodel", "NetParameter.bin")
+    shutil.move("mean.binaryproto", "BlobProto.bin")
+    return ["SolverParameter.bin", "NetParameter.bin", "BlobProto.bin"]
+
+
+def read_message(path: Path) -> Any:
+    """Parse it, print it, and write it again."""
+    from netlib.caffe.proto import caffe_pb2
+
+    message = getattr(caffe_pb2, path.stem)()
+    try:
+        message.ParseFromString(path.read_bytes())
+    except NetlibError as error:
+        raise type(error)(f"{path}: {error}") from None  # the bytes have no name
+    str(message)
+    message.SerializeToString()
+
+
+def read_text_net(path: Path) -> Any:
+    """As tools/upgrade_net.py does."""
+    from tools import upgrade_net
+
+    run_tool(upgrade_net.main, str(path), "new.prototxt")
+
+
+def read_image(path: Path) -> Any:
+    """As caffe.io.load_image does, in colour and in grey."""
+    from netlib.caffe import io
+
+    for color in (True, False):
+        io.load_image(path, color)
+
+
+def read_imageset(path: Path) -> Any:
+    """As tools/convert_imageset.py does."""
+    from tools import convert_imageset
+
+    run_tool(convert_imageset.main, "./", "list.txt", "new_db", "--encoded")
+
+
+def run_tool(main: Callable[[list[str]], int], *arguments: str) -> None:
+    """A tool's main; the one line that it prints on failing is raised. More lines are of pictures that are left out."""
+    import io
+
+    out, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(out):
+        status = main(list(arguments))
+    if status:
+        raise NetlibError(errors.getvalue().strip().split("\n")[-1])
+
+
+# ---------------------------------------------------------------------------------------------- data of hands
+
+
+def make_depth() -> list[str]:
+    """A frame of 16 bits, one in NYU's colours, a crop; PNG, whose chunks have checksums."""
+    return [put_picture("frame.png", (48, 64), np.uint16), put_picture("nyu.png", (48, 64, 3)),
+            put_picture("crop.png", (32, 32))]  # fmt: skip
+
+
+def read_depth(path: Path) -> Any:
+    """As tools/predict.py and the data sets do."""
+    from handpose.data.images import read_crop, read_frame, read_png
+    from handpose.facts.cameras import Camera
+
+    if path.name == "crop.png":
+        return read_crop(path)
+    read_png(path)
+    return read_frame(path, Camera("nyu" if path.name == "nyu.png" else "own", 60, 60, 32, 24, 0, 0))
+
+
+def make_nyu() -> list[str]:
+    """The annotation of a small split, of MATLAB's versions 5 and 7.3."""
+    from handpose.data.nyu_files import write_annotation
+
+    xyz = np.random.default_rng(0).normal(0, 50, (6, 36, 3)) + (0, 0, 700)
+    write_annotation(Path("five.mat"), xyz, "synthetic")
+    from handpose.facts.cameras import NYU
+
+    with h5py.File("seven.mat", "w", userblock_size=512) as file:
+        file["joint_uvd"] = np.ascontiguousarray(NYU.project(xyz)[None].T)
+        file["joint_xyz"] = np.ascontiguousarray(xyz[None].T)
+    return ["five.mat", "seven.mat"]
+
+
+def read_nyu(path: Path) -> Any:
+    """Its joints."""
+    from handpose.data.nyu_files import read_annotation
+
+    read_annotation(path)
+
+
+def make_icvl() -> list[str]:
+    """Labels of 16 joints."""
+    uvd = np.random.default_rng(0).normal(0, 8, (4, 16, 3)) + (160, 120, 400)
+    lines = [f"seq/image_{i:04d}.png " + " ".join(f"{n:.3f}" for n in row.ravel()) for i, row in enumerate(uvd)]
+    return [put("labels.txt", "\n".join(lines) + "\n")]
+
+
+def read_icvl(path: Path) -> Any:
+    """Its joints."""
+    from handpose.data.icvl_files import read_annotation
+
+    read_annotation([path])
+
+
+def make_centers() -> list[str]:
+    """Crop centres as text and as NumPy's files."""
+    centers = np.random.default_rng(0).normal(0, 8, (5, 3)) + (160, 120, 400)
+    np.savetxt("centers.txt", centers)
+    np.save("centers.npy", centers)
+    np.savez("centers.npz", center_uvd=centers)
+    np.savez_compressed("packed.npz", center_uvd=centers, other=centers)
+    return ["centers.txt", "centers.npy", "centers.npz", "packed.npz"]
+
+
+def read_centers(path: Path) -> Any:
+    """Of five frames."""
+    from handpose.data.published_frames import read_centers as read
+
+    read(path, 5)
+
+
+def make_predictions() -> list[str]:
+    """Published joints, two a frame."""
+    return [put("joints.txt", "320 240 700  330.5 230 512\n" * 4)]
+
+
+def read_predictions(path: Path) -> Any:
+    """In pixels and in mm."""
+    from handpose.facts.cameras import NYU
+    from handpose.scoring import published_predictions
+
+    if published_predictions.is_list(path):
+        from netlib.hdf5 import read_list
+
+        return read_list(str(path), None)
+    published_predictions.read_joints(path, 2, "uvd", NYU)
+
+
+def make_logs() -> list[str]:
+    """Caffe's own, and one that is short."""
+    shutil.copy(RECORDED / "logs" / "a_avgloss.log", "caffe.log")
+    return ["caffe.log", put("short.log", "I0101 Iteration 20 (5 iter/s, 1s/20 iters), loss = 0.5\n"
+                             "    Test net output #0: acc = 0.25\nIteration 40, loss = 0.25\n")]  # fmt: skip
+
+
+def read_log(path: Path) -> Any:
+    """Its curves."""
+    from tools import plot_log
+
+    plot_log.read_log(path)
+
+
+def make_examples() -> list[str]:
+    """Crops and joints."""
+    put_rows("a.h5", depth=(5, 1, 16, 16), joint=(5, 93))
+    put_rows("b.h5", depth=(3, 16, 16))
+    return ["a.h5", "b.h5", put("list.txt", "a.h5\nb.h5\n")]
+
+
+def read_examples(path: Path) -> Any:
+    """As tools/show_data.py does."""
+    from handpose.data.examples import examples_of
+
+    examples_of(path, 4)
+
+
+def make_labels() -> list[str]:
+    """A file of frames with all that is said of them."""
+    rng = np.random.default_rng(0)
+    uvd = rng.normal(0, 20, (6, 3)) + (320, 240, 700)
+    from handpose.facts.cameras import NYU
+
+    with h5py.File("part.h5", "w") as file:
+        file["joint"] = rng.uniform(-0.9, 0.9, (6, 93)).astype(np.float32)
+        file["half_cube"] = np.full(6, 150.0)
+        file["center_uvd"], file["center"] = uvd, NYU.unproject(uvd)
+        file.attrs["made_from"] = "a campaign"
+    return ["part.h5"]
+
+
+def read_labels(path: Path) -> Any:
+    """Joints, half-cubes and centres."""
+    from handpose.data import labels
+    from netlib.hdf5 import File
+
+    labels.read(path, [31])
+    labels.read_crop_centers([File(path, ("joint",))])
+
+
+def make_companions() -> list[str]:
+    """A file of frames and its companion."""
+    make_labels()
+    _fit_companion()
+    return ["part.h5", "angles/part.h5"]
+
+
+def _fit_companion() -> Any:
+    from handpose.fitting import companions
+    from layers.hand import skeleton
+
+    with contextlib.suppress(OSError):
+        os.utime("part.h5", ns=(10**18, 10**18))  # a companion remembers of which moment its file was
+    return companions.fit_list([Path("part.h5")], Path("angles"), "list.txt", skeleton.load(), starts=1)
+
+
+def read_companions(path: Path) -> Any:
+    """Keep it if it is whole, else make it anew."""
+    _fit_companion()
+
+
+def make_components() -> list[str]:
+    """Files of joints."""
+    return [put_rows("a.h5", 1, joint=(40, 93)), put_rows("b.h5", 2, joint=(40, 93))]
+
+
+def read_components(path: Path) -> Any:
+    """As tools/table1.py does for DeepPrior."""
+    from handpose.experiments.principal_components import write_components
+
+    write_components(Path("out.h5"), [Path("a.h5"), Path("b.h5")])
+
+
+def make_parts() -> list[str]:
+    """A data set of one part, with the list that names it; frames that are two pictures and a missing one."""
+    make_frames()
+    _prepare()
+    return ["out/test_000.h5", "out/test.txt", "out/bad_test.txt", "1.png"]
+
+
+def make_frames() -> None:
+    """Two of the three frames of a data set."""
+    Path("out").mkdir()
+    for i in range(2):
+        put_picture(f"{i}.png", (48, 64, 3), seed=i)
+
+
+def _prepare() -> Any:
+    from handpose.data.images import read_png, unpack_depth
+    from handpose.data.prepared_splits import PreparedSplit, refuse_foreign
+    from handpose.data.published_frames import PublishedFrames
+    from handpose.facts.cameras import Camera
+
+    joints = np.zeros((3, 31, 3)) + (0, 0, 700)
+    camera = Camera("own", 60, 60, 32, 24, 64, 48)
+    frames = PublishedFrames(
+        split="test", files=[Path(f"{i}.png") for i in range(3)], center_uvd=np.full((3, 3), (32, 24, 700.0)),
+        joints=joints, cube_mm=np.full(3, 3e5), camera=camera, read=lambda path: unpack_depth(read_png(path)),
+        made_from="a campaign", centre="nothing",
+    )  # fmt: skip
+    split = PreparedSplit(frames, Path("out"))
+    refuse_foreign([split], ["a campaign"])
+    outcome = split.write(1, lambda count: None, lambda i, error: None)
+    split.write_list(outcome)
+
+
+def read_parts(path: Path) -> Any:
+    """Go on with what is there."""
+    _prepare()
+
+
+# ---------------------------------------------------------------------------------------------- the table
+
+
+def _hdf5(layout: str) -> Callable[[], list[str]]:
+    return functools.partial(make_pair, layout)
+
+
+READERS: tuple[Reader, ...] = (
+    Reader("net", ("netlib/prototxt.py",), make_nets, read_net),
+    Reader("solver", ("netlib/prototxt.py",), make_solver, read_solver),
+    Reader("skeleton", ("netlib/prototxt.py",), make_skeletons, read_skeleton),
+    Reader("net to upgrade", ("tools/upgrade_net.py",), lambda: [*make_nets()[:2], *make_old_weights()], read_text_net),
+    Reader("message", (), make_messages, read_message),
+    Reader("weights hdf5", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"),
+           functools.partial(make_weights, ".caffemodel.h5"), read_weights),
+    Reader("weights binary", ("netlib/snapshot.py",), functools.partial(make_weights, ".caffemodel"), read_weights),
+    Reader("weights of caffe", ("netlib/snapshot.py",), make_old_weights, read_any_weights),
+    Reader("resume hdf5", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"), _hdf5("HDF5"), read_pair, exact=True),
+    Reader("resume binary", ("netlib/snapshot.py",), _hdf5("BINARYPROTO"), read_pair, exact=True),
+    Reader("resume older", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"), make_old_state, read_pair),
+    Reader("errors of a network", ("handpose/fitting/depth/network_errors.py",), make_fit, read_fit),
+    Reader("packaged model", ("handpose/predicting/packaged.py",), make_card, read_packaged, exact=True),
+    Reader("data hdf5", ("netlib/hdf5.py", "layers/data/hdf5_data.py"), make_hdf5, read_batches),
+    Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/binaryproto.py"),
+           make_pictures, read_batches),
+    Reader("data windows", ("layers/data/window_data.py", "layers/data/images.py"), make_windows, read_batches),
+    Reader("data lmdb", ("layers/data/database.py",), make_database, read_database, known=("CRASH", "HANG")),
+    Reader("datum", (), make_datums, read_datum),
+    Reader("mean image", ("netlib/binaryproto.py",), make_mean, read_mean),
+    Reader("picture", ("netlib/caffe/io.py",), lambda: make_pictures()[:5], read_image),
+    Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
+           lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),
+    Reader("depth picture", ("handpose/data/images.py",), make_depth, read_depth, exact=True),
+    Reader("nyu annotation", ("handpose/data/nyu_files.py",), make_nyu, read_nyu),
+    Reader("icvl labels", ("handpose/data/icvl_files.py",), make_icvl, read_icvl),
+    Reader("centres", ("handpose/data/published_frames.py",), make_centers, read_centers),
+    Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/hdf5.py"),
+           make_predictions, read_predictions),
+    Reader("log", ("tools/plot_log.py",), make_logs, read_log),
+    Reader("examples", ("handpose/data/examples.py",), make_examples, read_examples),
+    Reader("labels", ("netlib/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
+    Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
+           make_companions, read_companions),
+    Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
+    Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/atomic.py"),
+           make_parts, read_parts),
+)  # fmt: skip

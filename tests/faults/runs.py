@@ -1,0 +1,350 @@
+"""Everything that writes files, as runs that can be stopped at every moment; and the means to stop them.
+
+    answer = forked(lambda: at_event(7, kill) or run())       # killed just before its 7th file event
+
+A run is forked from a process that has done nothing yet but import, so hundreds of them take seconds.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import json
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import netlib  # before NumPy: it chooses the BLAS threads
+
+# isort: split
+
+import h5py
+import numpy as np
+
+from netlib import atomic
+from netlib.errors import NetlibError
+from tests.faults import readers
+from tests.faults.isolation import BrokenPromise, outcome_of_error
+from tests.faults.readers import digest
+
+# ---------------------------------------------------------------------------------------------- the runs
+
+FOREIGN = ".foreign_iter_5.caffemodel.h5.4194305.tmp"  # of a process that cannot be: nobody's here to clear away
+
+
+@dataclass(frozen=True)
+class Run:
+    """Something that writes files into the working directory.
+
+    prepare  what is there before
+    run      the run itself; a second one goes on where the first was stopped. Returns the result
+    check    what must hold after any interruption, before the second run; it is given the digest of what ``run``
+             returns if nothing happens
+    """
+
+    name: str
+    prepare: Callable[[], Any]
+    run: Callable[[], Any]
+    check: Callable[[str], None] = lambda result: None
+
+
+def train() -> Any:
+    """Train to the end, from the last state if there is one, as a user would."""
+    solver = netlib.get_solver("solver.prototxt", seed=3)
+    solver.solve(last_state())
+    return readers.everything(solver)
+
+
+def last_state() -> Path | None:
+    """The state of the highest iteration, of whose pair both files are there."""
+    found = {int(re.findall(r"_iter_(\d+)\.", path.name)[0]): path for path in Path().glob("s_iter_*.solverstate*")}
+    return found[max(found)] if found else None
+
+
+def check_states(result: str) -> None:
+    """Every state that has a name can be restored."""
+    for path in Path().glob("s_iter_*.solverstate*"):
+        netlib.get_solver("solver.prototxt").restore(path)
+
+
+def make_old_pair(layout: str) -> None:
+    """A pair of another training stands where the run will write its own."""
+    readers.make_solver(layout)
+    Path("old.txt").write_text(digest(_two_iterations(0.01)))
+
+
+def overwrite_pair() -> Any:
+    """Two iterations of another training: the same names."""
+    return _two_iterations(0.05)
+
+
+def _two_iterations(base_lr: float) -> Any:
+    solver = netlib.get_solver("solver.prototxt", seed=3, max_iter=2, base_lr=base_lr)
+    solver.solve()
+    return readers.parameters(solver)
+
+
+def check_old_or_new(result: str) -> None:
+    """Under its names stands the old pair or the new one, whole."""
+    path = next(Path().glob("s_iter_2.solverstate*"), None)
+    if path is None:
+        raise BrokenPromise("LOST", "no state under its name, neither old nor new")
+    solver = netlib.get_solver("solver.prototxt")
+    solver.restore(path)
+    if digest(readers.parameters(solver)) not in (Path("old.txt").read_text(), result):
+        raise BrokenPromise("LOST", "neither the old pair nor the new one")
+
+
+def write_weights() -> Any:
+    """New weights over old ones, in both formats."""
+    net = netlib.Net("vision.prototxt", netlib.TRAIN, seed=2)
+    for name in ("vision.caffemodel", "vision.caffemodel.h5"):
+        net.save(name)
+    return [[blob.data for blob in blobs] for blobs in net.params.values()]
+
+
+def make_old_weights() -> None:
+    """Of the same net with another seed."""
+    readers.put("vision.prototxt", readers.VISION)
+    for name in ("vision.caffemodel", "vision.caffemodel.h5"):
+        netlib.Net("vision.prototxt", netlib.TRAIN, seed=1).save(name)
+
+
+def check_weights(result: str) -> None:
+    """They can be read."""
+    for name in ("vision.caffemodel", "vision.caffemodel.h5"):
+        netlib.Net("vision.prototxt", netlib.TRAIN).copy_from(name, strict=True)
+
+
+def make_texts() -> None:
+    """An old file of each kind."""
+    readers.put("vision.prototxt", readers.VISION)
+    write_texts("old")
+
+
+def write_texts(word: str = "new") -> Any:
+    """A text, a mean image, a picture, fitted poses and a model, over old ones."""
+    from handpose.experiments.model_file import write_model
+    from handpose.fitting.absolute_joints import AbsoluteFit, write_fit
+    from netlib.binaryproto import write_blob
+    from tools import pictures
+
+    value = {"old": 1, "new": 2}[word]
+    atomic.replace_text(Path("text.txt"), word * 1000)
+    write_blob(np.full((1, 3, 4, 5), value, np.float32), "mean.binaryproto")
+    pictures.write_image("picture.png", np.full((8, 8, 3), value, np.uint8))
+    ones = np.full((2, 3), float(value))
+    write_fit(Path("fit.h5"), AbsoluteFit(ones, ones, ones, ones[:, 0]), np.arange(2))
+    write_model(netlib.Net("vision.prototxt", netlib.TRAIN, seed=value), None, Path("model.h5"))
+    return value
+
+
+def check_texts(result: str) -> None:
+    """Each is the old one or the new one."""
+    if Path("text.txt").read_text() not in ("old" * 1000, "new" * 1000):
+        raise BrokenPromise("LOST", "text.txt is neither old nor new")
+    readers.read_mean(Path("mean.binaryproto"))
+    readers.read_image(Path("picture.png"))
+    for name in ("fit.h5", "model.h5"):
+        h5py.File(name, "r").close()
+
+
+def make_database() -> None:
+    """Pictures and their list."""
+    readers.make_pictures()
+
+
+def write_database() -> Any:
+    """Of the pictures, as tools/convert_imageset.py does; a database is never replaced."""
+    from tools import databases
+
+    if not Path("new_db").exists():
+        readers.read_imageset(Path("list.txt"))
+    return [value for _, value in databases.read_database("new_db")[1]]
+
+
+def prepare_data() -> Any:
+    """Parts and lists of a data set of three frames, one of which is missing."""
+    readers._prepare()
+    with h5py.File("out/test_000.h5", "r") as file:
+        return {name: file[name][...] for name in file}
+
+
+def fit_companions() -> Any:
+    """Angles for a file of frames."""
+    inputs, _ = readers._fit_companion()
+    return inputs
+
+
+RUNS: tuple[Run, ...] = (
+    Run("training hdf5", functools.partial(readers.make_solver, "HDF5"), train, check_states),
+    Run("training binary", functools.partial(readers.make_solver, "BINARYPROTO"), train, check_states),
+    Run("old pair hdf5", functools.partial(make_old_pair, "HDF5"), overwrite_pair, check_old_or_new),
+    Run("old pair binary", functools.partial(make_old_pair, "BINARYPROTO"), overwrite_pair, check_old_or_new),
+    Run("weights", make_old_weights, write_weights, check_weights),
+    Run("texts and pictures", make_texts, write_texts, check_texts),
+    Run("database", make_database, write_database),
+    Run("prepared data", readers.make_frames, prepare_data),
+    Run("companions", readers.make_labels, fit_companions),
+)  # fmt: skip
+
+
+def run_of(name: str) -> Run:
+    """By its name."""
+    return next(run for run in RUNS if run.name == name)
+
+
+# ---------------------------------------------------------------------------------------------- where they run
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """A run to which nothing happens.
+
+    folder  as it was before; copies of it are what others run in
+    result  digest of what the run returns
+    names   of all files afterwards
+    """
+
+    run: Run
+    folder: Path
+    result: str
+    names: list[str]
+
+
+@functools.cache
+def undisturbed(name: str) -> Undisturbed:
+    """Prepare a run, and let it come to its end once: once for each process."""
+    run = run_of(name)
+    folder = Path(f"before.{name.replace(' ', '_')}").resolve()
+    folder.mkdir()
+    with readers._inside(folder):
+        status, _ = forked(run.prepare)
+        Path(FOREIGN).touch()
+    with readers._copied(folder):
+        status, answer = forked(lambda: " ".join([digest(run.run()), *sys.modules]))
+        if status or not isinstance(answer, str):
+            raise BrokenPromise("BROKEN", f"{name}: ends with {status} when nothing happens: {answer}")
+        result, *modules = answer.split()
+        netlib.layer_type_list()
+        for module in modules:  # imported here once, not in every child again
+            if module.split(".")[0] in ("netlib", "layers", "fast", "handpose", "tools"):
+                importlib.import_module(module)
+        return Undisturbed(run, folder, result, names())
+
+
+def names() -> list[str]:
+    """Of all files in the working directory."""
+    return sorted(str(path) for path in Path().rglob("*"))
+
+
+def finish(before: Undisturbed, what: str, may_stay: str = "") -> None:
+    """The second run must end as if nothing had happened, and leave nothing behind but what it should.
+
+    ``may_stay`` is a pattern of names that may be there all the same.
+    """
+    status, checked = forked(lambda: before.run.check(before.result))
+    expect_good(status, checked, f"right after {what}")
+    status, result = forked(lambda: digest(before.run.run()))
+    expect_good(status, result, f"the next run after {what}")
+    if result != before.result:
+        raise BrokenPromise("SILENT", f"the next run after {what} ends with another result")
+    extra = sorted(set(names()) - set(before.names))
+    if left := [name for name in extra if not may_stay or not re.fullmatch(may_stay, name)]:
+        raise BrokenPromise("LEFT", f"after {what} and the next run there is still {left[0]}")
+    if missing := set(before.names) - set(names()):
+        raise BrokenPromise("LOST", f"after {what} and the next run there is no {sorted(missing)[0]}")
+
+
+def expect_good(status: int, answer: Any, what: str) -> None:
+    """Raise BrokenPromise if a child did not end as it should."""
+    if status < 0:
+        raise BrokenPromise("CRASH", f"{what}: ended by {signal.Signals(-status).name}")
+    if isinstance(answer, list):
+        raise BrokenPromise(answer[0].upper(), f"{what}: {answer[1]}")
+
+
+# ---------------------------------------------------------------------------------------------- children and events
+
+
+def forked(
+    function: Callable[[], Any], meanwhile: Callable[[int], None] = lambda child: None
+) -> tuple[int, str | list[str] | None]:
+    """Run a function in a forked child. Returns its exit status, negative for a signal, and what it returned.
+
+    That is a text, or a list [kind, detail] if it raised: "refused" for an error that is ours or the disk's.
+    ``meanwhile`` is called with the child's process number while it runs.
+    """
+    readable, writable = os.pipe()
+    child = os.fork()
+    if child == 0:
+        status = 99
+        try:
+            status, answer = _answered(function)
+            os.write(writable, json.dumps(answer).encode())
+        finally:  # whatever happens, a child never goes on as its parent
+            os._exit(status)
+    os.close(writable)
+    meanwhile(child)
+    with os.fdopen(readable) as answers:
+        text = answers.read()
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    return status, json.loads(text) if text else None
+
+
+def _answered(function: Callable[[], Any]) -> tuple[int, str | list[str] | None]:
+    """The exit status and the answer of a child."""
+    try:
+        answer = function()
+    except NetlibError as error:
+        return 1, ["refused", str(error)]
+    except OSError as error:  # what tools/console.py makes of it, if there is a name to say
+        kind = "refused" if error.filename else "UNCLEAR"
+        return 1, [kind, f"{error.filename}: {error.strerror}" if error.filename else f"{error} without a name"]
+    except BaseException as error:
+        found = outcome_of_error(error)
+        return 1, [found.kind, found.detail]
+    return 0, answer if isinstance(answer, str) else None
+
+
+CREATING = ("open", "os.mkdir", "os.link", "os.symlink", "fsync", "fallocate", "H5Fcreate", "os.truncate")
+EVENTS = (*CREATING, "os.rename", "os.remove", "os.rmdir", "fcntl.flock", "fcntl.lockf")
+_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
+
+
+def at_events(action: Callable[[int, str, str | None], None]) -> None:
+    """From now on call ``action(number, event, path)`` before all that changes files; for a forked child only."""
+    done = 0
+
+    def happens(event: str, arguments: tuple[Any, ...]) -> None:
+        nonlocal done
+        if event not in EVENTS:
+            return
+        if event == "open" and (isinstance(arguments[0], int) or not (arguments[2] or 0) & _WRITING):
+            return
+        path = os.fsdecode(arguments[0]) if arguments and isinstance(arguments[0], (str, bytes, os.PathLike)) else None
+        if path and ("__pycache__" in path or path.startswith(("/dev/", "<_io"))):  # "<_io": HDF5 in memory
+            return
+        done += 1
+        action(done, event, path)
+
+    for module, name, event in (
+        (os, "fsync", "fsync"),
+        (os, "posix_fallocate", "fallocate"),
+        (h5py.h5f, "create", "H5Fcreate"),
+    ):
+        setattr(module, name, _told(getattr(module, name), functools.partial(happens, event)))
+    sys.addaudithook(happens)
+
+
+def _told(function: Callable[..., Any], tell: Callable[[tuple[Any, ...]], None]) -> Callable[..., Any]:
+    def told(*arguments: Any, **named: Any) -> Any:
+        tell(arguments)
+        return function(*arguments, **named)
+
+    return told

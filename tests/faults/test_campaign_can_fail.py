@@ -1,0 +1,162 @@
+"""The campaign sees what it looks for: readers and runs that are wrong on purpose."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+
+from netlib.errors import NetlibError
+from tests.faults import campaign, kills, mutations, readers, runs
+from tests.faults.isolation import BrokenPromise, Outcome, Worker
+from tests.faults.readers import Reader
+
+HERE = "tests.faults.test_campaign_can_fail"
+
+
+def case(name: str, seed: int, number: int) -> Outcome:
+    """Cases for the worker, each wrong in its own way."""
+    if name == "traceback":
+        return Outcome("read", {}["nothing"])
+    if name == "crash":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if name == "exit":
+        os._exit(3)
+    if name == "hang":
+        while True:
+            time.sleep(1)
+    if name == "memory":
+        bytearray(8 << 30)
+    if name == "careless":
+        runs.RUNS = (CARELESS,)
+        return kills.case(name, seed, number)
+    return Outcome("held", f"{seed} {number}")
+
+
+def test_what_goes_wrong_is_one_failure_and_ends_nothing() -> None:
+    """An exception, a signal, an exit, an endless loop, all the memory; after each the worker takes the next case."""
+    with Worker(limit_s=10) as worker:
+        found = {}
+        for name in ("traceback", "crash", "exit", "memory"):
+            found[name] = worker.run(HERE, name, 0, 0)
+            assert worker.run(HERE, "good", 4, 5) == Outcome("held", "4 5")
+        worker.limit_s = 0.5
+        found["hang"] = worker.run(HERE, "hang", 0, 0)
+    assert {name: outcome.kind for name, outcome in found.items()} == {
+        "traceback": "TRACEBACK", "crash": "CRASH", "exit": "CRASH", "memory": "TRACEBACK", "hang": "HANG",
+    }  # fmt: skip
+    assert all(outcome.failed for outcome in found.values())
+    assert found["traceback"].detail.startswith("KeyError at tests/faults/test_campaign_can_fail.py:")
+    assert found["crash"].detail.startswith("the process ended by SIGSEGV")
+    assert found["exit"].detail.startswith("the process ended with status 3")
+    assert found["memory"].detail.startswith("MemoryError")
+
+
+# ---------------------------------------------------------------------------------------------- readers
+
+
+def refuse(message: str) -> None:
+    raise NetlibError(message)
+
+
+def warn(path: Path) -> None:
+    warnings.warn("chatter", RuntimeWarning, stacklevel=1)
+
+
+WRONG = {
+    "a good one": (lambda path: refuse(f"{path}: not a thing") if path.read_bytes() != b"good" * 9 else 1, "refused"),
+    "reads anything": (lambda path: path.read_bytes(), "SILENT"),
+    "no name": (lambda path: refuse("not a thing") if path.read_bytes() != b"good" * 9 else 1, "UNCLEAR"),
+    "two lines": (lambda path: refuse(f"{path}\x1b") if path.read_bytes() != b"good" * 9 else 1, "UNCLEAR"),
+    "chatters": (warn, "WARNING"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_readers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str) -> None:
+    """What a reader does with a damaged file is told apart."""
+    read, kind = WRONG[name]
+
+    def make() -> list[str]:
+        Path("a.bin").write_bytes(b"good" * 9)
+        return ["a.bin"]
+
+    monkeypatch.setattr(readers, "READERS", (Reader(name, (), make, read, exact=True),))
+    monkeypatch.chdir(tmp_path)
+    readers._prepared.cache_clear()
+    found = {readers.case(name, 0, number).kind for number in range(10)}
+    assert found - {"read"} == {kind}, "damage may leave the bytes as they were"
+
+
+def test_damage_is_the_same_for_the_same_seed() -> None:
+    """So a case can be run again; other numbers do other damage."""
+    content = b'layer { name: "a" top: "x" dim: 3 }\n' * 20
+
+    def some(seed: str) -> bytes:
+        return mutations.damaged(content, b"other", random.Random(seed), is_text=True)[0]
+
+    assert some("net 0 1") == some("net 0 1")
+    assert len({some(f"net 0 {number}") for number in range(50)}) > 40
+
+
+@pytest.mark.parametrize("kind", sorted({*mutations.ANY, *mutations.TEXT}, key=lambda kind: kind.__name__))
+def test_every_kind_of_damage_takes_any_bytes(kind: mutations.Damage) -> None:
+    """One byte, no text, a text without anything that it looks for."""
+    for content in (b"\0", b"\xff\xfe", b"word", b"a: 1\n", bytes(range(256)) * 20):
+        for number in range(20):
+            assert isinstance(kind(content, b"\0", random.Random(number)), bytes)
+
+
+# ---------------------------------------------------------------------------------------------- runs
+
+
+def careless() -> str:
+    """Makes two files; the next run believes that all is done if one of them is there."""
+    if not Path("file").exists():
+        Path("temporary").touch()
+        Path("file").write_text("new")
+        Path("temporary").unlink()
+    return "new"
+
+
+def check_careless(result: str) -> None:
+    """Half of its work is a loss."""
+    if Path("temporary").exists() and not Path("file").exists():
+        raise BrokenPromise("LOST", "one without the other")
+
+
+CARELESS = runs.Run("careless", lambda: None, careless, check_careless)
+
+
+def test_a_careless_run_is_seen() -> None:
+    """It has three file events; what a kill before each does is told apart."""
+    with Worker() as worker:
+        told = [worker.run(HERE, "careless", 0, number).kind for number in range(4)]
+    assert told == ["held", "LOST", "LEFT", "over"]
+
+
+def test_the_table() -> None:
+    """One row for each promise with cases, and their sum."""
+    groups = [campaign.Group(campaign.PROMISES[0], name) for name in ("net", "solver")]
+    groups[0].counts.update(refused=1200, TRACEBACK=1)
+    groups[0].failures.append((7, Outcome("TRACEBACK", "KeyError")))
+    groups[1].counts.update(read=10, over=1)
+    head, _, row, total = campaign.table(groups).splitlines()
+    assert head == "| promise | how it is tested | cases | failures |"
+    assert row.startswith("| a damaged file is one line") and row.endswith("| 1,211 | 1 |")
+    assert total == "| | all | 1,211 | 1 |"
+
+
+def test_every_group_stands_in_one_row() -> None:
+    """No case is forgotten, none counted twice."""
+    names = [(group.promise.module, group.name) for group in campaign.groups()]
+    assert len(set(names)) == len(names)
+    assert {name for module, name in names if module.endswith("readers")} == {r.name for r in readers.READERS}
+    for module in ("kills", "signals", "disks"):
+        known = __import__(f"tests.faults.{module}", fromlist=["NAMES"]).NAMES
+        assert {name for of, name in names if of.endswith(module)} == set(known)

@@ -1,0 +1,104 @@
+"""A new reader needs a campaign: every module that opens a file to read it stands in the table of readers.py."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.faults.readers import READERS
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = [
+    path for package in ("netlib", "layers", "fast", "handpose", "tools") for path in (ROOT / package).rglob("*.py")
+]
+NO_READERS = {
+    "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
+    "handpose/experiments/trainings.py": "reads the solver that comes with the project, to change it",
+    "netlib/files.py": "opens for all others what a user names",
+    "tools/databases.py": "opens the database that it makes",
+    "tools/export_onnx.py": "reads back what it has just written",
+    "tools/package_model.py": "reads back what it has just written",
+}
+# What opens a file, by the name that is called; of those that also write, the mode decides.
+BY_NAME = {
+    "read_bytes",
+    "read_text",
+    "opened",
+    "loadmat",
+    "whosmat",
+    "imread",
+    "fromfile",
+    "loadtxt",
+    "genfromtxt",
+    "memmap",
+}
+BY_MODE = {"open", "File"}
+OF_NUMPY = {"load"}
+
+
+def opening(tree: ast.AST) -> Iterator[int]:
+    """The lines that open a file to read it."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        owner = getattr(getattr(node.func, "value", None), "id", "")
+        name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        if name in BY_NAME or (name in OF_NUMPY and owner in ("np", "numpy")) or (name in BY_MODE and reads(node)):
+            yield node.lineno
+
+
+def reads(call: ast.Call) -> bool:
+    """Does the mode say so? One that changes a file in place ("r+b") is no reader's."""
+    words = [*call.args, *(word.value for word in call.keywords if word.arg == "mode")]
+    modes = [word.value for word in words if isinstance(word, ast.Constant) and isinstance(word.value, str)]
+    flags = [node.attr for word in words for node in ast.walk(word) if isinstance(node, ast.Attribute)]
+    return not any(set(mode) & set("wax+") and len(mode) < 4 for mode in modes) and "O_WRONLY" not in flags
+
+
+@pytest.mark.parametrize(
+    ("line", "is_reader"),
+    [
+        ("open(path)", True),
+        ('open(path, "rb")', True),
+        ('open(path, mode="w")', False),
+        ('path.open("r+b")', False),
+        ("path.open(encoding='utf-8')", True),
+        ("os.open(path, os.O_WRONLY | os.O_CREAT)", False),
+        ("path.read_text(encoding='utf-8')", True),
+        ("path.write_text('w')", False),
+        ("h5py.File(path, 'r')", True),
+        ("h5py.File(path, 'w')", False),
+        ("np.load(path, allow_pickle=False)", True),
+        ("skeleton.load(path)", False),
+        ("lmdb.open(str(path), readonly=True)", True),
+        ("files.read_bytes(path, 'the net')", True),
+        ("hdf5.opened(path)", True),
+    ],
+)
+def test_what_opens_a_file(line: str, is_reader: bool) -> None:
+    """By the name that is called, and the mode."""
+    assert bool(list(opening(ast.parse(line)))) == is_reader
+
+
+def test_every_reader_has_a_campaign() -> None:
+    """A module that opens files stands in a row of the table, or says here why not."""
+    found = {
+        str(path.relative_to(ROOT)): list(opening(ast.parse(path.read_text(encoding="utf-8")))) for path in SOURCES
+    }
+    places = {f"{module}:{lines[0]}" for module, lines in found.items() if lines and module not in known()}
+    assert places == set(), "add a row to READERS in tests/faults/readers.py, or a reason to NO_READERS"
+
+
+def test_the_table_names_no_module_that_reads_nothing() -> None:
+    """A row that has lost its reader is found."""
+    for module in known():
+        if module != "netlib/files.py" or (ROOT / module).exists():
+            assert list(opening(ast.parse((ROOT / module).read_text(encoding="utf-8")))), module
+
+
+def known() -> set[str]:
+    """The modules in the table and the exceptions."""
+    return {module for reader in READERS for module in reader.modules} | set(NO_READERS)

@@ -1,0 +1,28 @@
+"""The short campaign of disks and clocks: a few moments of every fault; ``make faults`` takes all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.faults import campaign, disks
+from tests.faults.isolation import Worker
+
+SHORT = {"clock": range(2), "soak": range(1), "two trainings": range(2)}
+STEPS = {"full": 8, "read-only": 9, "one": 10, "limited": 4, "data": 3, "planted": 1}  # else every 6th
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    """A process that takes all the cases."""
+    with Worker() as worker:
+        yield worker
+
+
+@pytest.mark.parametrize("name", disks.NAMES)
+def test_disks(worker: Worker, name: str) -> None:
+    """One line, or the work is done all the same; old files are whole, and the next run ends as it should."""
+    step = STEPS.get(name.split()[0], 6)
+    numbers = SHORT.get(name, range(disks.NAMES.index(name) % step, 1000, step))
+    assert campaign.failures(worker, "disks", name, numbers) == []

@@ -1,0 +1,26 @@
+"""The short campaign of kills: some of the file events of every run that writes; ``make faults`` takes all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.faults import campaign, kills
+from tests.faults.isolation import Worker
+
+EVERY = 5
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    """A process that takes all the cases."""
+    with Worker() as worker:
+        yield worker
+
+
+@pytest.mark.parametrize("name", kills.NAMES)
+def test_killed(worker: Worker, name: str) -> None:
+    """Nothing is lost, the next run ends bit for bit the same, and nothing stays behind."""
+    first = kills.NAMES.index(name) % EVERY
+    assert campaign.failures(worker, "kills", name, range(first, 1000, EVERY)) == []

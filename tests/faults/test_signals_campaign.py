@@ -1,0 +1,26 @@
+"""The short campaign of signals: some of the forwards and file events of a training; ``make faults`` takes all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.faults import campaign, signals
+from tests.faults.isolation import Worker
+
+EVERY = 4
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    """A process that takes all the cases."""
+    with Worker() as worker:
+        yield worker
+
+
+@pytest.mark.parametrize("name", signals.EVERY_MOMENT)
+def test_signals(worker: Worker, name: str) -> None:
+    """A snapshot, the exit status, and a training that goes on bit for bit; also from the middle of a test."""
+    first = signals.EVERY_MOMENT.index(name) % EVERY
+    assert campaign.failures(worker, "signals", name, range(first, 1000, EVERY)) == []

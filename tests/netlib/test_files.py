@@ -1,0 +1,66 @@
+"""netlib/files.py: what a user names is a file, read whole, or one line."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from netlib import files
+from netlib.errors import DataError, WeightsError, printable
+
+
+def test_bytes_and_text(tmp_path: Path) -> None:
+    """A byte order mark is no part of a text, and its lines end as ours do."""
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"\xef\xbb\xbfone\r\ntwo\r\xc3\xa4")
+    assert files.read_text(path, "the list") == "one\ntwo\nä"
+    assert files.read_bytes(path, "the list")[:6] == b"\xef\xbb\xbfone"
+    assert files.read_bytes(path, "the list", first=3) == b"\xef\xbb\xbf"
+
+
+def kinds_in(folder: Path) -> dict[str, str]:
+    """Names of what is no file, and how each is called."""
+    os.mkfifo(folder / "pipe")
+    (folder / "folder").mkdir()
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(folder / "socket"))
+    return {
+        str(folder / "pipe"): "it is a pipe; expected a file",
+        str(folder / "folder"): "Is a directory; expected a file",
+        str(folder / "socket"): "it is a socket; expected a file",
+        str(folder / "none"): "No such file or directory",
+        str(folder / "a\0b"): "embedded null byte",
+        str(folder / ("x" * 300)): "File name too long",
+        "/dev/zero": "it is a device; expected a file",
+    }
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
+def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pipe that nobody writes into is not waited for, a device without an end is not read."""
+    monkeypatch.chdir(tmp_path)  # a socket's name must be short
+    for name, reason in kinds_in(Path()).items():
+        for read in (files.read_bytes, files.read_text, files.opened):
+            with pytest.raises(WeightsError) as error:
+                read(name, "weights", WeightsError)
+            assert str(error.value) == printable(f"{name}: cannot read weights: {reason}")
+
+
+def test_a_file_that_is_too_large(tmp_path: Path) -> None:
+    """Its size is asked for before its bytes; a hole of 10 GB takes no room on the disk."""
+    with (tmp_path / "hole").open("wb") as file:
+        file.truncate(10**10)
+    with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for the list; at most 2684"):
+        files.read_text(tmp_path / "hole", "the list")
+    assert files.read_bytes(tmp_path / "hole", "the list", first=2) == b"\0\0"
+
+
+def test_what_is_no_text(tmp_path: Path) -> None:
+    """Says where, unless it may be replaced."""
+    (tmp_path / "a").write_bytes(b"abc\xff")
+    with pytest.raises(DataError, match=r"a: cannot read the log: not a text file \(byte 3 is not UTF-8\)$"):
+        files.read_text(tmp_path / "a", "the log")
+    assert files.read_text(tmp_path / "a", "the log", errors="replace") == "abc\ufffd"

@@ -1,0 +1,199 @@
+"""tools/__init__.py: how the process of a command begins, and what others may write on its standard error: nothing."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import tools
+from tests.tools.conftest import ROOT
+from tests.tools.test_tools import COMMANDS
+
+BENCHMARKS = ("ablation", "bench", "fit", "twins")
+PROGRAMS = [f"tools/{name}.py" for name in COMMANDS] + [f"benchmarks/{name}.py" for name in BENCHMARKS]
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """``run("tools/train.py", "solver.prototxt")``: Python as a user starts it, in a folder of its own."""
+
+    def start(*argv: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, *argv]
+        if argv[0].endswith(".py"):
+            command[1] = str(ROOT / argv[0])
+        whole = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", **environment}
+        return subprocess.run(command, cwd=tmp_path, env=whole, capture_output=True, text=True, check=False)
+
+    return start
+
+
+def interrupt_at(folder: Path, event: str, name: str) -> None:
+    """Each Python that starts with this folder on its path interrupts itself when it imports or opens something."""
+    (folder / "sitecustomize.py").write_text(f"""
+import os, signal, sys
+def hook(event, args):
+    if event == {event!r} and str(args[0]).endswith({name!r}):
+        os.kill(os.getpid(), signal.SIGINT)
+sys.addaudithook(hook)
+""")
+
+
+def begun(code: str) -> list[str]:
+    """The arguments with which Python runs some code as a command that has begun."""
+    return ["-c", f"import os, subprocess, sys, tools\ntools.begin('__main__')\n{code}"]
+
+
+# ---------------------------------------------------------------------------------------------- Ctrl-C
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path, program: str) -> None:
+    """The process ends by the signal, and says nothing."""
+    interrupt_at(tmp_path, "import", "numpy")
+    done = run(program)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_ctrl_c_later(run: Run, tmp_path: Path) -> None:
+    """One word, and the status that says so."""
+    (tmp_path / "net.prototxt").touch()
+    interrupt_at(tmp_path, "open", "net.prototxt")
+    done = run("tools/upgrade_net.py", "net.prototxt", "new.prototxt")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
+def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
+    """As a shell wants it of jobs in the background."""
+    code = "signal.signal(signal.SIGINT, signal.SIG_IGN); sys.argv[0] = '-c'; import runpy; "
+    code += f"runpy.run_path({str(ROOT / 'tools' / 'upgrade_net.py')!r}, run_name='__main__')"
+    (tmp_path / "net.prototxt").touch()
+    interrupt_at(tmp_path, "open", "net.prototxt")
+    done = run("-c", f"import signal, sys; {code}", "net.prototxt", "new.prototxt")
+    assert done.stderr == "net.prototxt:1:1: error: no layer in this file; expected a net\n"
+
+
+# ---------------------------------------------------------------------------------------------- standard error
+
+
+def test_only_python_writes_on_stderr(run: Run) -> None:
+    """Not C libraries, not the programs that a command starts, not NumPy's warnings."""
+    code = """
+os.write(2, b"chatter\\n")
+subprocess.run(["sh", "-c", "echo chatter >&2"])
+import numpy, threading
+threading.Thread(target=lambda: numpy.float32(1e38) * numpy.float32(10)).start()
+print("ours", file=sys.stderr)
+print("ours", file=sys.__stderr__)
+"""
+    assert run(*begun(code)).stderr == "ours\nours\n"
+
+
+def test_warnings_that_are_asked_for_are_shown(run: Run) -> None:
+    """``python -W default`` is for those who look for a bug."""
+    assert "overflow" in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).stderr
+
+
+def test_what_cannot_be_encoded_is_escaped(run: Run) -> None:
+    """On both streams, instead of an error."""
+    code = 'for stream in (sys.stdout, sys.stderr): print("Größe \\udcff", file=stream)'
+    done = run(*begun(code), PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert done.stdout == done.stderr == "Gr\\xf6\\xdfe \\udcff\n"
+
+
+def test_an_uncaught_exception_is_still_seen(run: Run) -> None:
+    """It is a bug, and is reported with all that Python says."""
+    assert run(*begun("1 / 0")).stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
+def test_faulthandler_goes_on(run: Run) -> None:
+    """If it was asked for, a crash says where."""
+    code = (
+        "import resource, signal; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); signal.raise_signal(signal.SIGABRT)"
+    )
+    assert run("-X", "faulthandler", *begun(code)).stderr.startswith("Fatal Python error: Aborted")
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs terminals")
+def test_a_terminal_stays_one(tmp_path: Path) -> None:
+    """Else there would be no progress bar."""
+    ours, theirs = os.openpty()
+    code = "import shutil; print(sys.stderr.isatty(), os.get_terminal_size(sys.stderr.fileno()).columns > -1)"
+    done = subprocess.run([sys.executable, *begun(code)], cwd=ROOT, stdout=subprocess.PIPE, stderr=theirs, check=True)
+    os.close(ours)
+    os.close(theirs)
+    assert done.stdout == b"True True\n"
+
+
+def test_a_closed_stderr(tmp_path: Path) -> None:
+    """What is said is lost; no file that is opened later takes the place, where C libraries would write into it."""
+    code = "import tempfile; print(tempfile.TemporaryFile().fileno() > 2); print('lost', file=sys.stderr)"
+    command = ["sh", "-c", 'exec "$0" "$@" 2>&-', sys.executable, *begun(code)]
+    assert subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout == b"True\n"
+
+
+def test_who_imports_a_command_keeps_what_he_has() -> None:
+    """Signals, streams, warnings: they are those of his program."""
+    before = sys.stderr, signal.getsignal(signal.SIGINT)
+    tools.begin("tools.train")
+    with tools.interruptible():
+        assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
+    assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
+
+
+# ---------------------------------------------------------------------------------------------- real commands
+
+
+@pytest.fixture
+def damaged(tmp_path: Path) -> list[str]:
+    """The names of pictures cut off and changed in the middle, at which libpng, libjpeg and OpenCV print lines."""
+    image = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
+    names = []
+    for kind in ("png", "jpg"):
+        raw = cv2.imencode(f".{kind}", image)[1].tobytes()
+        turned = raw[:20] + bytes([raw[20] ^ 255]) + raw[21:]
+        for what, content in (("cut", raw[: len(raw) // 2]), ("turned", turned)):
+            (tmp_path / f"{what}.{kind}").write_bytes(content)
+            names.append(f"{what}.{kind}")
+    return names
+
+
+def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: Path) -> None:
+    """Ours."""
+    pytest.importorskip("lmdb")
+    (tmp_path / "list.txt").write_text("".join(f"{name} 0\n" for name in damaged))
+    done = run("tools/convert_imageset.py", "./", "list.txt", "db")
+    assert done.returncode == 1
+    lines = done.stderr.splitlines()
+    assert len(lines) == len(damaged) + 1
+    for line, name in zip(lines, damaged):
+        assert re.fullmatch(rf"{name}: .*; left out", line)
+    assert lines[-1].startswith("list.txt: none of its 4 pictures can be read; ")
+
+
+def test_a_training_that_diverges_is_one_line(run: Run, tmp_path: Path) -> None:
+    """Besides the log; the threads' overflows on the way say nothing."""
+    (tmp_path / "net.prototxt").write_text("""
+layer { name: "data" type: "DummyData" top: "x" top: "t" dummy_data_param {
+        shape { dim: 64 dim: 8 } shape { dim: 64 dim: 4 } data_filler { type: "gaussian" std: 1e3 } } }
+layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y"
+        inner_product_param { num_output: 4 weight_filler { type: "gaussian" std: 1e10 } } }
+layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
+""")
+    (tmp_path / "solver.prototxt").write_text(
+        'net: "net.prototxt" base_lr: 1e30 lr_policy: "fixed" max_iter: 9 random_seed: 1'
+    )
+    done = run("tools/train.py", "solver.prototxt", "--log", "train.log")
+    assert done.returncode == 1
+    log, _, error = done.stderr[:-1].rpartition("\n")
+    assert log + "\n" == (tmp_path / "train.log").read_text()
+    assert error.startswith("iteration 1: the loss is nan; ")
