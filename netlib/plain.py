@@ -159,11 +159,14 @@ def guarded(layer: Layer, method: str, *args: Any) -> None:
     try:
         getattr(layer, method)(*args)
     except Exception as error:
+        bottom, top = reversed(args[::2]) if method == "backward" else args
         if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):
-            bottom, top = reversed(args[::2]) if method == "backward" else args
             raise memory.of_layer(layer, method, bottom, top, error) from error
         if isinstance(error, NetlibError):
             raise
+        for name, blob in zip(layer.spec.bottom, bottom):
+            if not blob.count and layer.type != "Python":  # whose own error says more to who wrote it
+                raise layer.fail(f"bottom {name!r} {blob.shape} is empty; {layer.type} expects values") from error
         raise layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
 
 
