@@ -17,6 +17,7 @@ SOURCES = [
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
     "handpose/experiments/trainings.py": "reads the solver that comes with the project, to change it",
+    "netlib/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files.py": "opens for all others what a user names",
     "tools/databases.py": "opens the database that it makes",
     "tools/export_onnx.py": "reads back what it has just written",
