@@ -29,7 +29,7 @@ class SlicedExecutor(Executor):
 
     def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
         self.connections = list(connections)
-        self.one_thread = OneThread(name)
+        self.one_thread, self._fits = OneThread(name), False
         for at in self.connections:
             if isinstance(at.layer, Twin):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)

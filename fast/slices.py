@@ -30,6 +30,7 @@ from fast.facts import facts_of
 from fast.plan import Run, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.twin import Twin
+from netlib import memory
 from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 from netlib.plain import Connection, Step, guarded
@@ -59,6 +60,7 @@ class SlicedStep(Step):
         self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
         down = {id(b) for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is written or read
+        self._user = {id(b): at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
 
     def pieces(self) -> list[Piece]:
         """The layers for every slice, in the order in which they run."""
@@ -70,7 +72,7 @@ class SlicedStep(Step):
         self._reshape()
         self.weights = [(p.data, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
         for blob in self._outputs:
-            _ensure(blob, "data")  # memory is taken here, not by several threads at once
+            self._ensure(blob, "data")  # memory is taken here, not by several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
 
     def _forward(self, lane: Lane) -> None:
@@ -83,7 +85,7 @@ class SlicedStep(Step):
         if not self._needs_backward:
             return
         for blob in self._gradients:
-            _ensure(blob, "diff")
+            self._ensure(blob, "diff")
         parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):
@@ -98,6 +100,14 @@ class SlicedStep(Step):
             for at in reversed(piece):
                 if at.needs_backward:
                     guarded(at.layer, "backward", at.top, at.propagate_down, at.bottom)
+
+    def _ensure(self, blob: Blob, half: str) -> None:
+        """Take the memory of ``data`` or ``diff`` now. Raises OutOfMemoryError."""
+        try:
+            getattr(blob, half)
+        except MemoryError as error:
+            at = self._user[id(blob)]
+            raise memory.of_layer(at.layer, half, at.bottom, at.top, error) from error
 
     def _reshape(self) -> None:
         """Cut the batch into slices, if that is not done yet for these shapes."""
@@ -152,11 +162,6 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
     other = copy.copy(layer)
     other.blobs = params
     return other
-
-
-def _ensure(blob: Blob, half: str) -> None:
-    """Take the memory of ``data`` or ``diff`` now."""
-    getattr(blob, half)
 
 
 def _slice_size(item_bytes: int) -> int:

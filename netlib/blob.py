@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from netlib import memory
+from netlib.memory import OutOfMemoryError
+
 Array = NDArray[Any]
 MOST_AXES = 32  # Caffe's limit, too
 
@@ -43,12 +46,22 @@ class Blob:
         return math.prod(self._shape)
 
     @property
+    def bytes(self) -> int:
+        """Of ``data``, and of ``diff``."""
+        return self.count * self.dtype.itemsize
+
+    @property
+    def owns_memory(self) -> bool:
+        """Not that of another blob."""
+        return self._owner is None
+
+    @property
     def data(self) -> Array:
         """Values."""
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
         if self._data is None:
-            self._data = np.zeros(self._shape, self.dtype)
+            self._data = memory.zeros(self._shape, self.dtype, self)
         return self._data
 
     @property
@@ -57,7 +70,7 @@ class Blob:
         if self._owner is not None:
             return self._owner.diff.reshape(self._shape)
         if self._diff is None:
-            self._diff = np.zeros(self._shape, self.dtype)
+            self._diff = memory.zeros(self._shape, self.dtype, self)
         return self._diff
 
     def reshape(self, *shape: Any) -> None:
@@ -75,11 +88,11 @@ class Blob:
             self._shape = shape
 
     def _possible(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """The shape, if an array can have it. Raises ValueError."""
+        """The shape, if an array can have it. Raises ValueError, OutOfMemoryError."""
         if min(shape, default=0) < 0 or len(shape) > MOST_AXES:
             raise ValueError(f"a blob cannot have the shape {shape}")
         if max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize >= 2**63:
-            raise ValueError(f"a blob cannot have the shape {shape}: no computer has so much memory")
+            raise OutOfMemoryError(f"a blob cannot have the shape {shape}: no computer has so much memory", self)
         return shape
 
     def share(self, owner: Blob) -> None:
@@ -118,13 +131,21 @@ class Blob:
 
 
 class Blobs(list[Blob]):
-    """A list of blobs; ``add_blob`` is how a Caffe Python layer makes a parameter."""
+    """A list of blobs; ``add_blob`` is how a Caffe Python layer makes a parameter.
+
+    others  bytes of the parameters that the net has besides these
+    """
 
     def __init__(self, blobs: Iterable[Blob] = (), dtype: DTypeLike = np.float32) -> None:
         super().__init__(blobs)
         self.dtype = np.dtype(dtype)
+        self.others = 0
 
     def add_blob(self, *shape: int) -> Blob:
-        """Append a blob of zeros and return it."""
-        self.append(Blob(shape, self.dtype))
-        return self[-1]
+        """Append a blob of zeros and return it. Raises OutOfMemoryError if it cannot fit."""
+        blob = Blob(shape, self.dtype)
+        own = blob.bytes + sum(other.bytes for other in self)
+        memory.check(own, "of parameters")
+        memory.check(own + self.others, f"of parameters in all, {memory.written(own)} of them here")
+        self.append(blob)
+        return blob

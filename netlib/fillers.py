@@ -10,6 +10,7 @@ and fan-out is count / shape[1], whatever the layer does with the axes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,6 +21,7 @@ from netlib import schema
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.schema import numbered
 
+BLOCK = 1 << 20  # numbers drawn together
 TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
 
 
@@ -50,24 +52,33 @@ def fill(array: NDArray[Any], filler: Filler, rng: np.random.Generator) -> None:
     if filler.type == "constant":
         array[...] = filler.value
     elif filler.type == "uniform":
-        array[...] = rng.uniform(filler.min, filler.max, array.shape)
+        _draw(array, lambda count: rng.uniform(filler.min, filler.max, count))
     elif filler.type == "gaussian":
-        array[...] = rng.normal(filler.mean, filler.std, array.shape)
+        _draw(array, lambda count: rng.normal(filler.mean, filler.std, count))
         if filler.sparse >= 0:
             array *= rng.random(array.shape) < min(1.0, filler.sparse / array.shape[0])
     elif filler.type == "xavier":
         bound = np.sqrt(3 / _fan(array.shape, filler))
-        array[...] = rng.uniform(-bound, bound, array.shape)
+        _draw(array, lambda count: rng.uniform(-bound, bound, count))
     elif filler.type == "msra":
-        array[...] = rng.normal(0.0, np.sqrt(2 / _fan(array.shape, filler)), array.shape)
+        deviation = np.sqrt(2 / _fan(array.shape, filler))
+        _draw(array, lambda count: rng.normal(0.0, deviation, count))
     elif filler.type == "positive_unitball":
-        array[...] = rng.random(array.shape)
+        _draw(array, rng.random)
         array /= array.reshape(len(array), -1).sum(axis=1).reshape((-1,) + (1,) * (array.ndim - 1))
     elif filler.type == "bilinear":
         array[...] = _bilinear(array.shape)
     else:
         advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
         raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
+
+
+def _draw(array: NDArray[Any], some: Callable[[int], NDArray[np.float64]]) -> None:
+    """Random numbers, drawn block by block: numbers of 64 bits take twice the memory of what they are for."""
+    flat = array.reshape(-1)
+    for first in range(0, flat.size, BLOCK):
+        part = flat[first : first + BLOCK]
+        part[...] = some(len(part))
 
 
 def _fault(shape: tuple[int, ...], filler: Filler) -> str:

@@ -64,7 +64,7 @@ def written(path: Path) -> Iterator[h5py.File]:
     """A new HDF5 file that is written after the block, whole or not at all. Raises OSError."""
     with in_memory() as (file, image):
         yield file
-    atomic.replace_bytes(path, image.getvalue())
+    atomic.replace(path, lambda fresh: fresh.write_bytes(image.getvalue()))
 
 
 class File:

@@ -15,7 +15,7 @@ your own needs none of them.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -27,7 +27,7 @@ from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.messages import LayerParameter
-from netlib.prototxt import Message
+from netlib.prototxt import Field, Message, Place, Scalar
 from netlib.schema import Phase, numbered
 
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
@@ -125,13 +125,19 @@ class Layer:
         """The prototxt file that this layer is written in."""
         return schema.position_of(self.spec).source
 
-    def fail(self, message: str, field: str | None = None) -> LayerError:
-        """A LayerError that names this layer and its place in the prototxt."""
+    def fail(self, message: str, field: str | None = None, at: Place | None = None) -> LayerError:
+        """A LayerError that names this layer and its place in the prototxt, or that of a field of its options."""
         block = self.spec.blocks.get(block_name(type(self), self.spec.type))
         where = schema.position_of(self.spec)
         if field is not None and block is not None:
             where = next((f.position for f in block.fields if f.name == field), where)
-        return LayerError(f"{where}: error: layer {self.name!r}: {message}")
+        return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
+
+    def largest_option(self) -> Field | None:
+        """The field with the greatest whole number among the options; None where all are below 1000."""
+        block = self.spec.blocks.get(block_name(type(self), self.spec.type))
+        numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
+        return max(numbers)[2] if numbers else None
 
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""
@@ -153,6 +159,15 @@ class Layer:
                     "the same number of items and of values per item"
                 )
         return items, first.count // items
+
+
+def _numbers(block: Message) -> Iterator[tuple[int, Field]]:
+    """The whole numbers from 1000 on in an options block."""
+    for field in block.fields:
+        if isinstance(field.value, Message):
+            yield from _numbers(field.value)
+        elif isinstance(field.value, Scalar) and re.fullmatch(r"[1-9]\d{3,19}", field.value.text):
+            yield int(field.value.text), field
 
 
 def block_name(cls: type[Layer], type_name: str) -> str:

@@ -132,6 +132,7 @@ class Net:
             top = Blobs(self._top(layer, i, writers) for i in range(len(spec.top)))
             top += [self.engine.blob(self.dtype) for _ in range(_automatic_tops(layer))]
             unread.update(dict.fromkeys(spec.top))
+            layer.blobs.others = parameters.bytes
             guarded(layer, "setup", bottom, top)
             guarded(layer, "reshape", bottom, top)
             trains = any(p.spec.lr_mult != 0 for p in parameters.enter(layer))

@@ -13,9 +13,11 @@ from typing import Any, TypeVar
 
 from numpy.typing import DTypeLike
 
+from netlib import memory
 from netlib.blob import Array, Blob, Blobs
 from netlib.errors import NetlibError
 from netlib.layer import Layer
+from netlib.memory import OutOfMemoryError
 from netlib.one_thread import OneThread
 from netlib.updates import RULES, Rule
 
@@ -65,11 +67,14 @@ class Executor:
     def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
         self.connections = list(connections)
         self.one_thread = OneThread(name)
+        self._fits = False  # is there memory for all blobs, as far as can be known
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` forwards."""
         with self.one_thread:
+            if not self._fits and (first, last) == (0, None):
+                self._ask_for_memory()
             for step in self.steps[first:last]:
                 step.forward()
 
@@ -79,8 +84,25 @@ class Executor:
             for step in reversed(self.steps[first:last]):
                 step.backward()
 
+    def _ask_for_memory(self) -> None:
+        """Raise OutOfMemoryError if the parameters, and the tops that all layers write, cannot fit together."""
+        hidden = {id(blob) for blob in self.hidden()}
+        tops = {id(top): (top.bytes, at, top) for at in self.connections for top in at.top if id(top) not in hidden}
+        params = {id(blob): blob.bytes for at in self.connections for blob in at.layer.blobs if blob.owns_memory}
+        total = sum(params.values()) + sum(size for size, _, top in tops.values() if top.owns_memory)
+        try:
+            memory.check(total, "for parameters and blobs of the net in all")
+        except OutOfMemoryError as error:
+            if not tops:
+                raise
+            _, at, top = max(tops.values(), key=lambda one: (one[1].layer.largest_option() is not None, one[0]))
+            raise memory.of_layer(at.layer, "forward", at.bottom, at.top, OutOfMemoryError(
+                f"{memory.written(top.bytes)}, of {error}", top)) from error  # fmt: skip
+        self._fits = True
+
     def reshape(self) -> None:
         """Shape all blobs anew, after an input was reshaped."""
+        self._fits = False
         with self.one_thread:
             for at in self.connections:
                 guarded(at.layer, "reshape", at.bottom, at.top)
@@ -136,9 +158,15 @@ def guarded(layer: Layer, method: str, *args: Any) -> None:
     """Call one of a layer's four methods; a Python error in it becomes a LayerError that names the layer."""
     try:
         getattr(layer, method)(*args)
-    except (NetlibError, KeyboardInterrupt, MemoryError):
-        raise
     except Exception as error:
+        bottom, top = reversed(args[::2]) if method == "backward" else args
+        if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):
+            raise memory.of_layer(layer, method, bottom, top, error) from error
+        if isinstance(error, NetlibError):
+            raise
+        for name, blob in zip(layer.spec.bottom, bottom):
+            if not blob.count and layer.type != "Python":  # whose own error says more to who wrote it
+                raise layer.fail(f"bottom {name!r} {blob.shape} is empty; {layer.type} expects values") from error
         raise layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
 
 

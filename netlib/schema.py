@@ -3,7 +3,7 @@
 A message is a frozen dataclass; each field is one line with its type, its number in binary files, its default (none:
 required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
 
-    str, int, bool          as they are          UInt              an int that is not negative
+    str, int, bool          as they are          UInt              an int of 32 bits without a sign
     float                   rounded to 32 bits, as protobuf's are    Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
     OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
@@ -215,7 +215,7 @@ def expected(kind: Any) -> str:
     if names := enum_of(kind):
         return " or ".join(names)
     if kind is UInt:
-        return "an integer that is not negative"
+        return "an integer from 0 to 4294967295"
     return {
         str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
         int: "an integer", float: "a number", Double: "a number",
@@ -244,7 +244,7 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
         double = _float(value)
         return None if double is None else round_to_32_bits(double)
     number = _integer(value)
-    return None if kind is UInt and number is not None and number < 0 else number
+    return None if kind is UInt and number is not None and not 0 <= number < 2**32 else number
 
 
 def round_to_32_bits(number: float) -> float:

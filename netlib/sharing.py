@@ -31,10 +31,11 @@ class Param:
 
 
 class Parameters:
-    """``learnable`` parameters, in the order of their layers."""
+    """``learnable`` parameters, in the order of their layers, and the ``bytes`` of all their values."""
 
     def __init__(self) -> None:
         self.learnable: list[Param] = []
+        self.bytes = 0
         self._named: dict[str, Param] = {}
 
     def enter(self, layer: Layer) -> list[Param]:
@@ -48,6 +49,7 @@ class Parameters:
             if owner is None:
                 owner = Param(blob, layer.name, i, spec)
                 self.learnable.append(owner)
+                self.bytes += blob.bytes
                 if spec.name:
                     self._named[spec.name] = owner
             else:

@@ -31,7 +31,7 @@ from netlib.net import Net, next_seed
 from netlib.paths import find
 from netlib.resume import extra_state, restore_state, state_of
 from netlib.sharing import Param
-from netlib.updates import learning_rate
+from netlib.updates import histories, learning_rate
 
 log = logging.getLogger("netlib")
 
@@ -72,8 +72,8 @@ class Solver:
         self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
-        self.rule, histories = self.engine.rules[self.param.type]
-        self.history = [[np.zeros_like(p.blob.data) for _ in range(histories)] for p in self.net.learnable]
+        self.rule, count = self.engine.rules[self.param.type]
+        self.history = histories(self.net.learnable, count, self.param.type)
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
         self.test_nets = self._make_test_nets()
         for names in param.weights:

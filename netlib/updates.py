@@ -26,8 +26,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.special import expit
 
+from netlib import memory
 from netlib.blob import Array
 from netlib.messages import SolverParameter
+from netlib.sharing import Param
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 
@@ -81,6 +83,16 @@ RULES: dict[str, tuple[Rule, int]] = {  # the rule, and how many histories a par
     "AdaDelta": (_adadelta, 2),
     "Adam": (_adam, 2),
 }
+
+
+def histories(params: Sequence[Param], count: int, type_name: str) -> list[list[Array]]:
+    """Per parameter so many histories of zeros. Raises OutOfMemoryError if a training cannot fit."""
+    trained = sum(p.blob.bytes for p in params if p.spec.lr_mult != 0)
+    memory.check(
+        sum(p.blob.bytes for p in params) + (1 + count) * trained,
+        f"for parameters, their gradients and the history of solver type {type_name}",
+    )
+    return [[memory.zeros(p.blob.shape, p.blob.dtype) for _ in range(count)] for p in params]
 
 
 # ---------------------------------------------------------------------------------------------- learning rate

@@ -22,7 +22,7 @@ ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 # What runs under both engines: whole folders, and single files of others.
 UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_solver", "test_snapshot", "test_updates", "test_splits",
               "test_gradcheck", "test_layer", "test_own_layers", "test_resume", "test_train", "test_test",
-              "test_time", "test_kinematics", "test_pycaffe", "test_one_thread")  # fmt: skip
+              "test_time", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory")  # fmt: skip
 
 settings.register_profile("deterministic", derandomize=True, deadline=None, database=None, max_examples=60)
 settings.load_profile("deterministic")

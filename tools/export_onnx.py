@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     net = onnx_net.load(args.net, args.weights)
     image = onnx_net.onnx_image(net, args.blob, args.cube)
     try:
-        atomic.replace_bytes(args.out, image)
+        atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
     except OSError as error:
         raise NetlibError(f"{args.out}: cannot write the file: {reason_of(error)}") from error
     say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB")

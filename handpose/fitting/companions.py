@@ -27,6 +27,7 @@ from layers.hand.skeleton import Skeleton
 from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
+from netlib.files import opened
 
 VERSION = 3  # to be raised when a change of the code changes the angles
 
@@ -82,7 +83,9 @@ def fit_file(
 
     A companion that is there already, made from the same file in the same way, is kept. Raises DataError.
     """
-    hand, stat = sha256(repr(skeleton.param).encode()).hexdigest(), path.stat()
+    hand = sha256(repr(skeleton.param).encode()).hexdigest()
+    with opened(path, "the joints") as stream:
+        stat = os.fstat(stream.fileno())
     recipe = json.dumps(
         {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": starts,
          "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
@@ -103,6 +106,7 @@ def fit_file(
 
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         with hdf5.written(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)

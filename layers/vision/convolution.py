@@ -77,6 +77,8 @@ class Convolution(Layer):
         p, channels = self.param, self.channels
         if min(p.num_output, p.group) < 1:
             raise self.fail("num_output and group must be at least 1", "num_output" if p.group else "group")
+        if channels == 0:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no channels")
         if channels % p.group or p.num_output % p.group:
             raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
         self.new_param("weight", self._weight_shape(), p.weight_filler)

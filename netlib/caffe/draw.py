@@ -177,6 +177,6 @@ def draw_net_to_file(
         raise NetlibError(f"{filename}: the ending of the name is the picture's format; expected .png, .svg, .pdf ...")
     picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm)
     try:
-        atomic.replace_bytes(Path(filename), picture)
+        atomic.replace(Path(filename), lambda file: file.write_bytes(picture))
     except (OSError, ValueError) as error:
         raise NetlibError(f"{filename}: cannot write the picture: {reason_of(error)}") from error

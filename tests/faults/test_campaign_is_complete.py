@@ -17,9 +17,10 @@ SOURCES = [
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
     "handpose/experiments/trainings.py": "reads the solver that comes with the project, to change it",
-    "netlib/locks.py": "opens a file to lock it, and reads a process number that this project wrote",
-    "netlib/python_layer.py": "reads code, which is what it is asked to run",
+    "netlib/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files.py": "opens for all others what a user names",
+    "netlib/locks.py": "opens a file to lock it, and reads the number of the process that has it",
+    "netlib/python_layer.py": "reads the text of a Python layer, which is code",
     "tools/databases.py": "opens the database that it makes",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/package_model.py": "reads back what it has just written",

@@ -62,6 +62,7 @@ def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
         ("\u202egnp.exe", "\\u202egnp.exe"),
         ("\udcff\u2028\x7f", "\\udcff\\u2028\\x7f"),
     ],
+    ids=ascii,
 )
 def test_what_is_escaped(text: str, shown: str) -> None:
     """Letters of all languages are not; what no font has a picture of is, as in Python's repr."""

@@ -670,3 +670,28 @@ def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
     """Parsed again from its own print."""
     text = str(prototxt.parse(RULES))
     assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
+
+
+@pytest.mark.parametrize(
+    ("shape", "layer", "message"),
+    [
+        ("dim: 2 dim: 0", 'type: "Softmax" top: "y"', r"bottom 'x' \(2, 0\) is empty; Softmax expects values"),
+        ("dim: 2 dim: 0 dim: 4 dim: 4",
+         'type: "Convolution" top: "y" convolution_param { num_output: 3 kernel_size: 3 }',
+         r"layer 'l': bottom 'x' \(2, 0, 4, 4\) has no channels"),
+        ("dim: 1 dim: 1 dim: 8 dim: 8",
+         'type: "Pooling" top: "y" pooling_param { pool: AVE kernel_size: 3 stride: 9223372036854775808 }',
+         "net.prototxt:1:203: error: 'stride' expects an integer from 0 to 4294967295, found 9223372036854775808"),
+        ("dim: 1 dim: 47 dim: 8 dim: 8", 'bottom: "x" type: "HandAugment" top: "y" top: "y"',
+         "top blob 'y' is already written by layer 'l'"),
+        ("dim: 1 dim: 1 dim: 8 dim: 8",
+         'type: "Pooling" top: "y" pooling_param { pool: AVE kernel_size: 4294967295 pad: 4294967294 }',
+         "layer 'l': blob 'y': a blob cannot have the shape .*: no computer has so much memory: lower kernel_size"),
+    ],
+    ids=["no classes", "no channels", "a stride beyond 32 bits", "two tops of one name", "a huge window"],
+)  # fmt: skip
+def test_what_layers_cannot_compute(net_of: MakeNet, shape: str, layer: str, message: str) -> None:
+    """A line with the layer, the blob and what was expected; no error of NumPy's."""
+    text = f'layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ {shape} }} }} }} '
+    with pytest.raises(netlib.NetlibError, match=message):
+        net_of(f'{text} layer {{ name: "l" bottom: "x" {layer} }}').forward()
