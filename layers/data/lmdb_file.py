@@ -112,9 +112,10 @@ class Database:
             raise DataError(f"{self.path}: not an LMDB database")
         first = self._meta_page(0, 0)
         second = self._meta_page(1, first.page_size)
-        newest = max(first, second, key=lambda meta: meta.transaction)
-        step = abs(first.transaction - second.transaction)
-        if first.page_size != second.page_size or step > 1 or newest is not (first, second)[newest.transaction % 2]:
+        older, newest = sorted((first, second), key=lambda meta: meta.transaction)
+        step, own = newest.transaction - older.transaction, (first, second)[newest.transaction % 2]
+        follows = newest.transaction == 0 or (step == 1 and newest is own)  # 0 and 0: nothing has been written yet
+        if not follows or newest.page_size != older.page_size or newest.last < older.last:
             raise self.damaged(1, f"transaction {second.transaction} does not go with {first.transaction} in page 0")
         if newest.flags:
             raise DataError(f"{self.path}: a database with flags {newest.flags:#x}, expected none, as Caffe writes it: "
