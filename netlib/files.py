@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import stat
+import threading
+import weakref
 from io import FileIO
 from pathlib import Path
 
@@ -61,6 +63,66 @@ def read_text(path: str | Path, what: str, kind: type[NetlibError] = DataError, 
         where = f"byte {error.start} is not UTF-8"
         raise kind(f"{path}: cannot read {what}: {reason_of(error)} ({where})") from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+Identity = tuple[int, ...]
+
+
+def identity(descriptor: int) -> Identity:
+    """What tells the content of an open file from any other, and from its own before a change."""
+    status = os.fstat(descriptor)
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+
+
+class Source:
+    """A file that is open for reads from anywhere in it, by threads and forked processes. Raises DataError.
+
+    path  of it; ``what`` it is meant to be stands in errors
+    size  in bytes, when it was opened
+    """
+
+    def __init__(self, path: Path, what: str) -> None:
+        self.path, self._what = path, what
+        self._stream = opened(path, what)
+        self._identity = identity(self._stream.fileno())
+        self.size = self._identity[2]
+        self._lock = threading.Lock()
+        weakref.finalize(self, self._stream.close)
+
+    def check(self) -> None:
+        """Raise DataError if the file has been changed."""
+        device, inode, size, modified, _ = identity(self._stream.fileno())
+        if (device, inode, size, modified) != self._identity[:4]:
+            was = f"cut to {size} of {self.size} bytes" if size < self.size else "changed"
+            raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
+
+    def read(self, offset: int, count: int) -> bytes:
+        """So many bytes from ``offset`` on. Raises DataError."""
+        try:
+            target = bytearray(count)
+            self.read_into(memoryview(target), offset)
+            return bytes(target)
+        except MemoryError:
+            raise DataError(f"{self.path}: cannot read {self._what}: no memory for {count} bytes") from None
+
+    def read_into(self, target: memoryview, offset: int) -> None:
+        """Fill ``target`` with the bytes from ``offset`` on. Raises DataError."""
+        done = 0
+        try:
+            while done < len(target) and (count := self._read_some(target[done:], offset + done)):
+                done += count
+        except OSError as error:
+            raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
+        if done < len(target):
+            self.check()
+            raise DataError(f"{self.path}: ends at byte {offset + done}, expected {offset + len(target)}")
+
+    def _read_some(self, target: memoryview, offset: int) -> int:
+        if hasattr(os, "preadv"):  # leaves alone the file's position, which forked processes share
+            return os.preadv(self._stream.fileno(), [target], offset)
+        with self._lock:
+            self._stream.seek(offset)
+            return self._stream.readinto(target) or 0
 
 
 def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:

@@ -13,8 +13,6 @@ import contextlib
 import io
 import math
 import os
-import threading
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +24,7 @@ from numpy.typing import DTypeLike
 from netlib import atomic, files, hdf5_helper
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
+from netlib.files import Source
 from netlib.paths import exists, find
 
 SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets of smaller rows are held in memory, if they are not larger
@@ -38,7 +37,7 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
     Raises ``kind``, also for whatever HDF5 raises within the block.
     """
     with files.opened(path, what, kind) as stream:
-        fault = hdf5_helper.fault_of(str(path), hdf5_helper.identity(stream.fileno()))
+        fault = hdf5_helper.fault_of(str(path), files.identity(stream.fileno()))
     if fault:
         raise kind(f"{path}: cannot read {what}: {fault}")
     try:
@@ -85,9 +84,9 @@ class File:
         with contextlib.ExitStack() as stack:
             opens = [stack.enter_context(opened(path, "the HDF5 file"))]
             self.made_from = str(opens[0].attrs.get("made_from", "an unknown source"))
-            self.sources = [Source(path)]
+            self.sources = [Source(path, "the HDF5 file")]
             if rest := opens[0].attrs.get("rest_in"):
-                self.sources.append(Source(Path(os.path.normpath(path.parent / str(rest)))))
+                self.sources.append(Source(Path(os.path.normpath(path.parent / str(rest))), "the HDF5 file"))
                 opens.append(stack.enter_context(opened(self.sources[1].path, f"the rest of {path}")))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
             for name in names:
@@ -111,38 +110,6 @@ class File:
         """Raise DataError if a file has been changed since it was opened. One that takes its place does no harm."""
         for source in self.sources:
             source.check()
-
-
-class Source:
-    """A file that is open for plain reads. Raises DataError."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._stream = files.opened(path, "the HDF5 file")
-        self._identity = hdf5_helper.identity(self._stream.fileno())
-        self._lock = threading.Lock()
-        weakref.finalize(self, self._stream.close)
-
-    def check(self) -> None:
-        """Raise DataError if the file has been changed."""
-        device, inode, size, modified, _ = hdf5_helper.identity(self._stream.fileno())
-        if (device, inode, size, modified) != self._identity[:4]:
-            was = f"cut to {size} of {self._identity[2]} bytes" if size < self._identity[2] else "changed"
-            raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
-
-    def read_into(self, target: memoryview, offset: int) -> None:
-        """Fill ``target`` with the bytes from ``offset`` on. Raises DataError."""
-        done = 0
-        with self._lock:
-            try:
-                self._stream.seek(offset)
-                while done < len(target) and (count := self._stream.readinto(target[done:])):
-                    done += count
-            except OSError as error:
-                raise DataError(f"{self.path}: cannot read the HDF5 file: {reason_of(error)}") from error
-        if done < len(target):
-            self.check()
-            raise DataError(f"{self.path}: ends at byte {offset + done}, expected {offset + len(target)}")
 
 
 class Rows:

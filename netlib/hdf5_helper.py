@@ -20,18 +20,11 @@ import numpy as np
 
 from netlib import notes
 from netlib.errors import reason_of
+from netlib.files import Identity
 from netlib.one_thread import tell
 
 SECONDS, BYTES_PER_SECOND = 10.0, 20e6  # that a look may take: so many, and one more for so many bytes of the file
 CHECK = Path(__file__).with_name("hdf5_check.py")
-
-Identity = tuple[int, ...]
-
-
-def identity(descriptor: int) -> Identity:
-    """What tells the content of an open file from any other, and from its own before a change."""
-    status = os.fstat(descriptor)
-    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 @functools.lru_cache(maxsize=4096)

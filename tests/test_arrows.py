@@ -19,7 +19,6 @@ MAY_IMPORT = {  # besides itself
     "tools": {"netlib", "layers", "handpose"},
 }
 CORE = {"numpy", "scipy", "cv2", "h5py"}
-ONLY_WHEN_USED = {"layers/data/database.py": {"lmdb"}}  # imported when a layer reads a database
 SHARED_BY_LAYERS = {
     "layers.hand.skeleton",
     "layers.hand.skeleton_file",
@@ -28,7 +27,7 @@ SHARED_BY_LAYERS = {
     "layers.recurrent.lstm_unit",
     "layers.recurrent.recurrent",
     "layers.vision.convolution",
-    "layers.data.database",
+    "layers.data.lmdb_file",
     "layers.data.transform",
     "layers.data.images",
     "layers.data.datum",
@@ -56,7 +55,7 @@ def test_only_the_core_packages_are_needed(path: Path) -> None:
     """netlib, layers and fast run with numpy, scipy, cv2 and h5py."""
     if path.relative_to(ROOT).parts[0] in ("netlib", "layers", "fast"):
         outside = {name.split(".")[0] for name in imports(path)} - set(sys.stdlib_module_names) - set(MAY_IMPORT)
-        assert outside <= CORE | ONLY_WHEN_USED.get(str(path.relative_to(ROOT)), set())
+        assert outside <= CORE
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "layers").glob("*/*.py")), ids=lambda path: path.stem)
@@ -88,7 +87,7 @@ def test_the_textbook_knows_nothing_of_speed() -> None:
     found = {str(path.relative_to(ROOT)) for path in files if words.search(path.read_text(encoding="utf-8"))}
     others = {"layers/__init__.py", "layers/common/tile.py"}  # where Caffe's layer type Tile stands
     # locks and a watch, so that threads do not get into each other
-    safe = {"netlib/hdf5.py", "netlib/hdf5_helper.py", "netlib/one_thread.py"}
+    safe = {"netlib/files.py", "netlib/hdf5_helper.py", "netlib/one_thread.py"}
     assert found == others | safe
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from layers.data.database import open_database
+from layers.data.lmdb_file import Cursor, Database
 from netlib import atomic, schema, wire
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.messages import Datum
@@ -34,26 +34,25 @@ def read_database(path: str | Path) -> tuple[int, Iterator[tuple[str, bytes]]]:
 
     Raises DataError.
     """
-    _lmdb()
-    database = open_database(Path(path))
-    count = int(database.stat()["entries"])
-    if not count:
+    database = Database(Path(path))
+    if not database.entries:
         raise DataError(f"{path}: the database has no entries")
-    return count, _entries(database, path)
+    return database.entries, _entries(Cursor(database), path)
 
 
-def _entries(database: Any, path: str | Path) -> Iterator[tuple[str, bytes]]:
-    with database.begin() as reading:
-        for key, value in reading.cursor():
-            yield f"{path}: entry {key.decode(errors='backslashreplace')!r}", value
+def _entries(cursor: Cursor, path: str | Path) -> Iterator[tuple[str, bytes]]:
+    there = cursor.first()
+    while there:
+        yield f"{path}: entry {cursor.key.decode(errors='backslashreplace')!r}", cursor.value()
+        there = cursor.next()
 
 
 def _lmdb() -> Any:
-    """The package. Raises NetlibError."""
+    """The package, which writes. Raises NetlibError."""
     try:
         import lmdb
     except ImportError:
-        raise NetlibError("databases need the package lmdb; install it: pip install lmdb") from None
+        raise NetlibError("to write a database takes the package lmdb; install it: pip install lmdb") from None
     return lmdb
 
 

@@ -5,7 +5,7 @@ top[1]  label  (batch_size,)          if there is a second top
 
 An entry is a Datum (datum.py): bytes, floats, or an encoded picture, which OpenCV decodes. Entries are read in the
 order of their keys, and after the last it starts over. A batch has the size of its first image; the others must have
-the same, unless they are cropped. Reading needs the package lmdb, which nothing else here does.
+the same, unless they are cropped.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from layers.data.database import open_database
 from layers.data.datum import decode_datum
+from layers.data.lmdb_file import Cursor, Database
 from layers.data.transform import TransformationParameter, Transformer, misplaced
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
@@ -44,6 +44,7 @@ class Data(Layer):
     """Reads a database.
 
     entries  number of images in it
+    key      of the entry that the next batch begins with
     notes    lines for the log
     """
 
@@ -61,11 +62,11 @@ class Data(Layer):
                             "tools/convert_imageset.py, from its images) and say backend: LMDB", "backend")  # fmt: skip
         self.transformer = Transformer(self)
         self.path = find(p.source, self.source)
-        database = self._database()
-        self.entries = int(database.stat()["entries"])
-        self.cursor = database.begin().cursor()  # stands on the entry that the next batch begins with
+        database = Database(self.path)
+        self.entries, self.cursor = database.entries, Cursor(database)
         if not self.cursor.first():
             raise DataError(f"{self.path}: the database has no entries")
+        self.key = self.cursor.key
         self.notes = [f"{self.entries} images in {p.source}"]
         self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
         image, _, what = self._entry()
@@ -73,17 +74,12 @@ class Data(Layer):
         if len(top) > 1:
             top[1].reshape(p.batch_size)
 
-    def _database(self) -> Any:
-        """The open database. Raises DataError."""
-        try:
-            return open_database(self.path)
-        except ImportError:
-            raise self.fail("needs the package lmdb to read a database; install it: pip install lmdb") from None
-
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Nothing below can change the shape; only the images can, in forward."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
+        if self.cursor.key != self.key and not self.cursor.set_key(self.key):
+            self.cursor.first()
         for i in range(self.param.batch_size):
             image, label, what = self._entry()
             if i == 0:
@@ -93,22 +89,22 @@ class Data(Layer):
                 top[1].data[i] = label
             if not self.cursor.next():
                 self.cursor.first()
+        self.key = self.cursor.key
 
     def _entry(self) -> tuple[Array, int, str]:
         """The image and the label where the cursor stands, and what to call them in messages."""
-        what = f"{self.path}: entry {self.cursor.key().decode(errors='backslashreplace')!r}"
+        what = f"{self.path}: entry {self.cursor.key.decode(errors='backslashreplace')!r}"
         return *decode_datum(self.cursor.value(), self.transformer.color, what), what
 
     # ------------------------------------------------------------------------------------------ for resume
 
     def state(self) -> dict[str, Any]:
-        return {**super().state(), "key": self.cursor.key().hex(), "database": self._identity()}
+        return {**super().state(), "key": self.key.hex(), "database": self._identity()}
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
-        same = state.get("database") == self._identity()  # in another database there is no such place to go on
-        if same and not self.cursor.set_key(bytes.fromhex(state["key"])):
-            self.cursor.first()
+        if state.get("database") == self._identity():  # in another database there is no such place to go on
+            self.key = bytes.fromhex(state["key"])
 
     def _identity(self) -> list[Any]:
         return [self.path.name, self.entries]

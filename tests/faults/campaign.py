@@ -20,7 +20,6 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
-from tests.faults import readers
 from tests.faults.isolation import ROOT, Outcome, Worker
 
 CASES = 1500
@@ -104,7 +103,7 @@ class Group:
         """All of its cases, in a process of their own."""
         with Worker() as worker:
             for number in self.numbers(cases) if only is None else (only,):
-                outcome = outcome_of(worker, self.promise.module, self.name, seed, number)
+                outcome = worker.run(self.promise.module, self.name, seed, number)
                 self.counts[outcome.kind] += 1
                 if outcome.failed:
                     self.failures.append((number, outcome))
@@ -165,18 +164,11 @@ def main(argv: list[str] | None = None) -> int:
     return 1 if any(group.failures for group in done) else 0
 
 
-def outcome_of(worker: Worker, module: str, name: str, seed: int, number: int) -> Outcome:
-    """What became of a case; what a library cannot do better is no failure of ours."""
-    outcome = worker.run(module, name, seed, number)
-    known = next((r.known for r in readers.READERS if module.endswith("readers") and r.name == name), ())
-    return Outcome("known", outcome.detail) if outcome.kind in known else outcome
-
-
 def failures(worker: Worker, module: str, name: str, numbers: Iterable[int], seed: int = 0) -> list[str]:
     """What went wrong in some cases of a group, a line each: the short run of the tests."""
     told = []
     for number in numbers:
-        outcome = outcome_of(worker, _F + module, name, seed, number)
+        outcome = worker.run(_F + module, name, seed, number)
         if outcome.kind == "over":
             break
         if outcome.failed:

@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MEMORY = 4 << 30  # bytes of address space
 LIMIT_S = 20.0
 LONGEST_S = 300
-GOOD = ("refused", "read", "held", "known")  # every other outcome is a failure
+GOOD = ("refused", "read", "held")  # every other outcome is a failure
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,6 @@ class Outcome:
     kind    refused     by one line that names the file, which is what should happen
             read        all the same, and what was read is right, as far as that can be known
             held        a promise that is not about reading was kept
-            known       a fault of a library, which the documents tell
             over        there is no case of this number: all moments of a run are through
             and in capitals the failures: TRACEBACK, CRASH, HANG, UNCLEAR, SILENT ...
     detail  the line, or where and what

@@ -30,6 +30,7 @@ BY_NAME = {
     "read_bytes",
     "read_text",
     "opened",
+    "Source",
     "loadmat",
     "whosmat",
     "imread",
@@ -82,6 +83,7 @@ def reads(call: ast.Call) -> bool:
         ("lmdb.open(str(path), readonly=True)", True),
         ("files.read_bytes(path, 'the net')", True),
         ("hdf5.opened(path)", True),
+        ("Source(path, 'the database')", True),
     ],
 )
 def test_what_opens_a_file(line: str, is_reader: bool) -> None:

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from netlib import hdf5, hdf5_helper
+from netlib import files, hdf5, hdf5_helper
 from netlib.errors import DataError, WeightsError
 
 PRETENDER = """
@@ -142,14 +142,14 @@ def test_a_file_is_looked_at_once(tmp_path: Path, pretender: None) -> None:
     """And again when it has changed."""
     path = write(tmp_path / "endless.h5", x=np.zeros(3))
     with path.open("rb") as stream:
-        before = hdf5_helper.identity(stream.fileno())
+        before = files.identity(stream.fileno())
     hdf5_helper.fault_of.cache_clear()
     for _ in range(3):
         hdf5_helper.fault_of(str(path), before)
     assert hdf5_helper.fault_of.cache_info().misses == 1
     os.utime(path, ns=(1, 1))
     with path.open("rb") as stream:
-        assert hdf5_helper.identity(stream.fileno()) != before
+        assert files.identity(stream.fileno()) != before
 
 
 def test_without_a_helper(

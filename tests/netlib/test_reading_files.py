@@ -64,3 +64,33 @@ def test_what_is_no_text(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"a: cannot read the log: not a text file \(byte 3 is not UTF-8\)$"):
         files.read_text(tmp_path / "a", "the log")
     assert files.read_text(tmp_path / "a", "the log", errors="replace") == "abc\ufffd"
+
+
+# ---------------------------------------------------------------------------------------------- reads from anywhere
+
+
+@pytest.mark.parametrize("positioned", [True, False], ids=["with preadv", "without"])
+def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: bool) -> None:
+    """Whatever is there; what is not, cannot be had, or has changed since is one line."""
+    if not positioned:
+        monkeypatch.delattr(os, "preadv", raising=False)
+    path = tmp_path / "a"
+    path.write_bytes(bytes(range(100)))
+    source = files.Source(path, "the data")
+    assert (source.size, source.read(0, 3), source.read(97, 3)) == (100, b"\0\1\2", bytes((97, 98, 99)))
+    with pytest.raises(DataError, match=f"^{path}: ends at byte 100, expected 101"):
+        source.read(98, 3)
+    with pytest.raises(DataError, match=f"^{path}: cannot read the data: no memory for {1 << 60} bytes"):
+        source.read(0, 1 << 60)
+    os.truncate(path, 50)
+    with pytest.raises(DataError, match=f"^{path}: was cut to 50 of 100 bytes while in use; restore the file"):
+        source.read(98, 2)
+
+
+@pytest.mark.skipif(not hasattr(os, "preadv"), reason="no reads that leave a file's position alone")
+def test_a_source_in_two_processes(tmp_path: Path) -> None:
+    """A forked one shares the file's position; so nobody goes by it."""
+    (tmp_path / "a").write_bytes(bytes(100))
+    source = files.Source(tmp_path / "a", "the data")
+    source.read(20, 30)
+    assert source._stream.tell() == 0

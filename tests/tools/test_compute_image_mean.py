@@ -85,7 +85,7 @@ def test_mistakes(tmp_path, images, capsys):
         "sizes: entry '00000001': an image (C, H, W) (1, 2, 1), but the first has (1, 1, 2); expected the same; "
         "convert_imageset.py can resize pictures",
         "bad: entry '00000000': a Datum of channels, height, width (1, 1, 2) with 3 values",
-        "none: cannot open the database: No such file or directory",
+        "none: cannot read the database: No such file or directory",
         "db: cannot write the blob: Is a directory",
     ]
     assert not (tmp_path / "m").exists()

@@ -107,7 +107,7 @@ def test_a_key_that_is_too_long(tmp_path):
 
 def test_what_cannot_be_read(tmp_path):
     """Nothing there, and nothing in it."""
-    with pytest.raises(DataError, match="a: cannot open the database: No such file or directory"):
+    with pytest.raises(DataError, match="a: cannot read the database: No such file or directory"):
         read_database(tmp_path / "a")
     write_databases([tmp_path / "a"], put(0))
     with pytest.raises(DataError, match="a: the database has no entries"):
@@ -115,12 +115,13 @@ def test_what_cannot_be_read(tmp_path):
 
 
 def test_without_the_package(tmp_path, monkeypatch):
-    """How to install it."""
+    """Databases are read; to write them, how to install it."""
+    write_databases([tmp_path / "a"], put(1))
     monkeypatch.setitem(sys.modules, "lmdb", None)
-    for act in (lambda: read_database(tmp_path), lambda: write_databases([tmp_path / "a"], put(1))):
-        with pytest.raises(NetlibError) as error:
-            act()
-        assert str(error.value) == "databases need the package lmdb; install it: pip install lmdb"
+    assert read_database(tmp_path / "a")[0] == 1
+    with pytest.raises(NetlibError) as error:
+        write_databases([tmp_path / "b"], put(1))
+    assert str(error.value) == "to write a database takes the package lmdb; install it: pip install lmdb"
 
 
 def test_backend():

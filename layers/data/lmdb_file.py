@@ -1,0 +1,266 @@
+"""LMDB: the file of a database, read page by page. Nothing in it is believed: what is damaged is a DataError.
+
+The file is a row of pages of one size. Numbers are little endian, as 64-bit machines write them; with their bytes:
+
+    page      its own number 8 | - 2 | kind 2 | lower 2 | upper 2 | offset of each node 2, up to lower |
+              nothing | the nodes, from upper to the end of the page
+    meta      pages 0 and 1, from byte 16 on: magic 4 | version 4 | - 16 | the tree of free pages 48 |
+              the tree of entries 48 | number of the last page 8 | number of the transaction 8
+              A transaction writes its pages anew, and then one of these two: the one with the higher number counts.
+    tree      in the first tree the size of a page 4 | flags 2 | depth 2 | branch, leaf, overflow pages 8 each |
+              entries 8 | number of the root page 8
+    branch    each node: number of a page, low 4 and high 2 | length of the key 2 | key
+              Below it are the keys from this one up to the next node's. The first node's own key means nothing.
+    leaf      each node: length of the value 4 | flags 2 | length of the key 2 | key | value
+              With flag 1, in place of the value: number of the page where it begins 8
+    overflow  own number 8 | - 2 | kind 2 | how many pages in a row 4 | value
+
+Offsets are in the order of the keys, and even. Every leaf is as deep as the tree's depth says. A page must have its own
+number, be of the kind that belongs at its depth, and hold keys from between those that lead to it alone: so no page can
+come up twice, and every walk through the database ends.
+
+The file is read, not mapped into memory: one that is cut while it is in use is an error, not the end of the process.
+Reference: LMDB 0.9, mdb.c.
+"""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from netlib.errors import DataError
+from netlib.files import Source
+
+HEADER, OVERFLOW_HEADER = struct.Struct("<QHHHH"), struct.Struct("<QHHI")
+META, TREE = struct.Struct("<4sI16x48s48sQQ"), struct.Struct("<IHHQQQQQ")
+NODE, NUMBER = struct.Struct("<IHH"), struct.Struct("<Q")
+BRANCH, LEAF, OVERFLOW, META_PAGE, KIND = 1, 2, 4, 8, 0x6F  # other bits of a kind mean nothing in a file
+ELSEWHERE = 1  # flag of a leaf's node
+MAGIC, VERSION, NO_PAGE = b"\xde\xc0\xef\xbe", 1, (1 << 64) - 1
+PAGE_SIZES = [1 << n for n in range(9, 16)]  # LMDB's largest has 32768 bytes
+DEEPEST = 32  # tree that LMDB reads
+
+
+@dataclass(frozen=True)
+class Meta:
+    """What a meta page says of the tree of entries."""
+
+    page_size: int
+    flags: int
+    depth: int
+    pages: int  # in use
+    entries: int
+    root: int
+    last: int  # page
+    transaction: int
+
+
+@dataclass(frozen=True)
+class Page:
+    """A branch or a leaf.
+
+    keys    of its nodes, in order; of a branch the first is where the page itself begins
+    end     the key before which the page ends, if it does
+    below   of a branch: numbers of pages
+    values  of a leaf: the bytes, or on which page they begin and how many they are
+    """
+
+    keys: list[bytes]
+    end: bytes | None
+    below: list[int]
+    values: list[bytes | tuple[int, int]]
+
+
+class Database:
+    """An open database, for any number of cursors. What it reads raises DataError.
+
+    path  its file
+    meta  the meta page that counts
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path / "data.mdb" if _is_folder(path) else path
+        self._source = Source(self.path, "the database")
+        self.meta = self._newest()
+        needed = self.meta.pages * self.meta.page_size  # a whole file may lack pages that were never used
+        if self._source.size < needed:
+            raise DataError(f"{self.path}: truncated: it has {self._source.size} bytes, expected at least {needed}")
+
+    @property
+    def entries(self) -> int:
+        """How many there are."""
+        return self.meta.entries
+
+    def check(self) -> None:
+        """Raise DataError if the file has been changed since it was opened."""
+        self._source.check()
+
+    def damaged(self, number: int, what: str) -> DataError:
+        """The error to be raised for what is wrong in a page, unless the file has been changed while in use."""
+        self.check()
+        return DataError(f"{self.path}: page {number}: {what}; the database is damaged")
+
+    def _newest(self) -> Meta:
+        begin = self._source.read(0, min(self._source.size, 20))
+        if begin[16:] != MAGIC:
+            if MAGIC in begin or MAGIC[::-1] in begin:
+                raise DataError(f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
+                                "64 bits, little endian; copy it with mdb_dump there and mdb_load here")  # fmt: skip
+            raise DataError(f"{self.path}: not an LMDB database")
+        first = self._meta_page(0, 0)
+        second = self._meta_page(1, first.page_size)
+        older, newest = sorted((first, second), key=lambda meta: meta.transaction)
+        step, own = newest.transaction - older.transaction, (first, second)[newest.transaction % 2]
+        follows = newest.transaction == 0 or (step == 1 and newest is own)  # 0 and 0: nothing has been written yet
+        if not follows or newest.page_size != older.page_size or newest.last < older.last:
+            raise self.damaged(1, f"transaction {second.transaction} does not go with {first.transaction} in page 0")
+        if newest.flags:
+            raise DataError(f"{self.path}: a database with flags {newest.flags:#x}, expected none, as Caffe writes it: "
+                            "one value for each key, keys in the order of their bytes")  # fmt: skip
+        empty = {newest.depth == 0, newest.entries == 0, newest.root == NO_PAGE}
+        if len(empty) > 1 or newest.depth > DEEPEST:
+            found = f"{newest.entries} entries at depth {newest.depth}, from page {newest.root} on"
+            raise self.damaged(newest.transaction % 2, found)
+        return newest
+
+    def _meta_page(self, number: int, offset: int) -> Meta:
+        size = HEADER.size + META.size
+        if offset + size > self._source.size:
+            raise self.damaged(number, f"the file ends at byte {self._source.size}")
+        raw = self._source.read(offset, size)
+        own, _, kind, _, _ = HEADER.unpack_from(raw)
+        magic, version, free, entries, last, transaction = META.unpack_from(raw, HEADER.size)
+        if own != number or kind & KIND != META_PAGE or magic != MAGIC:
+            raise self.damaged(number, f"expected a meta page, found page {own} of kind {kind:#x}")
+        if version != VERSION:
+            raise DataError(f"{self.path}: version {version} of LMDB's format, expected {VERSION}")
+        page_size, *_ = TREE.unpack(free)
+        if page_size not in PAGE_SIZES:
+            raise self.damaged(number, f"pages of {page_size} bytes, expected a power of two from 512 to 32768")
+        _, flags, depth, *pages, count, root = TREE.unpack(entries)
+        return Meta(page_size, flags, depth, 2 + sum(pages), count, root, last, transaction)
+
+    def page(self, number: int, level: int, begin: bytes, end: bytes | None) -> Page:
+        """A page, so many levels above the leaves, of keys from ``begin`` up to ``end``."""
+        raw = self._read(number, 1, 0, self.meta.page_size)
+        own, _, kind, lower, upper = HEADER.unpack_from(raw)
+        name, expected = ("branch", BRANCH) if level else ("leaf", LEAF)
+        if own != number or kind & KIND != expected:
+            raise self.damaged(number, f"expected a {name}, found page {own} of kind {kind:#x}")
+        if not HEADER.size < lower <= upper <= len(raw) or lower % 2:
+            raise self.damaged(number, f"offsets up to byte {lower}, nodes from byte {upper} on")
+        offsets = struct.unpack_from(f"<{(lower - HEADER.size) // 2}H", raw, HEADER.size)
+        if max(offsets) > len(raw) - NODE.size:
+            raise self.damaged(number, f"a node at byte {max(offsets)}")
+        nodes = [NODE.unpack_from(raw, at) for at in offsets]
+        rests = [0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes]
+        stops = [at + NODE.size + length + rest for at, (_, _, length), rest in zip(offsets, nodes, rests)]
+        spans = sorted((at, stop + stop % 2) for at, stop in zip(offsets, stops))
+        borders = [upper, *(border for span in spans for border in span), len(raw)]
+        gaps = [after - before for before, after in zip(borders[::2], borders[1::2])]
+        if min(gaps) < 0 or (any(gaps) and not level):  # an early LMDB left some in branches
+            raise self.damaged(number, "its nodes overlap, or leave gaps")
+        keys = [raw[at + NODE.size : stop - rest] for at, stop, rest in zip(offsets, stops, rests)]
+        if level:
+            keys[0] = begin
+        if keys[0] < begin or any(a >= b for a, b in pairwise(keys)) or (end is not None and keys[-1] >= end):
+            raise self.damaged(number, "its keys are not in order, or belong to another page")
+        if level:
+            return Page(keys, end, [low | high << 32 for low, high, _ in nodes], [])
+        for key, (_, flags, _) in zip(keys, nodes):
+            if flags & ~ELSEWHERE:
+                what = f"{key!r} is not an entry but a database within this one (flags {flags:#x})"
+                raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or damaged")
+        values = [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
+                  for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]  # fmt: skip
+        return Page(keys, end, [], values)
+
+    def value(self, number: int, size: int) -> bytes:
+        """A value that has pages of its own, from this one on."""
+        pages = (HEADER.size - 1 + size) // self.meta.page_size + 1
+        own, _, kind, there = OVERFLOW_HEADER.unpack(self._read(number, pages, 0, HEADER.size))
+        if own != number or kind & KIND != OVERFLOW or there < pages:
+            raise self.damaged(number, f"expected a value of {size} bytes, found page {own} of kind {kind:#x}")
+        return self._read(number, pages, HEADER.size, size)
+
+    def _read(self, number: int, pages: int, begin: int, size: int) -> bytes:
+        """From so many pages in a row, ``size`` bytes from ``begin`` on."""
+        meta = self.meta
+        if not 2 <= number <= meta.last + 1 - pages:
+            raise self.damaged(number, f"expected {pages} of pages 2 to {meta.last}")
+        if (number + pages) * meta.page_size > self._source.size:
+            raise self.damaged(number, f"the file ends at byte {self._source.size}")
+        return self._source.read(number * meta.page_size + begin, size)
+
+
+class Cursor:
+    """A place in a database: on an entry, or nowhere before the first move. What it reads raises DataError."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._path: list[tuple[Page, int]] = []  # from the root down to a leaf, and which node of each
+        self._number: int | None = None  # of this entry, if all from the first to it have been read
+
+    @property
+    def key(self) -> bytes:
+        """Of the entry."""
+        page, index = self._path[-1]
+        return page.keys[index]
+
+    def value(self) -> bytes:
+        """Of the entry. Raises DataError, also if the file has been changed since it was opened."""
+        page, index = self._path[-1]
+        value = page.values[index]
+        value = value if isinstance(value, bytes) else self._database.value(*value)
+        self._database.check()
+        return value
+
+    def first(self) -> bool:
+        """Go to the first entry; False if there is none."""
+        self._path, self._number = self._down([], b""), 1
+        return bool(self._path)
+
+    def next(self) -> bool:
+        """Go to the next entry; False, and nothing moves, after the last one."""
+        path = list(self._path)
+        while path:
+            page, index = path.pop()
+            if index + 1 < len(page.keys):
+                self._path = self._down([*path, (page, index + 1)], b"")
+                self._number = self._number and self._number + 1
+                return True
+        if self._number not in (None, self._database.entries):
+            meta = self._database.meta
+            raise self._database.damaged(meta.transaction % 2, f"{meta.entries} entries, but there are {self._number}")
+        return False
+
+    def set_key(self, key: bytes) -> bool:
+        """Go to the entry of this key; False, and nothing moves, if there is none."""
+        path = self._down([], key)
+        if not path or path[-1][0].keys[path[-1][1]] != key:
+            return False
+        self._path, self._number = path, None
+        return True
+
+    def _down(self, path: list[tuple[Page, int]], key: bytes) -> list[tuple[Page, int]]:
+        """The path down to a leaf, each time to the last node whose key is at most this one, or to the first."""
+        meta = self._database.meta
+        number, begin, end = meta.root, b"", None
+        while len(path) < meta.depth:
+            if path:
+                above, index = path[-1]
+                number, begin = above.below[index], above.keys[index]
+                end = above.keys[index + 1] if index + 1 < len(above.keys) else above.end
+            page = self._database.page(number, meta.depth - len(path) - 1, begin, end)
+            path.append((page, max(bisect_right(page.keys, key) - 1, 0)))
+        return path
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # opening it says why
+        return False

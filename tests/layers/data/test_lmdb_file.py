@@ -1,0 +1,359 @@
+"""layers/data/lmdb_file.py: what the package lmdb reads, and one line for what is damaged."""
+
+from __future__ import annotations
+
+import os
+import random
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from layers.data.lmdb_file import BRANCH, LEAF, OVERFLOW, Cursor, Database
+from netlib.errors import DataError
+
+lmdb = pytest.importorskip("lmdb", reason="the package lmdb, which writes the databases, is not installed")
+
+Entries = dict[bytes, bytes]
+
+
+def write(path: Path, *transactions: Entries, **options: Any) -> Path:
+    """A database, by the package; a value of None deletes an entry."""
+    with lmdb.open(str(path), map_size=1 << 28, sync=False, **options) as database:
+        for entries in transactions:
+            with database.begin(write=True) as change:
+                for key, value in entries.items():
+                    change.delete(key) if value is None else change.put(key, value)
+    return path
+
+
+def walked(path: Path) -> Iterator[tuple[bytes, bytes]]:
+    """All entries, in order, as they are read."""
+    cursor = Cursor(Database(path))
+    there = cursor.first()
+    while there:
+        yield cursor.key, cursor.value()
+        there = cursor.next()
+
+
+def numbered(count: int, size: int = 20, key: int = 8) -> Entries:
+    """So many entries, of so long keys."""
+    return {f"{i:0{key}}".encode(): bytes([i % 251]) * size for i in range(count)}
+
+
+def only_file(path: Path) -> Path:
+    """Of a database in a folder."""
+    return path / "data.mdb"
+
+
+# ---------------------------------------------------------------------------------------------- as the package reads
+
+
+@pytest.mark.parametrize(
+    ("entries", "depth"),
+    [
+        ({}, 0),
+        ({b"k": b""}, 1),
+        ({b"k": b"v" * 100_000}, 1),
+        (numbered(3, 0), 1),
+        (numbered(3000), 2),
+        (numbered(5000, 50, key=511), 5),
+        ({b"%06d" % i: b"x" * (i * 37 % 9000) for i in range(1000)}, 2),
+        ({bytes([i]) * (1 + i * 13 % 511): b"%d" % i for i in range(256)}, 3),
+    ],
+    ids=["none", "of no bytes", "of many pages", "three", "thousands", "long keys", "values of all sizes", "any bytes"],
+)
+@pytest.mark.parametrize("subdir", [True, False], ids=["folder", "file"])
+def test_entries_in_the_order_of_their_keys(tmp_path: Path, entries: Entries, depth: int, subdir: bool) -> None:
+    """In a tree of any depth, with values in a leaf or in pages of their own; in a folder, or in a file alone."""
+    path = write(tmp_path / "a", entries, subdir=subdir)
+    database = Database(path)
+    assert (database.entries, database.meta.depth) == (len(entries), depth)
+    assert list(walked(path)) == sorted(entries.items())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> None:
+    """Pages that were used before, values that grew and shrank, trees that grew and shrank; and a compact copy."""
+    rng = random.Random(seed)
+    path, kept = tmp_path / "a", Entries()
+    few = rng.choice((20, 300, 3000))
+    with lmdb.open(str(path), map_size=1 << 28, sync=False, writemap=seed % 3 == 0) as database:
+        for _ in range(rng.randrange(1, 12)):
+            with database.begin(write=True) as change:
+                for _ in range(rng.randrange(few)):
+                    key = rng.choice((b"%d", b"%0200d", b"%0511d")) % rng.randrange(few)
+                    if rng.random() < 0.4:
+                        kept.pop(key, None)
+                        change.delete(key)
+                    else:
+                        kept[key] = rng.randbytes(rng.choice((0, 1, 5, 100, 1000, 2030, 2040, 4080, 4081, 20_000)))
+                        change.put(key, kept[key])
+            assert list(walked(path)) == sorted(kept.items())
+        (tmp_path / "b").mkdir()
+        database.copy(str(tmp_path / "b"), compact=True)
+    assert list(walked(tmp_path / "b")) == sorted(kept.items())
+    cursor = Cursor(Database(path))
+    for key in rng.sample(sorted(kept), min(len(kept), 50)):
+        assert cursor.set_key(key) and (cursor.key, cursor.value()) == (key, kept[key])
+        assert not cursor.set_key(key + b"\0") and not cursor.set_key(key[:-1] + b"\xff") and cursor.key == key
+
+
+def test_going_on_from_a_key(tmp_path: Path) -> None:
+    """To the end, where nothing moves any more, and round again."""
+    cursor = Cursor(Database(write(tmp_path / "a", numbered(500))))
+    assert cursor.set_key(b"00000497")
+    assert [cursor.next() for _ in range(4)] == [True, True, False, False]
+    assert cursor.key == b"00000499"
+    assert cursor.first() and cursor.key == b"00000000"
+
+
+def test_several_cursors(tmp_path: Path) -> None:
+    """Of one database, or of several that are open on one file."""
+    path = write(tmp_path / "a", numbered(500))
+    database = Database(path)
+    cursors = [Cursor(database), Cursor(database), Cursor(Database(path))]
+    assert all(cursor.set_key(b"%08d" % (100 * i)) for i, cursor in enumerate(cursors))
+    assert [cursor.next() and cursor.key for cursor in cursors] == [b"00000001", b"00000101", b"00000201"]
+
+
+# ---------------------------------------------------------------------------------------------- pages made by hand
+
+
+def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
+    """A page of nodes."""
+    nodes = [node + bytes(len(node) % 2) for node in nodes]
+    places, at = [], size
+    for node in nodes:
+        at -= len(node)
+        places.append(at)
+    head = struct.pack(f"<QHHHH{len(nodes)}H", number, 0, kind, 16 + 2 * len(nodes), at, *places)
+    return head.ljust(at, b"\0") + b"".join(reversed(nodes))
+
+
+def node(key: bytes, value: bytes | tuple[int, int]) -> bytes:
+    """Of a leaf; a value in pages of its own is (number of the first, size)."""
+    if isinstance(value, tuple):
+        return struct.pack("<IHH", value[1], 1, len(key)) + key + struct.pack("<Q", value[0])
+    return struct.pack("<IHH", len(value), 0, len(key)) + key + value
+
+
+def pointer(key: bytes, number: int) -> bytes:
+    """Of a branch."""
+    return struct.pack("<IHH", number & 0xFFFFFFFF, number >> 32, len(key)) + key
+
+
+def overflow(number: int, count: int, value: bytes, size: int) -> bytes:
+    """A value in so many pages."""
+    return (struct.pack("<QHHI", number, 0, OVERFLOW, count) + value).ljust(count * size, b"\0")
+
+
+def database_of(path: Path, *pages: bytes, depth: int, entries: int, size: int = 512, **changes: int) -> Path:
+    """A database of these pages, from number 2 on; the first is the root."""
+    content = b""
+    for number in (0, 1):
+        meta = {"version": 1, "flags": 0, "counted": 0, "root": 2, "last": 1 << 40, "transaction": number, **changes}
+        free = struct.pack("<IHHQQQQQ", size, 8, 0, 0, 0, 0, 0, (1 << 64) - 1)
+        tree = struct.pack("<IHHQQQQQ", 0, meta["flags"], depth, 0, meta["counted"], 0, entries, meta["root"])
+        said = struct.pack("<4sIQQ", b"\xde\xc0\xef\xbe", meta["version"], 0, 1 << 30) + free + tree
+        said += struct.pack("<QQ", meta["last"], meta["transaction"])
+        content += (struct.pack("<QHHHH", number, 0, 8, 0, 0) + said).ljust(size, b"\0")
+    path.write_bytes(content + b"".join(pages))
+    return path
+
+
+@pytest.mark.parametrize("size", [512, 1024, 4096, 16384, 32768])
+def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
+    """LMDB takes those of the machine that writes; here with a branch, two leaves and a value of three pages."""
+    value = bytes(range(251)) * (3 * size // 251)
+    path = database_of(
+        tmp_path / "a",
+        page(BRANCH, 2, [pointer(b"", 3), pointer(b"m", 4)], size),
+        page(LEAF, 3, [node(b"a", b"first"), node(b"b", (5, len(value)))], size),
+        page(LEAF, 4, [node(b"m", b""), node(b"mm", b"last")], size),
+        overflow(5, 3, value, size),
+        depth=2, entries=4, size=size,
+    )  # fmt: skip
+    assert list(walked(path)) == [(b"a", b"first"), (b"b", value), (b"m", b""), (b"mm", b"last")]
+
+
+WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
+
+
+@pytest.mark.parametrize(
+    ("pages", "header", "message"),
+    [
+        ([WHOLE], {"version": 999}, "version 999 of LMDB's format, expected 1"),
+        ([WHOLE], {"flags": 4}, "a database with flags 0x4, expected none, as Caffe writes it: one value for each key"),
+        ([WHOLE], {"size": 12}, "page 0: pages of 12 bytes, expected a power of two from 512 to 32768"),
+        ([WHOLE], {"transaction": 5}, "page 1: transaction 5 does not go with 5 in page 0"),
+        ([WHOLE], {"depth": 0}, "page 1: 2 entries at depth 0, from page 2 on"),
+        ([WHOLE], {"depth": 33}, "page 1: 2 entries at depth 33, from page 2 on"),
+        ([WHOLE], {"depth": 2}, "page 2: expected a branch, found page 2 of kind 0x2"),
+        ([WHOLE], {"entries": 3}, "page 1: 3 entries, but there are 2"),
+        ([WHOLE], {"root": 1 << 40}, "page 1099511627776: the file ends at byte 1536"),
+        ([WHOLE], {"root": 1 << 41}, "page 2199023255552: expected 1 of pages 2 to 1099511627776"),
+        ([WHOLE], {"counted": 7}, "truncated: it has 1536 bytes, expected at least 4608"),
+        ([page(BRANCH, 2, [pointer(b"", 2)] * 2, 512)], {"depth": 9}, "page 2: its keys are not in order"),
+        ([page(BRANCH, 2, [pointer(b"", 2)], 512)], {"depth": 32}, "page 2: expected a leaf, found page 2 of kind 0x1"),
+        (
+            [page(BRANCH, 2, [pointer(b"", 3), pointer(b"c", 3)], 512), page(LEAF, 3, [node(b"b", b"")], 512)],
+            {"depth": 2},
+            "page 3: its keys are not in order, or belong to another page",
+        ),
+        ([page(LEAF, 2, [], 512)], {}, "page 2: offsets up to byte 16, nodes from byte 512 on"),
+        ([WHOLE[:16] + b"\xff\xff" + WHOLE[18:]], {}, "page 2: a node at byte 65535"),
+        ([page(LEAF, 2, [node(b"b", b""), node(b"a", b"")], 512)], {}, "page 2: its keys are not in order"),
+        ([page(LEAF, 2, [node(b"a", b"")[:4] + b"\2\0\1\0a"], 512)], {}, "b'a' is not an entry but a database within"),
+        ([page(LEAF, 2, [node(b"a", (3, 2**32 - 1))], 512)], {}, "page 3: the file ends at byte 1536"),
+        ([page(LEAF, 2, [node(b"a", (2, 9))], 512)], {}, "page 2: expected a value of 9 bytes, found page 2 of kind"),
+        (
+            [page(LEAF, 2, [node(b"a", (3, 900))], 512), overflow(3, 1, b"", 512), WHOLE],
+            {},
+            "page 3: expected a value of 900 bytes, found page 3 of kind 0x4",
+        ),
+    ],
+)
+def test_nothing_is_believed(tmp_path: Path, pages: list[bytes], header: dict[str, int], message: str) -> None:
+    """Numbers, lengths, depths, trees that lead back to themselves."""
+    options = {"depth": 1, "entries": 2, **header}
+    path = database_of(tmp_path / "a", *pages, **options)
+    with pytest.raises(DataError) as error:
+        list(walked(path))
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
+    """A tree in which every branch leads twice to the one below it would have 2^31 leaves."""
+    branches = [page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512) for i in range(2, 33)]
+    path = database_of(tmp_path / "a", *branches, page(LEAF, 33, [node(b"0", b"")], 512), depth=32, entries=1 << 31)
+    with pytest.raises(DataError, match="its keys are not in order, or belong to another page"):
+        list(walked(path))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not an LMDB database"),
+        (b"text" * 1000, "not an LMDB database"),
+        (bytes(16) + b"\xde\xc0\xef\xbe", "page 0: the file ends at byte 20; the database is damaged"),
+        (bytes(12) + b"\xde\xc0\xef\xbe" + bytes(9000), "written on a machine of 32 bits or of another byte order"),
+        (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), "written on a machine of 32 bits or of another byte order"),
+    ],
+)
+def test_what_is_no_such_database(tmp_path: Path, content: bytes, message: str) -> None:
+    """Something else, or of another machine."""
+    (tmp_path / "a").write_bytes(content)
+    with pytest.raises(DataError, match=f"^{tmp_path}/a: {message}"):
+        Database(tmp_path / "a")
+
+
+def test_named_databases(tmp_path: Path) -> None:
+    """What LMDB can do besides, and Caffe does not."""
+    with lmdb.open(str(tmp_path / "a"), max_dbs=1) as database:
+        database.open_db(b"x")
+    with pytest.raises(DataError, match=r"page \d: b'x' is not an entry but a database within this one \(flags 0x2\)"):
+        list(walked(tmp_path / "a"))
+
+
+# ---------------------------------------------------------------------------------------------- damage
+
+Damage = Callable[[bytearray, random.Random], int]
+
+
+def flipped_bit(content: bytearray, rng: random.Random) -> int:
+    """Anywhere; at most one entry can be another."""
+    content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+    return 1
+
+
+def flipped_in_a_head(content: bytearray, rng: random.Random) -> int:
+    """Where pages have their numbers and offsets."""
+    content[4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)] ^= 1 << rng.randrange(8)
+    return 1
+
+
+def zeros(content: bytearray, rng: random.Random) -> int:
+    """A run of them: no more than two entries lie in so few bytes."""
+    at, count = rng.randrange(len(content)), rng.randrange(1, 30)
+    content[at : at + count] = bytes(len(content[at : at + count]))
+    return 2
+
+
+def another_number(content: bytearray, rng: random.Random) -> int:
+    """In place of any eight bytes, the number of a page."""
+    struct.pack_into("<Q", content, 2 * rng.randrange(len(content) // 2 - 4), rng.randrange(len(content) // 4096 + 2))
+    return 2
+
+
+def swapped_pages(content: bytearray, rng: random.Random) -> int:
+    """Each in the other's place; no value may be another."""
+    a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
+    content[a : a + 4096], content[b : b + 4096] = content[b : b + 4096], content[a : a + 4096]
+    return 2  # the later pages of a value have no number
+
+
+def repeated_page(content: bytearray, rng: random.Random) -> int:
+    """In place of another."""
+    a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
+    content[a : a + 4096] = content[b : b + 4096]
+    return 1
+
+
+def cut(content: bytearray, rng: random.Random) -> int:
+    """Anywhere; what is read is right."""
+    del content[rng.randrange(len(content)) :]
+    return 0
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
+    """A tree of three levels, with values of all kinds and pages that are free again; its content and its entries."""
+    entries = {b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)}
+    gone = dict.fromkeys([*entries][100:200])
+    path = write(tmp_path_factory.mktemp("good") / "a", entries, gone, {})  # type: ignore[arg-type]
+    return only_file(path).read_bytes(), {key: value for key, value in entries.items() if key not in gone}
+
+
+@pytest.mark.parametrize(
+    "damage", [flipped_bit, flipped_in_a_head, zeros, another_number, swapped_pages, repeated_page, cut]
+)
+def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> None:
+    """One line, or the entries: as many, in order, and only those that lie in the damaged place are others."""
+    content, entries = good
+    rng, path, refused = random.Random(damage.__name__), tmp_path / "a", 0
+    assert len(entries) == 300
+    for case in range(100):
+        changed = bytearray(content)
+        allowed = damage(changed, rng)
+        path.write_bytes(changed)
+        try:
+            found = list(walked(path))
+        except DataError as error:
+            assert str(error).startswith(f"{path}: ") and str(error).isprintable() and len(str(error)) < 500
+            refused += 1
+        else:
+            assert len(found) == len(entries)
+            wrong = [a for a, b in zip(found, sorted(entries.items())) if a != b]
+            assert len(wrong) <= allowed, (case, wrong)
+    assert refused >= 3
+
+
+def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
+    """Or written to: found at the next entry, also where the page is in memory."""
+    path = only_file(write(tmp_path / "a", numbered(300, 5000)))
+    for change, message in ((lambda: os.truncate(path, 20_000), "was cut to 20000 of"),
+                            (lambda: os.utime(path, ns=(0, 1)), "was changed")):  # fmt: skip
+        cursor = Cursor(Database(path))
+        assert cursor.first() and cursor.next()
+        size = path.stat().st_size
+        content = path.read_bytes()
+        change()
+        for act in (cursor.value, lambda cursor=cursor: cursor.set_key(b"00000299") and cursor.value()):
+            with pytest.raises(DataError, match=rf"^{path}: {message}.* while in use; restore the file and run again"):
+                act()
+        path.write_bytes(content)
+        assert path.stat().st_size == size
