@@ -9,7 +9,7 @@ import pytest
 from tests.faults import campaign, kills
 from tests.faults.isolation import Worker
 
-EVERY = 5
+EVERY = 6
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from tests.faults import campaign, readers
 from tests.faults.isolation import Worker
 
-CASES = 50
+CASES = 40
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from tests.faults import campaign, signals
 from tests.faults.isolation import Worker
 
-EVERY = 4
+EVERY = 6
 
 
 @pytest.fixture(scope="module")
