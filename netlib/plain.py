@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib import memory
@@ -157,7 +158,8 @@ class Engine:
 def guarded(layer: Layer, method: str, *args: Any) -> None:
     """Call one of a layer's four methods; a Python error in it becomes a LayerError that names the layer."""
     try:
-        getattr(layer, method)(*args)
+        with np.errstate(all="ignore"):  # values that are not finite are the solver's to find, and to say where
+            getattr(layer, method)(*args)
     except Exception as error:
         bottom, top = reversed(args[::2]) if method == "backward" else args
         if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):

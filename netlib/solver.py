@@ -221,12 +221,13 @@ class Solver:
 
     def _update_param(self, param: Param, history: list[Array], scale: float, rate: float) -> None:
         p, w, g = self.param, param.blob.data, param.blob.diff
-        if scale != 1:
-            g *= scale
-        decay = p.weight_decay * param.spec.decay_mult
-        if decay:
-            g += decay * (w if p.regularization_type == "L2" else np.sign(w))
-        self.rule(p, w, g, rate * param.spec.lr_mult, history, self.iter + 1)
+        with np.errstate(all="ignore"):  # what overflows is found by the next loss
+            if scale != 1:
+                g *= scale
+            decay = p.weight_decay * param.spec.decay_mult
+            if decay:
+                g += decay * (w if p.regularization_type == "L2" else np.sign(w))
+            self.rule(p, w, g, rate * param.spec.lr_mult, history, self.iter + 1)
 
     def _clip(self, params: list[Param]) -> float:
         """The factor that brings the norm of all gradients together down to clip_gradients."""

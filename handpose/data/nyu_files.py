@@ -123,6 +123,8 @@ def _check_names(path: Path, names: list[str]) -> None:
 def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
     """Pixels and mm must tell of the same points, in our camera axes. Raises DataError."""
     some = slice(None, None, max(len(uvd) // 2000, 1))
+    if not (np.isfinite(uvd[some]) & np.isfinite(xyz[some])).any(axis=(0, 1)).all():
+        raise DataError(f"{path}: joint_uvd and joint_xyz have no joint that is finite in both")
     with np.errstate(all="ignore"):
         difference = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some]), axis=(0, 1))
         upside_down = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some] * (1, -1, 1)), axis=(0, 1))
