@@ -158,6 +158,7 @@ class Database:
         nodes = [NODE.unpack_from(raw, at) for at in offsets]
         rests = [0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes]
         stops = [at + NODE.size + length + rest for at, (_, _, length), rest in zip(offsets, nodes, rests)]
+        # From upper to the page's end there is nothing but nodes, each padded to an even length, in any order.
         spans = sorted((at, stop + stop % 2) for at, stop in zip(offsets, stops))
         borders = [upper, *(border for span in spans for border in span), len(raw)]
         gaps = [after - before for before, after in zip(borders[::2], borders[1::2])]
