@@ -85,10 +85,11 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
     def work() -> None:
         _here.inside = True
         try:
-            for job in queue:
-                if failed:
-                    return
-                job()
+            with np.errstate(all="ignore"):  # which is a thread's own: as in netlib/plain.py's Executor
+                for job in queue:
+                    if failed:
+                        return
+                    job()
         except BaseException as error:
             failed.append(error)
         finally:

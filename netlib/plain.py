@@ -73,7 +73,7 @@ class Executor:
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` forwards."""
-        with self.one_thread:
+        with self.one_thread, np.errstate(all="ignore"):  # what is not finite is the solver's to find, and to say where
             if not self._fits and (first, last) == (0, None):
                 self._ask_for_memory()
             for step in self.steps[first:last]:
@@ -81,7 +81,7 @@ class Executor:
 
     def backward(self, first: int = 0, last: int | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
-        with self.one_thread:
+        with self.one_thread, np.errstate(all="ignore"):
             for step in reversed(self.steps[first:last]):
                 step.backward()
 
@@ -158,8 +158,7 @@ class Engine:
 def guarded(layer: Layer, method: str, *args: Any) -> None:
     """Call one of a layer's four methods; a Python error in it becomes a LayerError that names the layer."""
     try:
-        with np.errstate(all="ignore"):  # values that are not finite are the solver's to find, and to say where
-            getattr(layer, method)(*args)
+        getattr(layer, method)(*args)
     except Exception as error:
         bottom, top = reversed(args[::2]) if method == "backward" else args
         if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):
