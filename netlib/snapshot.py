@@ -55,10 +55,9 @@ def _saying(path: str | Path) -> Iterator[None]:
 
 def checksum(path: str | Path) -> int:
     """CRC-32 of a weights file; a state remembers that of its pair. Raises WeightsError."""
-    with files.opened(path, "weights", WeightsError) as stream:
-        crc = 0
-        while piece := stream.read(1 << 24):
-            crc = zlib.crc32(piece, crc)
+    crc = 0
+    for piece in files.read_pieces(path, "weights", WeightsError):
+        crc = zlib.crc32(piece, crc)
     return crc
 
 
