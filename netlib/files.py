@@ -46,20 +46,22 @@ def read_bytes(
     """The content of a file, or its ``first`` bytes. Raises ``kind``, also where there are more than ``limit``."""
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
         try:
-            size = os.fstat(stream.fileno()).st_size
-            if first is None and size > limit:
-                raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {limit} are read")
-            # No more than it claims: a file in /proc claims nothing, and may have no end.
+            size = os.fstat(stream.fileno()).st_size  # a file in /proc claims to be empty, and may have no end
+            if first is None:
+                _check_size(size, limit, path, what, kind)
             return stream.read(size if first is None else min(size, first))
         except (OSError, MemoryError) as error:
             raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
-def read_pieces(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[bytes]:
-    """The content of a file of any size, some megabytes at a time, and no more than it claims. Raises ``kind``."""
+def read_pieces(
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = LARGEST
+) -> Iterator[bytes]:
+    """The same, some megabytes at a time."""
     with opened(path, what, kind) as stream:
         try:
             left = os.fstat(stream.fileno()).st_size
+            _check_size(left, limit, path, what, kind)
             while left and (piece := stream.read(min(left, PIECE))):
                 yield piece
                 left -= len(piece)
@@ -145,6 +147,11 @@ def _check(status: os.stat_result, path: str | Path, what: str, kind: type[Netli
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:
         raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is no file')}; expected a file")
+
+
+def _check_size(size: int, limit: float, path: str | Path, what: str, kind: type[NetlibError]) -> None:
+    if size > limit:
+        raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read")
 
 
 def _at_once(path: str, flags: int) -> int:

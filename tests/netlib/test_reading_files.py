@@ -56,6 +56,8 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
         file.truncate(10**10)
     with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for the list; at most 2684"):
         files.read_text(tmp_path / "hole", "the list")
+    with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for weights; at most 2147483647"):
+        next(files.read_pieces(tmp_path / "hole", "weights"))
     assert files.read_bytes(tmp_path / "hole", "the list", first=2) == b"\0\0"
 
 
@@ -68,7 +70,7 @@ def test_a_file_without_an_end() -> None:
 
 
 def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of any size; what it has more than it had at first does not count."""
+    """What it has more than it had at first does not count."""
     path = tmp_path / "a"
     path.write_bytes(b"abcdefg")
     monkeypatch.setattr(files, "PIECE", 3)
