@@ -9,13 +9,15 @@ import os
 import stat
 import threading
 import weakref
-from io import FileIO
+from collections.abc import Iterator
+from io import BufferedReader, FileIO
 from pathlib import Path
 
 from netlib.errors import DataError, NetlibError, reason_of
 
 LARGEST = (1 << 31) - 1  # bytes of a file that is read whole: as many as a message of protocol buffers may have
 LARGEST_TEXT = 1 << 28
+PIECE = 1 << 24
 
 KINDS = {
     stat.S_IFIFO: "it is a pipe", stat.S_IFCHR: "it is a device", stat.S_IFBLK: "it is a device",
@@ -42,16 +44,29 @@ def read_bytes(
     path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: int = LARGEST, first: int | None = None
 ) -> bytes:
     """The content of a file, or its ``first`` bytes. Raises ``kind``, also where there are more than ``limit``."""
-    with opened(path, what, kind) as stream:
+    with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
         try:
-            size = os.fstat(stream.fileno()).st_size
-            if first is not None:
-                return stream.read(first)
-            if size <= limit:
-                return stream.readall()
+            size = os.fstat(stream.fileno()).st_size  # a file in /proc claims to be empty, and may have no end
+            if first is None:
+                _check_size(size, limit, path, what, kind)
+            return stream.read(size if first is None else min(size, first))
         except (OSError, MemoryError) as error:
             raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
-    raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {limit} are read")
+
+
+def read_pieces(
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = LARGEST
+) -> Iterator[bytes]:
+    """The same, some megabytes at a time."""
+    with opened(path, what, kind) as stream:
+        try:
+            left = os.fstat(stream.fileno()).st_size
+            _check_size(left, limit, path, what, kind)
+            while left and (piece := stream.read(min(left, PIECE))):
+                yield piece
+                left -= len(piece)
+        except OSError as error:
+            raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
 def read_text(path: str | Path, what: str, kind: type[NetlibError] = DataError, errors: str = "strict") -> str:
@@ -91,7 +106,10 @@ class Source:
 
     def check(self) -> None:
         """Raise DataError if the file has been changed."""
-        device, inode, size, modified, _ = identity(self._stream.fileno())
+        try:
+            device, inode, size, modified, _ = identity(self._stream.fileno())
+        except OSError as error:  # it is on another machine, and has been removed there
+            raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
         if (device, inode, size, modified) != self._identity[:4]:
             was = f"cut to {size} of {self.size} bytes" if size < self.size else "changed"
             raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
@@ -129,6 +147,11 @@ def _check(status: os.stat_result, path: str | Path, what: str, kind: type[Netli
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:
         raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is no file')}; expected a file")
+
+
+def _check_size(size: int, limit: float, path: str | Path, what: str, kind: type[NetlibError]) -> None:
+    if size > limit:
+        raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read")
 
 
 def _at_once(path: str, flags: int) -> int:

@@ -1,8 +1,8 @@
 """Is it safe to open this HDF5 file? A program of its own, because the HDF5 library may crash or never return.
 
-    {"ready": true}     on standard output, when it can be asked
-    {"path": ...}       on standard input, a line for each file
-    {"fault": "..."}    on standard output, the answer: what is wrong, empty if nothing
+    {"ready": true}                  on standard output, when it can be asked
+    {"path": ..., "seconds": ...}    on standard input, a line for each file, and how long a look at it may take
+    {"fault": "..."}                 on standard output, the answer: what is wrong, empty if nothing
 
 The arguments are the folders in which the packages lie that it needs, h5py and NumPy.
 
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
 
 sys.path += sys.argv[1:]
@@ -136,7 +137,17 @@ def main() -> None:
         pass
     print(json.dumps({"ready": True}), flush=True)
     for line in sys.stdin:
-        print(json.dumps({"fault": fault_of(json.loads(line)["path"])}), flush=True)
+        question = json.loads(line)
+        _end_after(2 * question["seconds"])
+        fault = fault_of(question["path"])
+        _end_after(0)
+        print(json.dumps({"fault": fault}), flush=True)
+
+
+def _end_after(seconds: float) -> None:
+    """End this process then, if whoever asked has been killed and cannot do it; 0 is never."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
 if __name__ == "__main__":

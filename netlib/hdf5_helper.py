@@ -35,7 +35,11 @@ def fault_of(path: str, content: Identity) -> str:
         helper = _state.running()
         if helper is None:
             return ""
-        answer = helper.ask(str(Path(path).absolute()), seconds)
+        try:
+            answer = helper.ask(str(Path(path).absolute()), seconds)
+        except BaseException:  # Ctrl-C: its answer would be taken for the one to the next question
+            _state.end()
+            raise
         if answer is None:
             _state.helper = None
             return f"damaged: the HDF5 library {helper.end()}"
@@ -50,20 +54,22 @@ class _Helper:
         self._process = subprocess.Popen(
             [sys.executable, "-I", str(CHECK), *sorted(folders)], encoding="ascii", stderr=subprocess.DEVNULL,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            start_new_session=True,  # a terminal's signals are for us: Ctrl-C would look like a file that crashes it
         )  # fmt: skip
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._in, self._out = self._process.stdin, self._process.stdout
         self._late = threading.Event()
         if not self._out.readline():  # it says when it is there
-            raise OSError(self.end())
+            self.end()
+            raise OSError("it does not start")
 
     def ask(self, path: str, seconds: float) -> str | None:
         """What is wrong with a file; None if the process did not live to tell."""
         watch = threading.Timer(seconds, self._give_up)
         watch.start()
         try:
-            self._in.write(json.dumps({"path": path}) + "\n")
+            self._in.write(json.dumps({"path": path, "seconds": seconds}) + "\n")
             self._in.flush()
             answer = self._out.readline()
         except BrokenPipeError:
@@ -74,10 +80,18 @@ class _Helper:
 
     def _give_up(self) -> None:
         self._late.set()
+        self.kill()
+
+    def lives(self) -> bool:
+        """Can it still be asked? Not if somebody has killed it, as a system does that lacks memory."""
+        return self._process.poll() is None
+
+    def kill(self) -> None:
+        """Have it end at once. It would end by itself, but not as long as a forked process has our end of its pipe."""
         self._process.kill()
 
     def end(self) -> str:
-        """End the process; how it ended if it had before, in words."""
+        """Wait for the end of the process; how it ended, in words."""
         for stream in (self._in, self._out):
             with contextlib.suppress(OSError):
                 stream.close()
@@ -95,6 +109,8 @@ class _State:
 
     def running(self) -> _Helper | None:
         """The helper, started if need be; None, and a note, where no process can be started."""
+        if self.helper is not None and not self.helper.lives():
+            self.end()
         if self.helper is None:
             try:
                 self.helper = _Helper()
@@ -110,7 +126,9 @@ class _State:
     def end(self) -> None:
         """End the helper."""
         if self.helper is not None:
+            self.helper.kill()
             self.helper.end()
+            self.helper = None
 
 
 _state = _State()

@@ -57,8 +57,9 @@ class Lock:
         self.holder = ""  # who has it instead
         while True:  # one that was released between opening and locking is gone
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
-            self.taken = take(self._descriptor) is not False
-            if not self.taken or is_still(path, self._descriptor):
+            locked = take(self._descriptor)
+            self.taken = locked is not False
+            if not locked or is_still(path, self._descriptor):
                 break
             os.close(self._descriptor)
         if self.taken:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, reason_of
 
 PNG = b"\x89PNG\r\n\x1a\n"  # the first bytes of such a file
 MOST_PIXELS = 1 << 28  # more than any camera has; a small file can claim to hold many more
@@ -25,7 +25,7 @@ def decode(content: bytes, flag: int, what: str) -> Array:
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flag) if content else None
     except (cv2.error, MemoryError) as error:
-        raise DataError(f"{what}: not an image that OpenCV can decode: {str(error).splitlines()[0]}") from error
+        raise DataError(f"{what}: not an image that OpenCV can decode: {reason_of(error)}") from error
     if image is None:
         raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")
     if image.shape[0] * image.shape[1] > MOST_PIXELS:

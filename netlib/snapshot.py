@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from netlib import atomic, files, locks, snapshot_binary, snapshot_hdf5
+from netlib import atomic, files, locks, memory, snapshot_binary, snapshot_hdf5
 from netlib.errors import WeightsError, reason_of
 from netlib.paths import exists, names_in
 from netlib.saved import SolverState, Weights
@@ -55,12 +55,10 @@ def _saying(path: str | Path) -> Iterator[None]:
 
 def checksum(path: str | Path) -> int:
     """CRC-32 of a weights file; a state remembers that of its pair. Raises WeightsError."""
-    if not begins_as_hdf5(path, "weights"):  # then there is a limit to its size
-        return zlib.crc32(files.read_bytes(path, "weights", WeightsError))
-    with files.opened(path, "weights", WeightsError) as stream:
-        crc = 0
-        while piece := stream.read(1 << 24):
-            crc = zlib.crc32(piece, crc)
+    limit = memory.available()[0] if begins_as_hdf5(path, "weights") else files.LARGEST  # what can be read at all
+    crc = 0
+    for piece in files.read_pieces(path, "weights", WeightsError, limit):
+        crc = zlib.crc32(piece, crc)
     return crc
 
 
@@ -71,11 +69,13 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
     Raises WeightsError, also if snapshots cannot be written there: now, before hours of training.
     """
     folder = Path(f"{prefix}_").parent
+    path = folder / f".{prefix.name}.lock"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = locks.Lock(folder / f".{prefix.name}.lock")
+        lock = locks.Lock(path)
     except (OSError, ValueError) as error:
-        raise WeightsError(f"{folder}: cannot write snapshots there: {reason_of(error)}") from error
+        what = f"{path.name}: " if os.path.lexists(path) else ""  # left by another user, or a link
+        raise WeightsError(f"{folder}: cannot write snapshots there: {what}{reason_of(error)}") from error
     if not lock.taken:
         raise WeightsError(f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
                            "for it, or choose another snapshot_prefix")  # fmt: skip

@@ -29,6 +29,9 @@ def read_png(path: str | Path) -> Array:
         raise BadFrameError(path, MISSING)
     try:
         raw = files.read_bytes(path, "the frame")
+    except DataError as error:
+        raise BadFrameError(path, DAMAGED, str(error).removeprefix(f"{path}: ")) from None
+    try:
         if raw.startswith(pictures.PNG):
             return pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(path))
     except DataError:

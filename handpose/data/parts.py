@@ -152,7 +152,7 @@ def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, o
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    # Data sets begin on whole pages, so that readers can map them into memory.
+    # Data sets begin on whole pages, as reads and whoever maps them into memory like it best.
     with h5py.File(path, "w", locking=False, alignment_threshold=1 << 16, alignment_interval=4096) as file:
         for name, value in attributes.items():
             file.attrs[name] = value

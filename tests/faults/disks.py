@@ -224,13 +224,15 @@ def two_trainings(number: int) -> Outcome:
 
 def planted_links(run: str, number: int) -> Outcome:
     """Links at all names that could be guessed for temporary files lead to somebody's file, which stays as it is."""
-    if number >= 1:
+    if number >= 2:
         return Outcome("over")
     before = runs.undisturbed(run)
 
     def plant() -> str:
         victim = Path("victim").resolve()
-        guesses = [*before.names, "s_iter_1000000000.solverstate", "s_iter_1000000000.solverstate.h5"]
+        if number:  # a training is refused for it, so that the other names would not come up
+            Path(".s.lock").symlink_to(victim)
+        guesses = [] if number else [*before.names, "s_iter_1000000000.solverstate", "s_iter_1000000000.solverstate.h5"]
         for name in guesses:
             for suffix in ("tmp", "old", "tmp.long.tmp"):
                 with contextlib.suppress(FileExistsError, FileNotFoundError):

@@ -28,6 +28,7 @@ NO_READERS = {
 # What opens a file, by the name that is called; of those that also write, the mode decides.
 BY_NAME = {
     "read_bytes",
+    "read_pieces",
     "read_text",
     "opened",
     "Source",

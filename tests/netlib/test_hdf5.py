@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,7 @@ import pytest
 
 from netlib import files, hdf5, hdf5_helper
 from netlib.errors import DataError, WeightsError
+from netlib.paths import ROOT
 
 PRETENDER = """
 import json, os, signal, sys
@@ -177,6 +181,89 @@ def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 2
     assert hdf5.File(write(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
     assert hdf5_helper._state.helper is parents
+
+
+def test_a_helper_that_is_gone(tmp_path: Path) -> None:
+    """Who killed it was not the next file: another helper looks at that one."""
+    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    helper = hdf5_helper._state.helper
+    assert helper is not None
+    helper._process.kill()
+    helper._process.wait()
+    assert hdf5.File(write(tmp_path / "two.h5", x=np.zeros(2)), ("x",)).rows == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "getsid"), reason="there are no sessions here")
+def test_a_terminals_signals_do_not_reach_the_helper(tmp_path: Path) -> None:
+    """Ctrl-C ends a training after its snapshot; a helper that it killed would make the next file a damaged one."""
+    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    assert hdf5_helper._state.helper is not None
+    assert os.getsid(hdf5_helper._state.helper._process.pid) != os.getsid(0)
+
+
+def test_an_answer_that_nobody_waited_for(tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is not the answer for the next file."""
+    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    helper = hdf5_helper._state.helper
+    assert helper is not None
+    with pytest.raises(KeyboardInterrupt), monkeypatch.context() as patch:
+        patch.setattr(helper, "_out", Interrupted(helper._out))
+        hdf5.File(write(tmp_path / "two.h5", x=np.zeros(2)), ("x",))
+    assert hdf5_helper._state.helper is None
+    assert hdf5.File(write(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
+
+
+class Interrupted:
+    """A stream; Ctrl-C comes while somebody waits for a line of it."""
+
+    def __init__(self, stream: Any) -> None:
+        self.close = stream.close
+
+    def readline(self) -> str:
+        """No line."""
+        raise KeyboardInterrupt
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_the_end_of_a_process_whose_child_lives_on(tmp_path: Path) -> None:
+    """The child has the helper's pipe, too, so the helper would not see that its own process has closed it."""
+    write(tmp_path / "a.h5", x=np.zeros(1))
+    done = subprocess.run(
+        [sys.executable, "-c", PARENT, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, timeout=30, check=True,
+    )  # fmt: skip
+    os.kill(int(done.stdout), signal.SIGKILL)
+
+
+PARENT = """
+import os, signal, sys
+from pathlib import Path
+from netlib import hdf5
+hdf5.File(Path(sys.argv[1]), ("x",))
+if (child := os.fork()) == 0:
+    os.close(1)
+    signal.pause()
+print(child)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers here")
+def test_a_helper_whose_process_was_killed(tmp_path: Path) -> None:
+    """Ends by itself, although the library does not return."""
+    endless = CHECK_IN_CIRCLES.format(folder=str(hdf5_helper.CHECK.parent))
+    done = subprocess.run(
+        [sys.executable, "-c", endless], input='{"path": "a.h5", "seconds": 0.05}\n', text=True, timeout=30, check=False
+    )
+    assert done.returncode == -signal.SIGALRM
+
+
+CHECK_IN_CIRCLES = """
+import signal, sys
+sys.path.append({folder!r})
+import hdf5_check
+hdf5_check.fault_of = lambda path: signal.pause()
+hdf5_check.main()
+"""
 
 
 # ---------------------------------------------------------------------------------------------- rows

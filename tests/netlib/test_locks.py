@@ -77,6 +77,17 @@ def test_a_planted_link(tmp_path: Path) -> None:
     assert (tmp_path / "precious").read_text() == "mine"
 
 
+def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody is refused, or waited for; also where a file has another identity by its name than when it is open."""
+    monkeypatch.setattr(locks, "fcntl", None)
+    monkeypatch.setattr(locks, "is_still", lambda path, descriptor: False)
+    both = [locks.Lock(tmp_path / ".lock") for _ in range(2)]
+    assert [lock.taken for lock in both] == [True, True]
+    for lock in both:
+        lock.release()
+    assert not (tmp_path / ".lock").exists()
+
+
 def test_a_file_held_within_a_block(tmp_path: Path) -> None:
     """True, False if another has it, None for what is not there."""
     path = tmp_path / "a"

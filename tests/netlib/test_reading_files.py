@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 from pathlib import Path
@@ -55,7 +56,31 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
         file.truncate(10**10)
     with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for the list; at most 2684"):
         files.read_text(tmp_path / "hole", "the list")
+    with pytest.raises(DataError, match=r"hole: 10000000000 bytes, which is too large for weights; at most 2147483647"):
+        next(files.read_pieces(tmp_path / "hole", "weights"))
     assert files.read_bytes(tmp_path / "hole", "the list", first=2) == b"\0\0"
+
+
+@pytest.mark.skipif(not Path("/proc/self/pagemap").is_file(), reason="no file without an end here")
+def test_a_file_without_an_end() -> None:
+    """One that claims to be empty is: this one would give 8 bytes for every page of the memory that could be."""
+    pagemap = "/proc/self/pagemap"
+    assert files.read_bytes(pagemap, "weights") == files.read_bytes(pagemap, "weights", first=8) == b""
+    assert list(files.read_pieces(pagemap, "weights")) == []
+
+
+def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it has more than it had at first does not count."""
+    path = tmp_path / "a"
+    path.write_bytes(b"abcdefg")
+    monkeypatch.setattr(files, "PIECE", 3)
+    pieces = files.read_pieces(path, "weights")
+    assert next(pieces) == b"abc"
+    with path.open("ab") as file:
+        file.write(b"hij")
+    assert list(pieces) == [b"def", b"g"]
+    with pytest.raises(WeightsError, match="none: cannot read weights: No such file"):
+        next(files.read_pieces(tmp_path / "none", "weights", WeightsError))
 
 
 def test_what_is_no_text(tmp_path: Path) -> None:
@@ -85,6 +110,19 @@ def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: b
     os.truncate(path, 50)
     with pytest.raises(DataError, match=f"^{path}: was cut to 50 of 100 bytes while in use; restore the file"):
         source.read(98, 2)
+
+
+def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a file on another machine is that was removed there: a training must get what it can go on from."""
+    (tmp_path / "a").write_bytes(bytes(100))
+    source = files.Source(tmp_path / "a", "the data")
+
+    def stale(descriptor: int) -> files.Identity:
+        raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+
+    monkeypatch.setattr(files, "identity", stale)
+    with pytest.raises(DataError, match=f"^{tmp_path}/a: cannot read the data: Stale file handle$"):
+        source.check()
 
 
 @pytest.mark.skipif(not hasattr(os, "preadv"), reason="no reads that leave a file's position alone")

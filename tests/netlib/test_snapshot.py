@@ -244,6 +244,19 @@ def test_values_that_were_never_written(tmp_path: Path, options: dict[str, Any])
         snapshot.read_weights(tmp_path / "w.h5")
 
 
+@pytest.mark.parametrize("begin", [b"", snapshot.snapshot_hdf5.MAGIC], ids=["binary", "hdf5"])
+def test_weights_that_no_memory_holds(tmp_path: Path, begin: bytes) -> None:
+    """Are refused before their checksum is made, which would take an hour; this file is a hole of 10 TB."""
+    path = tmp_path / "w"
+    path.write_bytes(begin)
+    try:
+        os.truncate(path, 10**13)
+    except OSError:
+        pytest.skip("no file can be as large here")
+    with pytest.raises(netlib.WeightsError, match=r"w: 10000000000000 bytes, which is too large for weights; at most"):
+        snapshot.checksum(path)
+
+
 def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before training: can snapshots be written here at all?"""
     snapshot.probe(tmp_path / "new" / "prefix")
