@@ -127,7 +127,8 @@ class Rows:
         self._source, self._row = source, math.prod(self.shape[1:]) * self.dtype.itemsize
         self._offset: int | None = dataset.id.get_offset()
         small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY  # not worth a read for each
-        held = self._offset is None or small or dataset.size == 0  # or in chunks, compressed
+        other = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)  # fewer bits: to be converted by the library
+        held = self._offset is None or other or small or dataset.size == 0  # or in chunks, compressed
         self._held: Array | None = np.asarray(dataset[...]) if held else None
 
     def take(self, rows: Array, out: Array) -> None:
