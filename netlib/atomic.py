@@ -75,6 +75,7 @@ def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> No
     the file's own name.
     """
     with naming(path), temporary(path) as fresh:
+        _refuse_what_is_no_file(path)
         fill(fresh)
         if sync:
             sync_file(fresh)
@@ -122,13 +123,20 @@ def replace_pair(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
 
 def _written(path: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
     """A temporary file that holds the content, on the disk."""
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    _refuse_what_is_no_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = stack.enter_context(temporary(path))
     fresh.write_bytes(content)
     sync_file(fresh)
     return fresh
+
+
+def _refuse_what_is_no_file(path: Path) -> None:
+    """Renaming would take a device or a pipe away. Raises OSError."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is a device or a pipe; expected the name of a file")
 
 
 @contextlib.contextmanager

@@ -104,6 +104,10 @@ class Source:
         self._lock = threading.Lock()
         weakref.finalize(self, self._stream.close)
 
+    def is_file(self, descriptor: int) -> bool:
+        """Is this open file the same, and unchanged?"""
+        return identity(descriptor) == self._identity
+
     def check(self) -> None:
         """Raise DataError if the file has been changed."""
         try:

@@ -37,11 +37,14 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
     Raises ``kind``, also for whatever HDF5 raises within the block.
     """
     with files.opened(path, what, kind) as stream:
-        fault = hdf5_helper.fault_of(str(path), files.identity(stream.fileno()))
+        looked_at = files.identity(stream.fileno())
+    fault = hdf5_helper.fault_of(str(path), looked_at)
     if fault:
         raise kind(f"{path}: cannot read {what}: {fault}")
     try:
         with h5py.File(path, "r", locking=False) as file:
+            if files.identity(file.id.get_vfd_handle()) != looked_at:  # another file took its place meanwhile
+                raise kind(f"{path}: was changed while it was opened; run again")
             yield file
     except NetlibError:
         raise
@@ -84,10 +87,13 @@ class File:
         with contextlib.ExitStack() as stack:
             opens = [stack.enter_context(opened(path, "the HDF5 file"))]
             self.made_from = str(opens[0].attrs.get("made_from", "an unknown source"))
-            self.sources = [Source(path, "the HDF5 file")]
+            self.sources = [self._source(path, opens[0])]
             if rest := opens[0].attrs.get("rest_in"):
-                self.sources.append(Source(Path(os.path.normpath(path.parent / str(rest))), "the HDF5 file"))
-                opens.append(stack.enter_context(opened(self.sources[1].path, f"the rest of {path}")))
+                if Path(str(rest)).is_absolute():
+                    raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a name from the folder of the file")
+                other = Path(os.path.normpath(path.parent / str(rest)))
+                opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
+                self.sources.append(self._source(other, opens[1]))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
             for name in names:
                 for source, file in zip(self.sources, opens):
@@ -105,6 +111,14 @@ class File:
         self.rows = counts[names[0]]
         if self.rows == 0:
             raise DataError(f"{path}: data set {names[0]!r} has no rows")
+
+    @staticmethod
+    def _source(path: Path, file: h5py.File) -> Source:
+        """For plain reads of the very file that is open. Raises DataError."""
+        source = Source(path, "the HDF5 file")
+        if not source.is_file(file.id.get_vfd_handle()):
+            raise DataError(f"{path}: was changed while it was opened; run again")
+        return source
 
     def check(self) -> None:
         """Raise DataError if a file has been changed since it was opened. One that takes its place does no harm."""

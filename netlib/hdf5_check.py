@@ -101,7 +101,8 @@ class _Walk:
             if number not in FILTERS:
                 raise FaultError(f"{where} is compressed by filter {number} ({name.decode(errors='replace')}), which "
                                  "is not supported; expected gzip, or none")  # fmt: skip
-        stored, claimed = dataset.id.get_storage_size(), math.prod(dataset.shape or ()) * dataset.dtype.itemsize
+        stored = dataset.id.get_storage_size()
+        claimed = math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
         if claimed >= LARGE and claimed > 2000 * stored:  # gzip makes nothing a thousand times smaller
             raise FaultError(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
         in_one_piece = dataset.id.get_offset() is not None

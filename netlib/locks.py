@@ -35,10 +35,11 @@ def take(descriptor: int) -> bool | None:
 @contextlib.contextmanager
 def held(path: Path) -> Iterator[bool | None]:
     """Within it a file or folder is locked: True if it is, False if another has it, None where there are no locks."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY | NO_LINK | getattr(os, "O_NONBLOCK", 0)) if fcntl else None
-    except OSError:
-        descriptor = None
+    descriptor = None
+    for mode in (os.O_RDWR, os.O_RDONLY) if fcntl else ():  # network file systems lock what may be written
+        with contextlib.suppress(OSError):
+            descriptor = os.open(path, mode | NO_LINK | getattr(os, "O_NONBLOCK", 0))
+            break
     try:
         yield None if descriptor is None else take(descriptor)
     finally:

@@ -69,7 +69,7 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
     Raises WeightsError, also if snapshots cannot be written there: now, before hours of training.
     """
     folder = Path(f"{prefix}_").parent
-    path = folder / f".{prefix.name}.lock"
+    path = folder / f".{prefix.name}.netlib.lock"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = locks.Lock(path)

@@ -25,7 +25,7 @@ import numpy as np
 from netlib import engine as engines
 from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
 from netlib.blob import Array
-from netlib.errors import DataError, DivergenceError
+from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
@@ -131,7 +131,10 @@ class Solver:
             finished = self.step(p.max_iter - self.iter)
         except DataError:
             if p.snapshot_after_train and self._saved_iter != self.iter:
-                self.snapshot()  # what was learned is not lost with the data
+                try:
+                    self.snapshot()  # what was learned is not lost with the data
+                except WeightsError as error:
+                    log.error("%s", error)
             raise
         if (
             p.snapshot_after_train

@@ -44,4 +44,5 @@ def _open(path: Path) -> File:
 
 def _example(file: File, row: int) -> Example:
     crop, *joints = (dataset[row] for dataset in file.datasets)
-    return crop.reshape(crop.shape[-2:]).astype(np.float32), joints[0].astype(np.float64) if joints else None
+    with np.errstate(all="ignore"):  # numbers of other kinds; a pixel that is none is drawn as none
+        return crop.reshape(crop.shape[-2:]).astype(np.float32), joints[0].astype(np.float64) if joints else None

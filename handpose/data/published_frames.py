@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
@@ -135,7 +136,8 @@ def read_centers(path: Path, frames: int) -> Array:
 
 def _array_in(path: Path) -> Array:
     """The array in an .npy or .npz file. Raises DataError."""
-    with BufferedReader(files.opened(path, "the centres")) as stream:
+    with BufferedReader(files.opened(path, "the centres")) as stream, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy's, of a strange header
         try:
             loaded = np.load(stream, allow_pickle=False)
             if isinstance(loaded, np.ndarray):

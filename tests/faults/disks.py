@@ -231,7 +231,7 @@ def planted_links(run: str, number: int) -> Outcome:
     def plant() -> str:
         victim = Path("victim").resolve()
         if number:  # a training is refused for it, so that the other names would not come up
-            Path(".s.lock").symlink_to(victim)
+            Path(".s.netlib.lock").symlink_to(victim)
         guesses = [] if number else [*before.names, "s_iter_1000000000.solverstate", "s_iter_1000000000.solverstate.h5"]
         for name in guesses:
             for suffix in ("tmp", "old", "tmp.long.tmp"):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -104,3 +105,13 @@ def test_a_name_taken_for_a_leftover_before_it_was_locked(tmp_path: Path, monkey
     atomic.replace_bytes(tmp_path / "w", b"new")
     assert len(calls) == 2
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"w": b"new"}
+
+
+@pytest.mark.parametrize("write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)])
+def test_a_pipe_is_not_taken_away(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
+    """Nor is a device, of which a rename would make a file."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match=r"it is a device or a pipe; expected the name of a file: '.*pipe'"):
+        write(tmp_path / "pipe", b"new")
+    assert (tmp_path / "pipe").is_fifo()
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]

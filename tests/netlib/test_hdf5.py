@@ -166,6 +166,19 @@ def test_without_a_helper(
     assert "HDF5 files are opened without a look from outside" in caplog.text
 
 
+def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is another, which nobody has looked at."""
+    path, other = write(tmp_path / "a.h5", x=np.zeros(3)), write(tmp_path / "other.h5", x=np.zeros(3))
+
+    def look(name: str, identity: object) -> str:
+        other.replace(path)
+        return ""
+
+    monkeypatch.setattr(hdf5_helper, "fault_of", look)
+    with pytest.raises(DataError, match=r"a\.h5: was changed while it was opened; run again"):
+        hdf5.File(path, ("x",))
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
     """The parent's is not asked by two, nor ended by the child."""

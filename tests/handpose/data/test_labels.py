@@ -82,7 +82,7 @@ def test_labels_of_another_file(tmp_path):
         file.attrs["rest_in"] = "first.h5"
     assert labels.read(path, [2]).half_cube.tolist() == [130.5] * 4
     (tmp_path / "first.h5").unlink()
-    with pytest.raises(DataError, match=r"first\.h5: cannot read the HDF5 file: No such file"):
+    with pytest.raises(DataError, match=r"first\.h5: cannot read the rest of .*a\.h5: No such file"):
         labels.read(path, [2])
 
 

@@ -220,7 +220,7 @@ def test_files_with_something_wrong_in_them(tmp_path, net_of, datasets, message)
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        ("missing", r"other\.h5: cannot read the HDF5 file: No such file or directory"),
+        ("missing", r"other\.h5: cannot read the rest of .*a\.h5: No such file or directory"),
         ("lacks it", r"a\.h5: no data set 'x'; it has t, y"),
         (
             "is not HDF5",
@@ -239,6 +239,16 @@ def test_a_rest_that_is_not_there(tmp_path, net_of, other, message):
         file.attrs["rest_in"] = "other.h5"
     (tmp_path / "list.txt").write_text("a.h5")
     with pytest.raises(netlib.DataError, match=message):
+        net_of(layer(tmp_path / "list.txt", 2))
+
+
+def test_a_rest_anywhere(tmp_path, net_of):
+    """An absolute name is some place of who made the file; both may be moved together."""
+    write(tmp_path / "a.h5", t=np.zeros(3))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["rest_in"] = "/etc/hostname"
+    (tmp_path / "list.txt").write_text("a.h5")
+    with pytest.raises(netlib.DataError, match="rest_in is '/etc/hostname'; expected a name from the folder of the"):
         net_of(layer(tmp_path / "list.txt", 2))
 
 
