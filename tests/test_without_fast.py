@@ -67,7 +67,8 @@ def test_a_solver_trains(bare: Path) -> None:
 
 def test_all_other_tests_pass(bare: Path) -> None:
     """On the plain engine alone."""
-    done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests",
+               "--ignore", "tests/faults")  # fmt: skip  # what it damages is read without fast/
     summary = done.stdout.splitlines()[-1]
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     assert int(re.search(r"(\d+) passed", summary)[1]) > 2000, summary  # type: ignore[index]

@@ -300,8 +300,10 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
 @pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="links cannot be told apart here")
 def test_a_lock_that_is_in_the_way_is_named(solver_of: MakeSolver, work: Path) -> None:
     """The folder can be written: what cannot is a file that another user, or somebody who plants links, has left."""
-    (work / ".x.lock").symlink_to("victim")
-    with pytest.raises(netlib.WeightsError, match=r"^\.: cannot write snapshots there: \.x\.lock: Too many levels"):
+    (work / ".x.netlib.lock").symlink_to("victim")
+    with pytest.raises(
+        netlib.WeightsError, match=r"^\.: cannot write snapshots there: \.x\.netlib\.lock: Too many levels"
+    ):
         solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "x" max_iter: 2').solve()
     assert not (work / "victim").exists()
 
