@@ -281,9 +281,10 @@ def make_solver(layout: str = "HDF5") -> list[str]:
 
 
 def read_solver(path: Path) -> Any:
-    """Build it and make two steps; no snapshots, which might go anywhere."""
+    """Build it and make two steps, if these take no hours; no snapshots, which might go anywhere."""
     solver = netlib.get_solver("solver.prototxt", snapshot=0, snapshot_after_train=False)
-    solver.step(2)
+    if max(solver.param.iter_size, *solver.param.test_iter) <= 1000:
+        solver.step(2)
     return parameters(solver)
 
 
@@ -575,7 +576,7 @@ def read_message(path: Path) -> Any:
     try:
         message.ParseFromString(path.read_bytes())
     except NetlibError as error:
-        raise type(error)(f"{path}: {error}") from None  # the bytes have no name
+        raise NetlibError(f"{path}: {error}") from None  # the bytes have no name
     str(message)
     message.SerializeToString()
 
