@@ -168,6 +168,11 @@ class Rows:
         self.take(np.atleast_1d(numbers), out)
         return out.reshape(numbers.shape + self.shape[1:])
 
+    def numbers(self) -> Array:
+        """All rows, float64."""
+        with np.errstate(all="ignore"):  # a damaged file may have numbers of any kind; who reads them looks at them
+            return self[:].astype(np.float64)
+
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         """All rows."""
         return self[:].astype(dtype or self.dtype, copy=False)

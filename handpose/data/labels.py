@@ -52,12 +52,12 @@ def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) 
     usual         half-cube in mm where the file does not say
     """
     file = File(path, ("joint",))
-    stored = file.datasets[0][:]
+    stored = file.datasets[0].numbers()
     count = stored.size // file.rows // 3
     if count not in joint_counts or stored.shape[1:] not in ((3 * count,), (count, 3)):
         expected = " or ".join(f"(N, {3 * known}) for {known} joints" for known in joint_counts)
         raise DataError(f"{path}: data set 'joint' has shape {stored.shape}, expected {expected}")
-    joints = stored.astype(np.float64).reshape(file.rows, count, 3)
+    joints = stored.reshape(file.rows, count, 3)
     wrong = np.isinf(joints).any(axis=(1, 2))
     if wrong.any():
         raise DataError(f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
@@ -69,11 +69,11 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
     """Half-cubes (n,) in mm of the frames of an open file, ``usual`` where it does not say. Raises DataError."""
     if "half_cube" not in file.names:
         return np.full(file.rows, usual)
-    stored = File(file.path, ("half_cube",)).datasets[0][:]
+    stored = File(file.path, ("half_cube",)).datasets[0].numbers()
     if stored.shape not in ((file.rows,), (file.rows, 1)):
         raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
                         "mm, one number per frame")  # fmt: skip
-    half_cube = stored.astype(np.float64).reshape(file.rows)
+    half_cube = stored.reshape(file.rows)
     wrong = ~(np.isfinite(half_cube) & (half_cube > 0))
     if wrong.any():
         first = wrong.argmax()
@@ -93,10 +93,10 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
         for name in ("center_uvd", "center"):
             if name not in file.names:
                 raise DataError(f"{file.path}: no data set {name!r}; expected where the crops were cut")
-        stored = [dataset[:] for dataset in File(file.path, ("center_uvd", "center")).datasets]
+        stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
         if any(array.shape != (file.rows, 3) for array in stored):
             raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
-        found.append(np.stack(stored).astype(np.float64))
+        found.append(np.stack(stored))
     uvd, xyz = np.concatenate(found, axis=1)
     if not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > 0).all()):
         raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")

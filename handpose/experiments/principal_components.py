@@ -26,8 +26,7 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     """
     parts: list[Array] = []
     for source in files:
-        with np.errstate(invalid="ignore"):  # what is not finite is found below
-            joints = hdf5.File(source, ("joint",)).datasets[0][:].astype(np.float64)
+        joints = hdf5.File(source, ("joint",)).datasets[0].numbers()
         if joints.ndim != 2 or any(joints.shape[1] != other.shape[1] for other in parts):
             raise DataError(f"{source}: data set 'joint' has shape {joints.shape}, expected (N, 3 K), as in all files")
         if not np.isfinite(joints).all():

@@ -63,7 +63,7 @@ def fit_list(
     residuals, inputs = [], []
     for number, (path, target) in enumerate(zip(files, targets), 1):
         residuals.append(fit_file(path, target, skeleton, **options))
-        inputs.append(hdf5.File(target, ("dof",)).datasets[0][:].astype(np.float64))
+        inputs.append(hdf5.File(target, ("dof",)).datasets[0].numbers())
         told(number, target, residuals[-1])
     atomic.replace_text(out / name, parts.list_text(targets))
     return np.concatenate(inputs), np.concatenate(residuals)
@@ -93,7 +93,7 @@ def fit_file(
     )  # fmt: skip
     kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
-        residuals = hdf5.File(target, ("residual_mm",)).datasets[0][:].astype(np.float64)
+        residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()
         progress(len(residuals))
         return np.asarray(residuals)
     told = labels.read(path, [len(skeleton.parents)])

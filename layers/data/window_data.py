@@ -40,7 +40,7 @@ from netlib.blob import Array, Blobs
 from netlib.errors import DataError, did_you_mean
 from netlib.layer import Layer
 from netlib.paths import find
-from netlib.schema import UInt, numbered
+from netlib.schema import UInt, numbered, round_to_32_bits
 
 T = TypeVar("T", int, float)
 
@@ -215,7 +215,7 @@ def _read_windows(path: Path) -> list[tuple[Window, float]]:
         )
         for i in range(count):
             label = _next(words, int, f"{what}: the class of window {i}")
-            overlap = float(np.float32(_next(words, float, f"{what}: the overlap of window {i}")))
+            overlap = round_to_32_bits(_next(words, float, f"{what}: the overlap of window {i}"))
             x1, y1, x2, y2 = (_next(words, int, f"{what}: {corner} of window {i}") for corner in Window._fields[2:])
             found.append((Window(image, label, x1, y1, x2, y2), overlap))
         images += 1

@@ -283,7 +283,7 @@ def make_solver(layout: str = "HDF5") -> list[str]:
 def read_solver(path: Path) -> Any:
     """Build it and make two steps, if these take no hours; no snapshots, which might go anywhere."""
     solver = netlib.get_solver("solver.prototxt", snapshot=0, snapshot_after_train=False)
-    if max(solver.param.iter_size, *solver.param.test_iter) <= 1000:
+    if max([solver.param.iter_size, *solver.param.test_iter]) <= 1000:
         solver.step(2)
     return parameters(solver)
 
