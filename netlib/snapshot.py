@@ -114,7 +114,9 @@ def _put_right(prefix: Path) -> None:
 def _choose(weights: Path, old: Path) -> None:
     """Give old weights their name back if the state beside them is theirs; else remove them."""
     state = weights.with_name(weights.name.replace(".caffemodel", ".solverstate"))
-    if state.exists() and weights_of(state, read_state(state), weights) == old and not old.samefile(weights):
+    if weights.exists() and (old.samefile(weights) or not state.exists()):
+        old.unlink()
+    elif not weights.exists() or weights_of(state, read_state(state), weights) == old:
         os.replace(old, weights)
     else:
         old.unlink()

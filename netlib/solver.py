@@ -130,7 +130,7 @@ class Solver:
         try:
             finished = self.step(p.max_iter - self.iter)
         except DataError:
-            if p.snapshot_after_train and self._saved_iter != self.iter:
+            if (p.snapshot or p.snapshot_after_train) and self._saved_iter != self.iter:
                 try:
                     self.snapshot()  # what was learned is not lost with the data
                 except WeightsError as error:

@@ -206,7 +206,7 @@ def test_data_that_are_cut_on_the_way(older: Path, within: str) -> None:
     Path("list.txt").write_text("train0.h5\ntrain1.h5\n")
     whole = netlib.get_solver("solver.prototxt", iter_size=2, **WITH_TESTS)
     assert whole.solve()
-    broken = netlib.get_solver("solver.prototxt", iter_size=2, **WITH_TESTS)
+    broken = netlib.get_solver("solver.prototxt", iter_size=2, snapshot_after_train=within == "a test", **WITH_TESTS)
     net = broken.net if within == "training" else broken.test_nets[0]
     run, batches = net.run_forward, list[int]()
 

@@ -179,6 +179,14 @@ def test_the_next_training_puts_the_pair_right(killed_between: tuple[Path, Path]
     assert sorted(everything_in(tmp_path)) == sorted([weights.name, state.name])
 
 
+def test_weights_of_which_only_the_kept_ones_are_left(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
+    """Whatever took the others away: they get their name back."""
+    weights, state = killed_between
+    weights.unlink()
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
+
+
 @pytest.mark.parametrize("which", ["nothing was renamed", "both were renamed"])
 def test_a_kill_before_or_after(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, which: str) -> None:
     """The old or the new pair; what was kept of the old weights is not needed."""
