@@ -95,7 +95,8 @@ class Net:
         self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
         python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
-        self._build(insert_splits(self.param.layer))
+        with np.errstate(all="ignore"):  # options may be any numbers; what comes of them is looked at when it runs
+            self._build(insert_splits(self.param.layer))
         self._decide_backward(param.force_backward)
         self._note_overwritten_tops()
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]

@@ -45,6 +45,8 @@ class MVN(Layer):
         if len(x.shape) > 4 or (len(x.shape) < 4 and top[0] is x):
             allowed = "at most 4 axes, in place 4"
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected {allowed}")
+        if not x.count:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x.shape} is empty, and has no mean")
         top[0].reshape(x.num, x.channels, x.height, x.width)
         self.axes = (1, 2, 3) if self.param.across_channels else (2, 3)
 
