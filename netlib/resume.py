@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -98,16 +98,26 @@ def restore_state(solver: Solver, path: str | Path) -> None:
         log.info("Changed: %s", change)
 
 
+def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
+    """A function that puts the data positions and random numbers of the nets back to what they are now."""
+    before = [net.layer_states() for net in nets]
+
+    def undo() -> None:
+        for net, states in zip(nets, before):
+            net.restore_layer_states(states)
+
+    return undo
+
+
 def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any]]) -> None:
     """Take back the states of all layers, or leave all as they are. Raises WeightsError."""
     nets = [solver.net, *solver.test_nets]
-    before = [net.layer_states() for net in nets]
+    undo = undo_of(nets)
     try:
         for net, of_layers in zip(nets, states):
             net.restore_layer_states(of_layers)
     except Exception as error:  # of a user's layer, too
-        for net, of_layers in zip(nets, before):
-            net.restore_layer_states(of_layers)
+        undo()
         raise WeightsError(f"{path}: the state of a layer cannot be restored: {reason_of(error)}") from error
 
 

@@ -58,5 +58,5 @@ class SolverState:
         for states in self.extra.get("layers", ()):
             if type(states) is not dict or not all(type(state) is dict for state in states.values()):
                 raise ValueError("'layers' holds other things than the states of layers")
-        if self.extra.get("checksum", self.checksum()) != self.checksum():
+        if "checksum" in self.extra and self.extra["checksum"] != self.checksum():
             raise ValueError("its checksum is another than that of its content")

@@ -29,7 +29,7 @@ from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
-from netlib.resume import extra_state, restore_state, state_of
+from netlib.resume import extra_state, restore_state, state_of, undo_of
 from netlib.sharing import Param
 from netlib.updates import histories, learning_rate
 
@@ -341,12 +341,7 @@ class Solver:
 def _undone_if_cut_short(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
     """What fails within it for want of data leaves data positions and random numbers as they were: an iteration is
     made whole or not at all. Yields a function that puts them back."""
-    before = [net.layer_states() for net in nets]
-
-    def undo() -> None:
-        for net, states in zip(nets, before):
-            net.restore_layer_states(states)
-
+    undo = undo_of(nets)
     try:
         yield undo
     except DataError:

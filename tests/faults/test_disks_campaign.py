@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from tests.faults import campaign, disks
@@ -11,13 +9,6 @@ from tests.faults.isolation import Worker
 
 SHORT = {"clock": range(2), "soak": range(1), "two trainings": range(2)}
 STEPS = {"full": 8, "read-only": 9, "one": 10, "limited": 4, "data": 3, "planted": 1}  # else every 6th
-
-
-@pytest.fixture(scope="module")
-def worker() -> Iterator[Worker]:
-    """A process that takes all the cases."""
-    with Worker() as worker:
-        yield worker
 
 
 @pytest.mark.parametrize("name", disks.NAMES)

@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from tests.faults import campaign, kills
 from tests.faults.isolation import Worker
 
 EVERY = 6
-
-
-@pytest.fixture(scope="module")
-def worker() -> Iterator[Worker]:
-    """A process that takes all the cases."""
-    with Worker() as worker:
-        yield worker
 
 
 @pytest.mark.parametrize("name", kills.NAMES)

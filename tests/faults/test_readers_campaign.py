@@ -6,21 +6,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from tests.faults import campaign, readers
 from tests.faults.isolation import Worker
 
 CASES = 40
-
-
-@pytest.fixture(scope="module")
-def worker() -> Iterator[Worker]:
-    """A process that takes all the cases."""
-    with Worker() as worker:
-        yield worker
 
 
 @pytest.mark.parametrize("name", [reader.name for reader in readers.READERS])
