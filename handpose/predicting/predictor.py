@@ -114,17 +114,33 @@ class Predictor:
                 crop the one with less doubt is taken, of places the one that is less strange and likelier
         """
         camera = self._camera_of(depth)
-        find = center is None and self.locator is not None
-        if self.locator is not None and find:
+        if center is None and self.locator is not None:
             located = self.locator.hands(depth, camera)
-            starts, odds = list(camera.project(located.center)), list(located.odds)
-        else:
-            starts, odds = [self.start(depth, center)], [0.0]
+            return self.hands_at(depth, list(camera.project(located.center)), list(located.odds))[0]
+        return self._hands_near(depth, [self.start(depth, center)], [0.0], find=False)[0]
+
+    def hands_at(
+        self, depth: NDArray[np.generic], starts: Sequence[Array], odds: Sequence[float]
+    ) -> list[FramePrediction]:
+        """The hands at places where a locator saw some, as ``in_frame`` looks at them, the likeliest first.
+
+        starts  (3,) px, px, mm each
+        odds    logarithms of the odds that there is a hand
+
+        Raises DataError if all places are out of sight, NetlibError.
+        """
+        return self._hands_near(depth, starts, odds, find=True)
+
+    def _hands_near(
+        self, depth: NDArray[np.generic], starts: Sequence[Array], odds: Sequence[float], find: bool
+    ) -> list[FramePrediction]:
+        """The hand of each of the ``KEEP`` likeliest places; of one if nobody has to ``find`` it."""
+        camera = self._camera_of(depth)
         places = self._places(depth, camera, starts, odds, both=find and self.fit != "no")
         if self.fit == "no":
-            return self._hands(places, camera, "no")[0]
+            return self._hands(places, camera, "no")[:1]
         if len(places) == 1:
-            return self._hands(places, camera, self.fit)[0]
+            return self._hands(places, camera, self.fit)
         by_sight = sorted(zip(self._hands(places, camera, "fast"), places), key=lambda one: _unlikely(*one))
         best: dict[tuple[float, ...], Place] = {}
         for _, place in by_sight:
@@ -133,7 +149,7 @@ class Predictor:
         again = [place._replace(side=side) for place in likely for side in self.sides]
         hands, sides = self._hands(again, camera, self.fit), len(self.sides)
         told = [min(hands[i : i + sides], key=_doubt) for i in range(0, len(hands), sides)]
-        return min(zip(told, likely), key=lambda one: _unlikely(*one))[0]
+        return [found for found, _ in sorted(zip(told, likely), key=lambda one: _unlikely(*one))]
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.

@@ -42,7 +42,7 @@ class DepthFit:
     x           (N, V) all variables, for ``FleshModel``
     signs       (N, 5) what the doubt is made of: the parts of the misfit, and how far in mm the joints moved; infinite
                 where there is nothing to be seen
-    start       (N,) which start it came from: first the quarter turns, then those drawn
+    start       (N,) which start it came from: first the quarter turns, then the frame before, then those drawn
     """
 
     inputs: Array
@@ -72,15 +72,17 @@ class DepthFitter:
         self.precision = np.linalg.inv(self.errors.limbs)
 
     def fit(
-        self, seen: Observation, predictions: Sequence[Array], plan: str, *, size: float | None = None, seed: int = 0
-    ) -> DepthFit:
+        self, seen: Observation, predictions: Sequence[Array], plan: str, *, size: float | Array | None = None,
+        before: Array | None = None, seed: int = 0,
+    ) -> DepthFit:  # fmt: skip
         """The best fit of every frame. Raises DataError.
 
         The same frames give the same fits, bit for bit; other frames beside them change them as rounding does, which
         now and then tips one into another valley.
 
         predictions  inputs (N, D), from each crop turned counter-clockwise by the quarters of the plan
-        size         the body's, if it is known
+        size         the body's, one or (N,), if it is known
+        before       x (N, V) as the frames before let it be expected: one more start, with a prior about itself
         seed         of the drawn starts
         """
         how, model = PLANS[plan], self.model
@@ -93,6 +95,8 @@ class DepthFitter:
         if own.shape[1] != len(seen):
             raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
         objective = self.objective
+        if before is not None:
+            own = np.concatenate([own, before[None]])
         if size is not None:
             own[:, :, SIZE] = np.log(size)
             objective = objective.of_known_size()

@@ -5,6 +5,7 @@ Everything is in mm from the crop's centre, in camera axes (x right, y up, z awa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -57,6 +58,13 @@ class Observation:
             name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
         })  # fmt: skip
 
+    def cut(self, row: int) -> Observation:
+        """One of the frames, with its own crop only."""
+        one = {name: values[row : row + 1] for name, values in vars(self).items()}
+        crop = int(self.frame[row])
+        crops = {name: getattr(self, name)[crop : crop + 1] for name in ("outside", "nearest")}
+        return Observation(**(one | crops | {"frame": np.zeros(1, np.int_)}))
+
     def mirrored(self) -> Observation:
         """The frames as a mirror along x shows them, where a left hand is a right one."""
         flip = np.array([-1, 1, 1], np.float32)
@@ -71,6 +79,14 @@ class Observation:
         """Every so manieth of the points."""
         few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
         return Observation(**(vars(self) | few))
+
+
+def joined(some: Sequence[Observation]) -> Observation:
+    """The frames of several observations, sampled at the same number of points, one after the other."""
+    whole = {name: np.concatenate([getattr(seen, name) for seen in some]) for name in vars(some[0])}
+    first = np.cumsum([0, *(len(seen.outside) for seen in some)])
+    whole["frame"] = np.concatenate([seen.frame + crop for seen, crop in zip(some, first)])
+    return Observation(**whole)
 
 
 def observe(

@@ -1,0 +1,126 @@
+r"""The variables of a fitted body, as they move through space: apart from the crop in which they were found.
+
+``Placed`` has them with the root's place in mm from the camera, and the root's turn as one rotation: angles about three
+axes jump where a body turns past a pole, and are no measure of how fast it turns. A left hand is placed in the space
+that a mirror shows, as the fit sees it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.fitting.depth.body import FleshModel
+from handpose.tracking.one_euro import turn_between, turned
+from netlib.blob import Array
+from netlib.errors import NetlibError
+
+
+class Placed(NamedTuple):
+    """A body in space.
+
+    place     (3,) mm, of the root, in the axes of the (mirrored) camera
+    rotation  (3, 3) world_from_root
+    others    (V - 6,) the other variables: limbs, the flesh's own, logarithms of size and girth
+    """
+
+    place: Array
+    rotation: Array
+    others: Array
+
+
+class Placer:
+    """Between variables x (V,) about a crop's centre and ``Placed``.
+
+    Raises NetlibError for a skeleton whose root does not translate along x, y, z and turn about three different axes.
+    """
+
+    def __init__(self, model: FleshModel) -> None:
+        whole = model.whole
+        motions = whole.motions[int(np.flatnonzero(whole.parents < 0)[0])]
+        slides = {m.axis: m for m in motions if m.kind == "translate"}
+        turns = [m for m in motions if m.kind == "rotate"]
+        if set(slides) != {0, 1, 2} or {m.axis for m in turns} != {0, 1, 2} or len(motions) != 6:
+            raise NetlibError(
+                f"skeleton {model.skeleton.name!r}: its root does not translate along x, y, z and turn about three "
+                "axes, so that it cannot be followed through space"
+            )
+        self.unit_mm = model.unit_mm
+        column = {int(dof): i for i, dof in enumerate(model.free)}
+        self._slides = np.array([column[slides[axis].dof] for axis in range(3)])
+        self._slide_signs = np.array([slides[axis].sign for axis in range(3)])
+        self._slide_initial = np.array([whole.initial[slides[axis].dof] for axis in range(3)])
+        self._turns = np.array([column[m.dof] for m in turns])
+        self._turn_signs = np.array([m.sign for m in turns])
+        self._turn_initial = np.array([whole.initial[m.dof] for m in turns])
+        self._axes = [m.axis for m in turns]
+        i, j, _ = self._axes
+        self._parity = 1.0 if (j - i) % 3 == 1 else -1.0
+        self.others = np.setdiff1d(np.arange(model.variables), np.concatenate([self._slides, self._turns]))
+
+    def placed(self, x: Array, center_mm: Array) -> Placed:
+        """The body x (V,) about the crop's centre (3,)."""
+        theta = self._slide_signs * (x[self._slides] + self._slide_initial)
+        return Placed(theta * self.unit_mm + center_mm, self.rotation(x), x[self.others])
+
+    def rotation(self, x: Array) -> Array:
+        """The root's rotation (3, 3) of x (V,)."""
+        result = np.eye(3)
+        for axis, angle in zip(self._axes, self._turn_signs * (x[self._turns] + self._turn_initial)):
+            result = result @ _about(axis, angle)
+        return result
+
+    def variables(self, body: Placed, center_mm: Array) -> Array:
+        """x (V,) about the crop's centre (3,), the root's angles within half a turn of 0."""
+        x = np.empty(len(self.others) + 6)
+        x[self.others] = body.others
+        x[self._slides] = (body.place - center_mm) / self.unit_mm * self._slide_signs - self._slide_initial
+        angles = self._turn_signs * self._angles(body.rotation) - self._turn_initial
+        x[self._turns] = (angles + np.pi) % (2 * np.pi) - np.pi
+        return x
+
+    def _angles(self, R: Array) -> Array:
+        """The angles (3,) of R = R_i(a) R_j(b) R_k(c) with the root's axes i, j, k."""
+        i, j, k = self._axes
+        e = self._parity
+        b = np.arcsin(np.clip(e * R[i, k], -1, 1))
+        if abs(R[i, k]) > 1 - 1e-12:  # only the sum of the others is known
+            return np.array([np.arctan2(e * R[k, j], R[j, j]), b, 0.0])
+        return np.array([np.arctan2(-e * R[j, k], R[k, k]), b, np.arctan2(-e * R[i, j], R[i, i])])
+
+
+class Motion(NamedTuple):
+    """How fast a body moves: mm/s, rad/s about the world's axes, and its other variables per second."""
+
+    place: Array
+    turn: Array
+    others: Array
+
+
+def motion_between(first: Placed, second: Placed, seconds: float) -> Motion:
+    """The motion that leads from one to the other in so many seconds."""
+    return Motion(
+        (second.place - first.place) / seconds,
+        turn_between(first.rotation, second.rotation) / seconds,
+        (second.others - first.others) / seconds,
+    )
+
+
+def moved(body: Placed, motion: Motion, seconds: float) -> Placed:
+    """The body so many seconds later."""
+    return Placed(
+        body.place + motion.place * seconds,
+        turned(body.rotation, motion.turn * seconds),
+        body.others + motion.others * seconds,
+    )
+
+
+def _about(axis: int, angle: float) -> Array:
+    """The rotation (3, 3) about an axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i] = R[j, j] = c
+    R[j, i], R[i, j] = s, -s
+    return R

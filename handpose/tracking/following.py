@@ -1,0 +1,119 @@
+"""One hand followed from frame to frame: where to look next, which hand it is, when it is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handpose.tracking.body_pose import Motion, Placed, motion_between, moved
+from handpose.tracking.looking import Aim, Looker, Sight
+from handpose.tracking.smoothing import PoseFilter
+
+ENOUGH = 0.4  # confidence: less is no hand
+SURE = 0.8  # with less, another look is taken from where the hand was, and from where the network sees it
+COAST = 0.4  # s that a hand is looked for where it was before it is given up
+KEPT = 0.7  # of the speed, from frame to frame
+NEW = 0.6  # how much of a speed is that of the last two frames
+DECIDED = 4.0  # logarithm of the ratio of doubts, summed up, that decides between left and right
+MOST = 1.0  # of it that one frame may say
+LONG = 20  # frames after which more of them decide
+
+
+class Seen:
+    """A hand seen as one side: its last pose, how it moves, and its filter."""
+
+    def __init__(self, sight: Sight, time: float) -> None:
+        self.sight, self.time = sight, time
+        self.motion: Motion | None = None
+        self.filter = PoseFilter()
+        self.smooth = self.filter(sight.body, time)
+
+    def expected(self, time: float) -> Placed:
+        """The body at a time, as it moved."""
+        if self.motion is None:
+            return self.sight.body
+        return moved(self.sight.body, self.motion, KEPT * (time - self.time))
+
+    def take(self, sight: Sight, time: float) -> None:
+        """What was seen next."""
+        new = motion_between(self.sight.body, sight.body, time - self.time)
+        old = self.motion or new
+        self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
+        self.sight, self.time = sight, time
+        self.smooth = self.filter(sight.body, time)
+
+
+class Follower:
+    """A hand that is followed.
+
+    id       of the hand
+    sides    seen as which hand it is followed: both until it is decided
+    time     s, when it was seen last
+    size     relative to the skeleton, once it is known
+    """
+
+    def __init__(self, id: int, looker: Looker, sights: Sequence[Sight], time: float, size: float | None) -> None:
+        self.id, self.time, self.size = id, time, size
+        self._looker = looker
+        self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
+        self._evidence, self._frames = 0.0, 0
+        self._weigh(sights)
+
+    @property
+    def best(self) -> Seen:
+        """The side that it most likely is."""
+        if len(self.sides) == 1:
+            return next(iter(self.sides.values()))
+        return self.sides["right" if self._evidence >= 0 else "left"]
+
+    @property
+    def is_decided(self) -> bool:
+        """Is it known which hand it is?"""
+        return len(self.sides) == 1
+
+    def aims(self, time: float) -> list[Aim]:
+        """Where to look for it in a frame."""
+        return [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
+
+    def other_aims(self, sights: Sequence[Sight | None]) -> list[Aim]:
+        """Where else: where it was, and where the network sees a palm near."""
+        aims = [self._aim(side, seen.sight.body) for side, seen in self.sides.items()]
+        for sight in sights:
+            if sight is not None:
+                center = self._looker.palm_seen(sight)
+                aims.append(Aim(center, sight.aim.side, self.sides[sight.aim.side].sight.body, self.size))
+        return aims
+
+    def take(self, sights: Sequence[Sight | None], time: float) -> bool:
+        """What was seen of it; is it the hand? Of each side the best of several sights counts."""
+        best: dict[str, Sight] = {}
+        for sight in sights:
+            if sight is not None and (sight.aim.side not in best or sight.doubt < best[sight.aim.side].doubt):
+                best[sight.aim.side] = sight
+        if not best or max(sight.confidence for sight in best.values()) < ENOUGH:
+            return False
+        for side, sight in best.items():
+            self.sides[side].take(sight, time)
+        self.time = time
+        self._weigh(list(best.values()))
+        return True
+
+    def given_up(self, time: float) -> bool:
+        """Was it lost for too long?"""
+        return time - self.time > COAST
+
+    def _aim(self, side: str, body: Placed) -> Aim:
+        return Aim(self._looker.center_of(body, side), side, body, self.size)
+
+    def _weigh(self, sights: Sequence[Sight]) -> None:
+        """Left or right: decided by the sum of what the frames say, and then kept."""
+        if len(sights) < 2 or self.is_decided:
+            return
+        doubt = {sight.aim.side: sight.doubt for sight in sights}
+        says = np.log(max(doubt["left"], 1e-9)) - np.log(max(doubt["right"], 1e-9))
+        self._evidence += float(np.clip(np.nan_to_num(says), -MOST, MOST))
+        self._frames += 1
+        if abs(self._evidence) > DECIDED or self._frames >= LONG:
+            side = "right" if self._evidence >= 0 else "left"
+            self.sides = {side: self.sides[side]}

@@ -1,0 +1,49 @@
+"""Why a hand is not found where it should be, in one line."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data.crops import crop
+from handpose.facts.cameras import Camera
+from handpose.fitting.depth.observation import BACKGROUND
+from handpose.tracking.looking import Aim, Sight
+from netlib.errors import DataError
+
+FEWEST = 0.03  # part of a crop that shows something
+COVERED = 0.3  # part of a crop that is nearer than the cube around the hand
+MARGIN = 0.02  # of the image's size: so near its edge a hand leaves it
+
+
+def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim, sight: Sight | None) -> str:
+    """What became of the hand that was expected at an aim.
+
+    sight  the best that was seen of it
+    """
+    u, v, d = aim.center_uvd
+    sides = [
+        name
+        for name, beyond in (
+            ("left", u < MARGIN * camera.width),
+            ("right", u > (1 - MARGIN) * camera.width),
+            ("upper", v < MARGIN * camera.height),
+            ("lower", v > (1 - MARGIN) * camera.height),
+        )
+        if beyond
+    ]
+    if not (depth > 0).any():
+        return "the camera read nothing in this frame"
+    if sides:
+        return f"it left the image at the {' '.join(sides)} edge"
+    try:
+        shown = crop(depth, aim.center_uvd, cube_mm, camera)
+    except DataError:
+        return "it left the image"
+    if (shown <= -BACKGROUND).mean() > COVERED:
+        return "something nearer hides it"
+    if (np.abs(shown) < BACKGROUND).mean() < FEWEST:
+        return f"nothing is seen where it was, {d:.0f} mm away"
+    if sight is None:
+        return "it left the image"
+    return f"what is seen where it was does not look like a hand (confidence {sight.confidence:.0%})"

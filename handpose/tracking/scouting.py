@@ -1,0 +1,60 @@
+"""Looking for further hands while others are followed: a few places of every frame, so that no frame waits for it.
+
+The locator sees all places of a frame in a tenth of a second and more. Here a round goes over the places of one frame
+during the frames after it; those that may be hands are then looked at as ``Predictor.hands_at`` does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data.places import place_crops, surface_places
+from handpose.facts.cameras import Camera
+from handpose.predicting.locator import Locator
+from netlib.blob import Array
+
+FEW, MANY = 3, 24  # places looked at in a frame while a hand is followed, and while none is
+LIKELY = 0.5  # chance that there is a hand
+APART_MM = 170.0  # from the middles of hands that are followed
+AGAIN = 2  # times that a likely place is looked at again, from where the hand was said to be
+
+
+class Scout:
+    """Goes over the places of an image, some per frame."""
+
+    def __init__(self, locator: Locator, camera: Camera) -> None:
+        self.locator, self.camera = locator, camera
+        self._left = np.zeros((0, 3))
+
+    def look(self, depth: NDArray[np.float32], followed: Array) -> Array | None:
+        """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
+        if not len(self._left):
+            self._left = self._places(depth)
+        count = FEW if len(followed) else MANY
+        some, self._left = self._left[:count], self._left[count:]
+        if len(followed) and len(some):
+            some = some[np.linalg.norm(some[:, None] - followed, axis=2).min(axis=1) > APART_MM]
+        chance, middle = self._seen(depth, some)
+        for _ in range(AGAIN):
+            likely = chance > LIKELY
+            chance, middle = self._seen(depth, middle[likely][np.argsort(-chance[likely])][:4])
+        good = chance > LIKELY
+        if len(followed) and good.any():
+            good &= np.linalg.norm(middle[:, None] - followed, axis=2).min(axis=1) > APART_MM
+        if not good.any():
+            return None
+        return np.asarray(middle[good][np.argmax(chance[good])])
+
+    def _places(self, depth: NDArray[np.float32]) -> Array:
+        """All places, the nearest first: a hand is held towards the camera."""
+        places = surface_places(depth, self.camera)
+        return places[np.argsort(places[:, 2], kind="stable")]
+
+    def _seen(self, depth: NDArray[np.float32], places: Array) -> tuple[Array, Array]:
+        """Chances (n,) and middles (n, 3) of the places (N, 3) that are in sight."""
+        crops, kept = place_crops(depth, places, self.camera)
+        if not len(kept):
+            return np.zeros(0), np.zeros((0, 3))
+        chance, where = self.locator.look(crops)
+        return chance, kept + where

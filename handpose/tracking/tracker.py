@@ -1,0 +1,206 @@
+"""Tracker: the hands in a depth recording, frame by frame.
+
+with open_recording("frames") as recording:
+    tracker = load_tracker(recording.camera)
+    for frame in tracker.follow(recording):
+        print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
+
+A hand is looked for where it should be by its motion; the fit starts from that pose, and from what the network sees
+there, and the one that explains the depth better is taken. Only where no hand is followed the image is searched.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.cameras import Camera
+from handpose.fitting.depth.body import SIZE
+from handpose.flesh.render import Capsules
+from handpose.predicting.packaged import load_predictor
+from handpose.predicting.predictor import Fit, Predictor
+from handpose.recordings.recording import DepthFrame
+from handpose.tracking.following import ENOUGH, SURE, Follower
+from handpose.tracking.looking import Aim, Looker, Sight
+from handpose.tracking.reasons import reason
+from handpose.tracking.scouting import Scout
+from handpose.tracking.sizing import SizeKeeper
+from handpose.tracks.track import MIRROR, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError
+
+SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
+STRANGE_MM = 60.0  # a new hand is no stranger than this
+
+
+def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
+    """A tracker with the packaged weights; the options are those of ``Tracker``. Raises NetlibError."""
+    return Tracker(load_predictor(camera, fit=fit), **options)  # type: ignore[arg-type]
+
+
+@dataclasses.dataclass
+class Known:
+    """What is kept of a hand, even while it is lost."""
+
+    hand: str
+    since: float
+    reason: str
+    sizes: SizeKeeper
+    size: float | None
+
+
+class Tracker:
+    """Follows hands.
+
+    predictor  finds hands and fits them; with a locator, a fit, and a camera of the frames' size
+    hands      at most so many at once
+    smooth     smooth poses over time
+    size       of all hands, relative to the skeleton; without it, each one's is told from its first seconds
+    flesh      tell each hand's flesh, too
+    """
+
+    def __init__(
+        self, predictor: Predictor, *, hands: int = 2, smooth: bool = True, size: float | None = None,
+        flesh: bool = False,
+    ) -> None:  # fmt: skip
+        if predictor.fitter is None or predictor.locator is None:
+            raise NetlibError("a tracker needs a predictor with a fit and a locator")
+        self.predictor, self.camera = predictor, predictor.camera
+        self.limit, self.smooth, self.size, self.flesh = hands, smooth, size, flesh
+        self.looker = Looker(predictor, self.camera)
+        self.scout = Scout(predictor.locator, self.camera)
+        self.followers: list[Follower] = []
+        self.known: dict[int, Known] = {}
+
+    def header(self, source: str) -> TrackHeader:
+        """What holds for all frames."""
+        return TrackHeader(source, self.camera, self.predictor.skeleton, self.predictor.cube_mm / 2, self.smooth)
+
+    def follow(self, frames: Iterable[DepthFrame]) -> Iterator[TrackedFrame]:
+        """What is told of frames, in the order of their times. Raises DataError, NetlibError."""
+        for frame in frames:
+            yield self.step(frame)
+
+    def step(self, frame: DepthFrame) -> TrackedFrame:
+        """What is told of the next frame. Raises DataError for one of another size, NetlibError."""
+        depth, time = frame.depth, frame.time
+        self._follow(depth, time)
+        self._drop_doubles()
+        if len(self.followers) < self.limit:
+            self._scout(depth, time)
+        hands = []
+        for follower in sorted(self.followers, key=lambda one: one.id):
+            if follower.time == time:
+                self._measure(follower, time)
+                hands.append(self._told(follower))
+        lost = tuple(
+            LostHand(id, known.hand, known.since, known.reason)
+            for id, known in sorted(self.known.items())
+            if known.since < time
+        )
+        return TrackedFrame(frame.number, time, tuple(hands), lost)
+
+    def _follow(self, depth: NDArray[np.float32], time: float) -> None:
+        """Look for every hand where it should be."""
+        aims = {follower.id: follower.aims(time) for follower in self.followers}
+        sights = self._looks(depth, aims)
+        poor = [
+            follower
+            for follower in self.followers
+            if max((s.confidence for s in sights[follower.id] if s is not None), default=0.0) < SURE
+        ]
+        again = self._looks(depth, {follower.id: follower.other_aims(sights[follower.id]) for follower in poor})
+        for follower in list(self.followers):
+            seen = [*sights[follower.id], *again.get(follower.id, [])]
+            known = self.known[follower.id]
+            if follower.take(seen, time):
+                known.since, known.hand = time, follower.best.sight.aim.side
+                continue
+            best = min((s for s in seen if s is not None), key=lambda s: s.doubt, default=None)
+            known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
+            if follower.given_up(time):
+                self.followers.remove(follower)
+
+    def _looks(self, depth: NDArray[np.float32], aims: dict[int, list[Aim]]) -> dict[int, list[Sight | None]]:
+        """One look at all places of several hands, by their ids."""
+        sights = iter(self.looker.look(depth, [aim for own in aims.values() for aim in own]))
+        return {id: [next(sights) for _ in own] for id, own in aims.items()}
+
+    def _drop_doubles(self) -> None:
+        """Of two followers of one hand the one with less doubt stays."""
+        for follower in sorted(self.followers, key=lambda one: one.best.sight.doubt):
+            if follower not in self.followers:
+                continue
+            for other in list(self.followers):
+                if other is not follower and np.linalg.norm(self._middle(follower) - self._middle(other)) < SAME_MM:
+                    self.followers.remove(other)
+                    self.known[other.id].reason = "another hand is followed in its place"
+
+    def _scout(self, depth: NDArray[np.float32], time: float) -> None:
+        """Look for a hand that nobody follows."""
+        middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
+        place = self.scout.look(depth, middles)
+        if place is None:
+            return
+        try:
+            found = self.predictor.hands_at(depth, [self.camera.project(place)], [0.0])[0]
+        except DataError:  # out of sight
+            return
+        assert found.fit is not None
+        if found.fit.strangeness > STRANGE_MM:
+            return
+        sides = self.predictor.sides
+        seen = [s for s in self.looker.look(depth, [Aim(found.center_uvd, side) for side in sides]) if s is not None]
+        if not seen or max(s.confidence for s in seen) < ENOUGH:
+            return
+        best = min(seen, key=lambda s: s.doubt)
+        id = self._id_of(best.aim.side)
+        if id not in self.known:
+            self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
+        self.known[id].since = time
+        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size))
+
+    def _id_of(self, side: str) -> int:
+        """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
+        followed = {follower.id for follower in self.followers}
+        lost = [id for id, known in self.known.items() if id not in followed and known.hand == side]
+        return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
+
+    def _measure(self, follower: Follower, time: float) -> None:
+        """Tell the hand's size as soon as it can be told."""
+        known = self.known[follower.id]
+        if follower.size is None and follower.is_decided:
+            follower.size = known.size = known.sizes.take(follower.best.sight, time)
+
+    def _middle(self, follower: Follower) -> Array:
+        """Where the hand is (3,) in mm, camera axes."""
+        sight = follower.best.sight
+        return self.camera.unproject(self.looker.center_of(sight.body, sight.aim.side))
+
+    def _told(self, follower: Follower) -> TrackedHand:
+        """What is told of a hand that was seen in this frame."""
+        seen, model = follower.best, self.looker.fitter.model
+        sight, side = seen.sight, seen.sight.aim.side
+        body = seen.smooth if self.smooth else sight.body
+        mirror = MIRROR if side == "left" else np.ones(3)
+        x = self.looker.placer.variables(body, sight.center_mm)[None]
+        capsules = None
+        if self.flesh:
+            own = model.capsules(x, sight.center_mm[None])
+            capsules = Capsules(own.a * mirror, own.b * mirror, own.radius_a, own.radius_b)
+        return TrackedHand(
+            id=follower.id,
+            hand=side,
+            confidence=float(sight.fit.confidence[0]),
+            error_mm=float(sight.fit.error_mm[0]),
+            inputs=model.inputs_of(x)[0],
+            bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
+            origin_mm=sight.center_mm * mirror,
+            xyz=(model.joints(x)[0] + sight.center_mm) * mirror,
+            center_uvd=sight.aim.center_uvd,
+            cube_mm=self.looker.cube_mm,
+            capsules=capsules,
+        )
