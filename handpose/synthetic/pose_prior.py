@@ -79,6 +79,9 @@ class HandSampler:
 
     skeleton  the NYU hand, whose limits bound the fingers and whose bones are varied
     flesh     that of the hands, which keeps fingers from running through each other
+
+    rotation, translation, thumb  the DoFs of the palm, about z, x, y and along x, y, z, and of the thumb
+    flexions                      (4, 3) those that bend the fingers of ``FINGERS``
     """
 
     def __init__(self, prior: PosePrior = DEFAULT_PRIOR, cube_mm: float = CUBE_MM) -> None:
@@ -88,11 +91,11 @@ class HandSampler:
         self.kinematics = kinematics_of(self.skeleton)
         dof = self.skeleton.dof_names.index
         self._palm = self.skeleton.joint_names.index("palm")
-        self._rotation = [dof(f"palm_rot_{axis}") for axis in "zxy"]
-        self._translation = [dof(f"palm_{axis}") for axis in "xyz"]
-        self._flexions = np.array([[dof(f"{f}_{part}_rot_x") for part in ("base", "pip", "dip")] for f in FINGERS])
+        self.rotation = [dof(f"palm_rot_{axis}") for axis in "zxy"]
+        self.translation = [dof(f"palm_{axis}") for axis in "xyz"]
+        self.flexions = np.array([[dof(f"{f}_{part}_rot_x") for part in ("base", "pip", "dip")] for f in FINGERS])
         self._spreads = np.array([dof(f"{f}_base_rot_z") for f in FINGERS])
-        self._thumb = np.array([dof(f"thumb_{d}") for d in ("pip_rot_y", "pip_rot_z", "dip_rot_z", "tip_rot_z")])
+        self.thumb = np.array([dof(f"thumb_{d}") for d in ("pip_rot_y", "pip_rot_z", "dip_rot_z", "tip_rot_z")])
 
     def hands(self, rng: np.random.Generator, count: int) -> Hands:
         """Draw ``count`` hands in poses in which fingers do not run through each other."""
@@ -103,7 +106,7 @@ class HandSampler:
             whole_bones * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(whole_bones)), p.scale_clip))
         )
         inputs = np.zeros((count, len(flesh.whole.initial)))
-        inputs[:, self._rotation] = self._rotations(rng, count) - sk.initial[self._rotation]
+        inputs[:, self.rotation] = self._rotations(rng, count) - sk.initial[self.rotation]
         todo = np.arange(count)
         depth = np.full(count, np.inf)
         for _ in range(p.redraws):
@@ -122,7 +125,7 @@ class HandSampler:
         jitter = rng.standard_normal((count, 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
         palm = kinematics.rotation_of(kinematics.forward(inputs, bones), self._palm)
         center = np.einsum("nij,j->ni", palm, p.center_in_palm) * scale[:, None] + jitter
-        inputs[:, self._translation] = -center / (self.cube_mm / 2) - sk.initial[self._translation]
+        inputs[:, self.translation] = -center / (self.cube_mm / 2) - sk.initial[self.translation]
         joints = kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
         return Hands(inputs[:, : len(sk.initial)], bones, joints, scale)
 
@@ -149,12 +152,12 @@ class HandSampler:
         own = rng.beta(*p.curl_own, (N, len(FINGERS)))
         shared = rng.beta(*p.curl_shared, (N, 1))
         curl = np.where(rng.random((N, 1)) < p.independent, own, shared)[:, :, None]
-        bent = np.clip(curl + p.finger_noise * rng.standard_normal((N, *self._flexions.shape)), 0, 1)
-        inputs[:, self._flexions] = upper[self._flexions] - bent * (upper - lower)[self._flexions]
+        bent = np.clip(curl + p.finger_noise * rng.standard_normal((N, *self.flexions.shape)), 0, 1)
+        inputs[:, self.flexions] = upper[self.flexions] - bent * (upper - lower)[self.flexions]
         d = self._spreads
         spread = p.finger_noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
         inputs[:, d] = np.clip(spread, lower[d], upper[d])
-        d = self._thumb
+        d = self.thumb
         inputs[:, d] = lower[d] + rng.beta(*p.thumb, (N, len(d))) * (upper - lower)[d]
 
     def centers(self, rng: np.random.Generator, count: int, camera: Camera) -> Array:

@@ -75,10 +75,10 @@ def _visible_scene(
         if kind == "clutter":
             parts.append(_things(rng, center))
         wall = float(rng.uniform(1400, 3000))
-        image = _render(Capsules(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts))), camera, wall)
+        image = render_image(Capsules(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts))), camera, wall)
         if kind == "clutter":
             np.minimum(image, _table(camera, center[1] - rng.uniform(130, 350)), out=image)
-        hand = _render(Capsules(*(a[:, : len(own)][:, own] for a in capsules)), camera, np.inf)
+        hand = render_image(Capsules(*(a[:, : len(own)][:, own] for a in capsules)), camera, np.inf)
         u, v, _ = camera.project(xyz).T
         inside = ((u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).mean()
         if inside > MOSTLY and (image >= hand)[np.isfinite(hand)].mean() > SEEN:
@@ -136,11 +136,12 @@ def _things(rng: np.random.Generator, center: Array) -> Capsules:
     return Capsules(a[None], b[None], r[None], r[None])
 
 
-def _render(capsules: Capsules, camera: Camera, background: float) -> Floats:
-    """The whole image (1, height, width)."""
-    x = (np.arange(camera.width) - camera.u0) / camera.fx
-    y = (np.arange(camera.height) - camera.v0) / camera.fy
-    return render(capsules, x[None], y[None], np.array([background]))
+def render_image(capsules: Capsules, camera: Camera, background: float) -> Floats:
+    """Whole images (N, height, width) in mm."""
+    count = len(capsules.a)
+    x = np.tile((np.arange(camera.width) - camera.u0) / camera.fx, (count, 1))
+    y = np.tile((np.arange(camera.height) - camera.v0) / camera.fy, (count, 1))
+    return render(capsules, x, y, np.full(count, background))
 
 
 def _table(camera: Camera, height: float) -> NDArray[np.float32]:

@@ -10,7 +10,8 @@ depth steps are not read at all (``_drop``). A change of this code changes synth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,12 @@ class Sensor:
     edge: float = 15.0  # mm between neighbours that make an edge
     dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
+
+    def settled(self, rng: np.random.Generator) -> Sensor:
+        """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
+        bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        drawn = {name: (float(rng.uniform(*two)),) * 2 for name, two in bounds.items() if isinstance(two, tuple)}
+        return replace(self, **{**bounds, **drawn})
 
 
 KINECT = Sensor()
