@@ -33,7 +33,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-STRANGE_MM = 60.0  # a new hand is no stranger than this
+STRANGE_MM = 105.0  # a new hand is no stranger than this
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
