@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_tracks import any_hand, any_skeleton, any_track, header_of
 
@@ -49,6 +49,7 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
 
 
 @both
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int) -> None:
     """Of any body: pose, bones and joints of both hands, and what was said of lost ones."""
