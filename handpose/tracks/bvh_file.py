@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import TracebackType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +50,8 @@ class BvhWriter:
         self.files: list[Path] = []
         self._path, self._header, self._rate, self._unit_mm = path, header, rate, unit_mm
         self._times: list[float] = []
-        self._poses: dict[int, dict[int, TrackedHand]] = {}  # by id, by frame
+        self._hands: dict[int, TrackedHand] = {}  # by id, the last one
+        self._poses: dict[tuple[int, str], list[_Pose]] = {}  # by id and hand
 
     def __enter__(self) -> BvhWriter:
         with atomic.naming(self._path), atomic.temporary(self._path):  # a folder that is not there: say so at once
@@ -58,24 +60,30 @@ class BvhWriter:
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
         for hand in frame.hands:
-            self._poses.setdefault(hand.id, {})[len(self._times)] = hand
+            self._hands[hand.id] = hand
+            pose = _Pose(len(self._times), hand.inputs, hand.origin_mm)
+            self._poses.setdefault((hand.id, hand.hand), []).append(pose)
         self._times.append(frame.time)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        for id, poses in sorted(self._poses.items()):
-            last = poses[max(poses)]
-            path = self._path.with_name(f"{self._path.stem}_{last.hand}_{id}{self._path.suffix}")
-            same = {number: pose for number, pose in poses.items() if pose.hand == last.hand}
-            atomic.replace_text(path, self._text(same, last))
+        for id, hand in sorted(self._hands.items()):
+            path = self._path.with_name(f"{self._path.stem}_{hand.hand}_{id}{self._path.suffix}")
+            atomic.replace_text(path, self._text(hand))
             self.files.append(path)
 
-    def _text(self, poses: dict[int, TrackedHand], last: TrackedHand) -> str:
-        numbers, rate = nearest_frames(np.array(self._times), self._rate)
-        seen = np.array(sorted(poses))
-        shown = [poses[seen[i]] for i in np.maximum(np.searchsorted(seen, numbers, "right") - 1, 0)]
-        return bvh_text(self._header, shown, last.bones, rate, self._unit_mm)
+    def _text(self, hand: TrackedHand) -> str:
+        frames, inputs, origins = map(np.array, zip(*self._poses[hand.id, hand.hand]))
+        nearest, rate = nearest_frames(np.array(self._times), self._rate)
+        shown = np.maximum(np.searchsorted(frames, nearest, "right") - 1, 0)
+        return bvh_text(self._header, hand.hand, inputs[shown], origins[shown], hand.bones, rate, self._unit_mm)
+
+
+class _Pose(NamedTuple):
+    frame: int  # how many were written before
+    inputs: Array
+    origin_mm: Array
 
 
 def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, float]:
@@ -95,16 +103,25 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
     return np.searchsorted((times[1:] + times[:-1]) / 2, moments), rate
 
 
-def bvh_text(header: TrackHeader, poses: list[TrackedHand], bones: Array, rate: float, unit_mm: float = METRE) -> str:
-    """A BVH file of one hand, a frame for each of ``poses``, with bones (K,) in the header's units."""
+def bvh_text(
+    header: TrackHeader, hand: str, inputs: Array, origins_mm: Array, bones: Array, rate: float, unit_mm: float = METRE
+) -> str:
+    """A BVH file of one hand.
+
+    hand        "right" or "left"
+    inputs      (N, D) in N frames, as of ``TrackedHand``
+    origins_mm  (N, 3) likewise
+    bones       (K,) in all of them, in the header's units
+    rate        frames per second
+    unit_mm     of lengths in the file
+    """
     joints, sk, scale = bvh_joints(header.skeleton), header.skeleton, header.unit_mm / unit_mm
-    signs = TOWARDS * (MIRROR if poses[0].hand == "left" else 1.0)
-    columns = []
-    theta = sk.theta(np.array([pose.inputs for pose in poses]))
+    signs = TOWARDS * (MIRROR if hand == "left" else 1.0)
+    theta, columns = sk.theta(inputs), []
     for joint in joints:
         position, angles = channels_of(sk, joint, theta, bones, signs)
         if position is not None:
-            origin = np.array([pose.origin_mm for pose in poses]) / unit_mm * TOWARDS if joint is joints[0] else 0.0
+            origin = origins_mm / unit_mm * TOWARDS if joint is joints[0] else 0.0
             columns.append(position * scale + origin)
         columns.append(np.unwrap(np.degrees(angles), axis=0, period=360))  # programs draw curves through the frames
     rows = np.concatenate(columns, axis=1).round(7) + 0.0

@@ -57,10 +57,16 @@ def poses(header: TrackHeader, hand: str, seed: int, count: int = 4) -> list[Tra
     return [any_hand(header, rng, 0, hand, bones) for _ in range(count)]
 
 
+def text_of(header: TrackHeader, made: list[TrackedHand], rate: float = 30.0) -> str:
+    """The file of these poses."""
+    inputs, origins = (np.array([getattr(pose, name) for pose in made]) for name in ("inputs", "origin_mm"))
+    return bvh_text(header, made[0].hand, inputs, origins, made[0].bones, rate)
+
+
 def check(header: TrackHeader, hand: str, seed: int) -> int:
     """All joints that can be read are where they were; says how many."""
     made = poses(header, hand, seed)
-    found = joints_read(Bvh(bvh_text(header, made, made[0].bones, 30.0)), header)
+    found = joints_read(Bvh(text_of(header, made)), header)
     for j, places in found.items():
         assert np.abs(places - [pose.xyz[j] for pose in made]).max() < 1e-3
     return len(found)
@@ -92,7 +98,7 @@ def test_true_angles_and_bones() -> None:
     header = header_of(skeleton_of(ARM), 100.0)
     for hand, side in (("right", 1), ("left", -1)):
         pose = replace(any_hand(header, np.random.default_rng(0), 0, hand), inputs=np.array([0, 0, 0.5, 0.75]))
-        bvh = Bvh(bvh_text(header, [pose], np.array([1.5, 2.5, 0.0]), 30.0))
+        bvh = Bvh(text_of(header, [replace(pose, bones=np.array([1.5, 2.5, 0.0]))]))
         base, elbow, hand_joint, end = bvh.bones()
         assert [bone.name for bone in bvh.bones()] == ["base", "elbow", "hand", "Site"]
         assert base.channels == ["Xposition", "Yposition", "Zposition", "Zrotation", "Xrotation", "Yrotation"]
@@ -109,7 +115,7 @@ def test_what_importers_expect() -> None:
     joints = "".join(f'joint {{ name: "{name}" {f"parent: {chr(34)}{names[0]}{chr(34)}" if i else ""} }}'
                      for i, name in enumerate(names))  # fmt: skip
     header = header_of(skeleton_of(joints))
-    text = bvh_text(header, [any_hand(header, np.random.default_rng(0))], np.zeros(4), 25.0)
+    text = text_of(header, [any_hand(header, np.random.default_rng(0))], 25.0)
     assert re.findall(r"(?:ROOT|JOINT) (.*)", text) == ["Buro_der_Hand", "Buro_der_Hand_2", "joint", "joint_2"]
     assert text.isascii()
     assert "\nMOTION\nFrames: 1\nFrame Time: 0.040000000\n" in text
@@ -122,7 +128,7 @@ def test_no_angle_jumps() -> None:
     hand = any_hand(header, np.random.default_rng(0))
     angles = (np.linspace(0, 12, 60) + np.pi) % (2 * np.pi) - np.pi
     made = [replace(hand, inputs=np.array([0, 0, angle, 0])) for angle in angles]
-    motion = Bvh(bvh_text(header, made, hand.bones, 30.0)).motion
+    motion = Bvh(text_of(header, made)).motion
     assert np.ptp(motion[:, 6]) == pytest.approx(np.degrees(12), abs=1e-5)
 
 
