@@ -11,7 +11,8 @@ from handpose.tracking.looking import Aim, Looker, Sight
 from handpose.tracking.smoothing import PoseFilter
 
 ENOUGH = 0.4  # confidence: less is no hand
-SURE = 0.8  # with less, another look is taken from where the hand was, and from where the network sees it
+SURE = 0.95  # with less, the hand is looked for anew, from where it was and from where the network sees it ...
+ANEW = 0.25  # s ... so often at most
 COAST = 0.4  # s that a hand is looked for where it was before it is given up
 KEPT = 0.7  # of the speed, from frame to frame
 NEW = 0.6  # how much of a speed is that of the last two frames
@@ -57,6 +58,7 @@ class Follower:
         self.id, self.time, self.size = id, time, size
         self._looker = looker
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
+        self._anew = time
         self._evidence, self._frames = 0.0, 0
         self._weigh(sights)
 
@@ -76,8 +78,12 @@ class Follower:
         """Where to look for it in a frame."""
         return [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
 
-    def other_aims(self, sights: Sequence[Sight | None]) -> list[Aim]:
-        """Where else: where it was, and where the network sees a palm near."""
+    def other_aims(self, sights: Sequence[Sight | None], time: float) -> list[Aim]:
+        """Where else, if what was seen is not sure: where it was, and where the network sees a palm near."""
+        sure = max((sight.confidence for sight in sights if sight is not None), default=0.0)
+        if sure >= SURE or time - self._anew < ANEW:
+            return []
+        self._anew = time
         aims = [self._aim(side, seen.sight.body) for side, seen in self.sides.items()]
         for sight in sights:
             if sight is not None:
@@ -89,14 +95,14 @@ class Follower:
         """What was seen of it; is it the hand? Of each side the best of several sights counts."""
         best: dict[str, Sight] = {}
         for sight in sights:
-            if sight is not None and (sight.aim.side not in best or sight.doubt < best[sight.aim.side].doubt):
+            if sight is not None and (sight.aim.side not in best or sight.badness < best[sight.aim.side].badness):
                 best[sight.aim.side] = sight
         if not best or max(sight.confidence for sight in best.values()) < ENOUGH:
             return False
         for side, sight in best.items():
             self.sides[side].take(sight, time)
         self.time = time
-        self._weigh(list(best.values()))
+        self._weigh(sights[: len(self.sides)])
         return True
 
     def given_up(self, time: float) -> bool:
@@ -106,11 +112,11 @@ class Follower:
     def _aim(self, side: str, body: Placed) -> Aim:
         return Aim(self._looker.center_of(body, side), side, body, self.size)
 
-    def _weigh(self, sights: Sequence[Sight]) -> None:
-        """Left or right: decided by the sum of what the frames say, and then kept."""
-        if len(sights) < 2 or self.is_decided:
+    def _weigh(self, sights: Sequence[Sight | None]) -> None:
+        """Left or right, by one look at both: decided by the sum of what the frames say, and then kept."""
+        doubt = {sight.aim.side: sight.doubt for sight in sights if sight is not None}
+        if len(doubt) < 2 or self.is_decided:
             return
-        doubt = {sight.aim.side: sight.doubt for sight in sights}
         says = np.log(max(doubt["left"], 1e-9)) - np.log(max(doubt["right"], 1e-9))
         self._evidence += float(np.clip(np.nan_to_num(says), -MOST, MOST))
         self._frames += 1

@@ -67,6 +67,11 @@ class Sight(NamedTuple):
         return float(self.fit.doubt[0])
 
     @property
+    def badness(self) -> float:
+        """What compares looks by different plans: the expected error in mm; where it is not known, the misfit."""
+        return float(np.nan_to_num(self.fit.error_mm[0], nan=self.fit.misfit[0]))
+
+    @property
     def confidence(self) -> float:
         """The chance that the error of the joints is below 30 mm; where nobody has measured it, 1 or 0."""
         known = float(self.fit.confidence[0])
@@ -83,8 +88,11 @@ class Looker:
         self.placer = Placer(self.fitter.model)
         self._middle = self._middle_of_crops()
 
-    def look(self, depth: NDArray[np.float32], aims: Sequence[Aim]) -> list[Sight | None]:
-        """What is seen at each place; None where it is out of sight. Raises NetlibError."""
+    def look(self, depth: NDArray[np.float32], aims: Sequence[Aim], plan: str | None = None) -> list[Sight | None]:
+        """What is seen at each place; None where it is out of sight. Raises NetlibError.
+
+        plan  of the fit; by default the predictor's
+        """
         found: list[Sight | None] = [None] * len(aims)
         crops = {}
         for i, aim in enumerate(aims):
@@ -96,7 +104,7 @@ class Looker:
             for follows in (True, False):
                 own = [i for i in crops if (aims[i].size is not None, aims[i].before is not None) == (known, follows)]
                 if own:
-                    sights = self._look([aims[i] for i in own], np.stack([crops[i] for i in own]))
+                    sights = self._look([aims[i] for i in own], np.stack([crops[i] for i in own]), plan or self.plan)
                     for i, sight in zip(own, sights):
                         found[i] = sight
         return found
@@ -130,9 +138,9 @@ class Looker:
         center = recenter(model.joints(x)[0] / (self.cube_mm / 2), model.skeleton, uvd, self.cube_mm, self.camera)
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))
 
-    def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32]) -> list[Sight]:
+    def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: str) -> list[Sight]:
         """The same for places that are all followed, or none, and all of known size, or none."""
-        how, left = PLANS[self.plan], np.array([aim.side == "left" for aim in aims])
+        how, left = PLANS[plan], np.array([aim.side == "left" for aim in aims])
         shown = crops.copy()
         shown[left] = crops[left][:, :, ::-1]
         turned = np.concatenate([np.rot90(shown, quarter, (1, 2)) for quarter in how.quarters])
@@ -150,7 +158,7 @@ class Looker:
             ])  # fmt: skip
         if aims[0].size is not None:
             sizes = np.array([aim.size for aim in aims])
-        fit = self.fitter.fit(seen, predictions, self.plan, size=sizes, before=before)
+        fit = self.fitter.fit(seen, predictions, plan, size=sizes, before=before)
         return [
             Sight(aim, center, crops[i], seen.cut(i), alone, self.placer.placed(alone.x[0], center))
             for i, (aim, center) in enumerate(zip(aims, centers))

@@ -23,7 +23,7 @@ from handpose.flesh.render import Capsules
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Fit, Predictor
 from handpose.recordings.recording import DepthFrame
-from handpose.tracking.following import ENOUGH, SURE, Follower
+from handpose.tracking.following import ENOUGH, Follower
 from handpose.tracking.looking import Aim, Looker, Sight
 from handpose.tracking.reasons import reason
 from handpose.tracking.scouting import Scout
@@ -107,26 +107,24 @@ class Tracker:
         """Look for every hand where it should be."""
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
-        poor = [
-            follower
-            for follower in self.followers
-            if max((s.confidence for s in sights[follower.id] if s is not None), default=0.0) < SURE
-        ]
-        again = self._looks(depth, {follower.id: follower.other_aims(sights[follower.id]) for follower in poor})
+        others = {follower.id: follower.other_aims(sights[follower.id], time) for follower in self.followers}
+        again = self._looks(depth, others, "accurate")
         for follower in list(self.followers):
-            seen = [*sights[follower.id], *again.get(follower.id, [])]
+            seen = [*sights[follower.id], *again[follower.id]]
             known = self.known[follower.id]
             if follower.take(seen, time):
                 known.since, known.hand = time, follower.best.sight.aim.side
                 continue
-            best = min((s for s in seen if s is not None), key=lambda s: s.doubt, default=None)
+            best = min((s for s in seen if s is not None), key=lambda s: s.badness, default=None)
             known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
             if follower.given_up(time):
                 self.followers.remove(follower)
 
-    def _looks(self, depth: NDArray[np.float32], aims: dict[int, list[Aim]]) -> dict[int, list[Sight | None]]:
+    def _looks(
+        self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: str | None = None
+    ) -> dict[int, list[Sight | None]]:
         """One look at all places of several hands, by their ids."""
-        sights = iter(self.looker.look(depth, [aim for own in aims.values() for aim in own]))
+        sights = iter(self.looker.look(depth, [aim for own in aims.values() for aim in own], plan))
         return {id: [next(sights) for _ in own] for id, own in aims.items()}
 
     def _drop_doubles(self) -> None:
@@ -152,8 +150,8 @@ class Tracker:
         assert found.fit is not None
         if found.fit.strangeness > STRANGE_MM:
             return
-        sides = self.predictor.sides
-        seen = [s for s in self.looker.look(depth, [Aim(found.center_uvd, side) for side in sides]) if s is not None]
+        aims = [Aim(found.center_uvd, side) for side in self.predictor.sides]
+        seen = [sight for sight in self.looker.look(depth, aims, "accurate") if sight is not None]
         if not seen or max(s.confidence for s in seen) < ENOUGH:
             return
         best = min(seen, key=lambda s: s.doubt)
