@@ -19,6 +19,7 @@ from handpose.recordings.lens import Lens, Straightener
 from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
+MOST = 65535  # that 16 bits hold
 
 
 class Developer:
@@ -45,13 +46,25 @@ class Developer:
         if raw.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
                             f"{self.camera.width} x {self.camera.height}")  # fmt: skip
-        depth = raw.astype(np.float32)
+        with np.errstate(all="ignore"):  # a number that float32 cannot hold is none
+            depth = raw.astype(np.float32) * self._unit
         if raw.dtype.kind == "f":
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
-        depth *= self._unit
         if raw.dtype.kind != "u" and depth.min(initial=0) < 0:
             raise DataError(f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more")
         return depth if self._straighten is None else self._straighten(depth)
+
+
+def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:
+    """Values of 16 bits that stand for depth in mm; the inverse of a Developer without a lens.
+
+    Raises DataError for depths that 16 bits cannot hold: they would come back as others.
+    """
+    values = np.rint(depth.astype(np.float64) / unit_mm)
+    if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MOST):
+        raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
+                        f"{unit_mm:g} mm; expected 0 to {MOST * unit_mm:g}, or take a larger unit")  # fmt: skip
+    return values.astype(np.uint16)
 
 
 @dataclass(frozen=True)
