@@ -21,7 +21,7 @@ BEHIND = 1.25  # of its distance, which is as far as the nearest thing is taken 
 NEAR_MM, FAR_MM = 120.0, 2500.0  # between which the hands of all depth cameras are seen
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shoulder behind it
 USUAL_MM = (300.0, 1200.0)  # where a hand is held
-UNITS = (0.1, 0.125, 0.25, 1.0, 10.0, 1000.0)  # mm, of cameras and files that there are
+UNITS = (1.0, 0.125, 0.25, 0.1, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
 
@@ -116,8 +116,8 @@ def _of_camera(camera: Camera, view: tuple[float, float]) -> Iterator[str]:
     ways = ((camera.u0, camera.width), (camera.v0, camera.height))
     if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
         where = "far from the middle" if all(0 <= middle < size for middle, size in ways) else "outside"
-        yield (f"the principal point {camera.u0:g}, {camera.v0:g} lies {where} of {size} pixels; check u0 and v0, which "
-               "may be of another size of picture")  # fmt: skip
+        yield (f"the principal point {camera.u0:g}, {camera.v0:g} lies {where} of {size} pixels; check u0 and v0, "
+               "which may be of another size of picture")  # fmt: skip
 
 
 def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
@@ -134,8 +134,10 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
     if NEAR_MM <= distance <= FAR_MM and NARROW_MM <= width <= WIDE_MM:
         return
     usual = [unit for unit in UNITS if USUAL_MM[0] <= distance * unit / unit_mm <= USUAL_MM[1] and unit != unit_mm]
-    advice = f"with --unit {usual[0]:g} it were {distance * usual[0] / unit_mm / 1000:.2f} m away; " if usual else ""
-    yield (f"the nearest thing is {_length(distance)} away and {_length(width)} wide, which is no hand before a camera: "
+    advice = (
+        f"with --unit {usual[0]:g} it would be {distance * usual[0] / unit_mm / 1000:.2f} m away; " if usual else ""
+    )
+    yield (f"the nearest thing is {_length(distance)} away and {_length(width)} wide, where no hand is held: "
            f"{advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
 
 

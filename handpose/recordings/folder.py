@@ -27,7 +27,6 @@ from netlib.paths import exists, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
 OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # that a message tells of
-RATE = 30.0  # assumed
 
 
 def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
@@ -59,9 +58,9 @@ class FolderRecording(Recording):
         told = [frames.told, *settled.remarks]
         if data_set is not None:
             told.insert(0, f"frames of {data_set.name}, by their names")
-        if not frames.ticks and self.rate is None and len(frames.names) > 1:
-            self.rate = RATE
-            told.append(f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong")
+        if not frames.ticks and len(frames.names) > 1:
+            self.rate, assumed = settled.paced()
+            told += assumed
         self.remarks = self._told = tuple(told)
         self._folder, self._frames, self._packed = folder, frames, packed
         self._develop = settled.developer(self.name)
@@ -69,7 +68,7 @@ class FolderRecording(Recording):
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind."""
         damaged, first = 0, ""
-        ticks = self._frames.ticks or self.rate or RATE
+        ticks = self._frames.ticks or self.rate or 1.0
         for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
             path = self._folder / name
             try:

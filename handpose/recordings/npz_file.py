@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import zipfile
 from collections.abc import Iterator
 from io import BufferedReader
@@ -27,10 +28,10 @@ class NpzFile:
         self.path = path
         with self._opened() as archive:
             self._headers = {}
-            for entry in archive.infolist():
-                with archive.open(entry) as stream:
-                    name = entry.filename.removesuffix(".npy")
-                    self._headers[name] = header_of(stream.read(HEADER), f"{path}: {name}")
+            for entry in archive.namelist():
+                if entry.endswith(".npy"):
+                    with archive.open(entry) as stream:
+                        self._headers[entry[:-4]] = header_of(stream.read(HEADER), f"{path}: {entry[:-4]}")
 
     def stack(self) -> tuple[str, Header]:
         """The array called depth, else the only one of three axes. Raises DataError."""
@@ -47,7 +48,7 @@ class NpzFile:
         main, _ = self.stack()
         with self._opened() as archive:
             for name, header in self._headers.items():
-                size = archive.getinfo(f"{name}.npy").file_size
+                size = max(archive.getinfo(f"{name}.npy").file_size, math.prod(header.shape) * header.dtype.itemsize)
                 if name != main and size <= SMALL and header.dtype.kind in "iufSU":
                     content = archive.read(f"{name}.npy")
                     found[name] = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
@@ -68,7 +69,7 @@ class NpzFile:
             try:
                 with zipfile.ZipFile(stream) as archive:
                     yield archive
-            except (NetlibError, GeneratorExit):
+            except NetlibError:
                 raise
             except Exception as error:  # of a damaged archive, its reader and the decoders may raise anything
                 raise DataError(f"{self.path}: a damaged .npz file: {reason_of(error)[:200]}") from None

@@ -35,10 +35,7 @@ def open_recording(source: str | Path, given: Given = NOTHING) -> Recording:
         return open_live(name.partition(":")[2] or None, given)
     suffix = path.suffix.lower()
     if exists(path) and path.is_dir():
-        if (path / "metadata.yaml").is_file():  # a bag of ROS 2 is a folder
-            suffix = BAGS[1]
-        else:
-            suffix = PICTURES[0]
+        suffix = BAGS[1] if (path / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
     elif not exists(path) and suffix in (*STACKS, *VIDEOS, *BAGS):
         raise DataError(f"{source}: no such file")
     if suffix in STACKS:

@@ -19,6 +19,7 @@ from handpose.recordings.lens import Lens, Straightener
 from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
+RATE = 30.0  # frames per second, of who does not say
 MOST = 65535  # that 16 bits hold
 
 
@@ -87,6 +88,12 @@ class Settled:
     def developer(self, where: str) -> Developer:
         """For frames of the source that messages call ``where``. Raises DataError for a lens that makes no sense."""
         return Developer(self.camera, self.lens, self.unit_mm, where)
+
+    def paced(self) -> tuple[float, tuple[str, ...]]:
+        """Frames per second of frames without times, and what is to be said of it."""
+        if self.rate is not None:
+            return self.rate, ()
+        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
 
 
 def settle(

@@ -30,8 +30,6 @@ from netlib import hdf5
 from netlib.errors import DataError
 from netlib.files import Source
 
-RATE = 30.0  # assumed
-
 
 def open_stack(path: Path, given: Given = NOTHING) -> Recording:
     """The frames of an .npy, .npz or .h5 file. Raises DataError."""
@@ -46,15 +44,15 @@ class StackRecording(Recording):
         settled = settle(given, frames.own, camera_file.beside(path), frames.shape[1:], frames.dtype, str(path))
         self.name, self.camera, self.unit_mm = str(path), settled.camera, settled.unit_mm
         self.count, self.rate, self.remarks = frames.shape[0], settled.rate, settled.remarks
-        if frames.times is None and self.rate is None and self.count > 1:
-            self.rate = RATE
-            self.remarks += (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
+        if frames.times is None and self.count > 1:
+            self.rate, told = settled.paced()
+            self.remarks += told
         self._frames, self._develop = frames, settled.developer(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._frames.times
         for number, raw in enumerate(self._frames):
-            time = number / (self.rate or RATE) if times is None else float(times[number] - times[0])
+            time = number / (self.rate or 1.0) if times is None else float(times[number] - times[0])
             yield DepthFrame(number, time, self._develop(raw, f"{self.name}: frame {number}"))
         self.cut = self._frames.cut
 
