@@ -37,7 +37,7 @@ class FolderWriter:
             held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
             raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
         path.mkdir(parents=True, exist_ok=True)
-        for name in old:
+        for name in filter(OURS.fullmatch, old):  # before their camera.json is replaced: no frame is ever without one
             (path / name).unlink()
         camera_file.write(path / camera_file.NAME, Given(camera, unit_mm=unit_mm, rate=rate))
 

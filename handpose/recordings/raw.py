@@ -120,6 +120,8 @@ def settle(
                             'write "unit_mm" into a camera.json beside it')  # fmt: skip
         unit = 1.0
         remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
+    if known.lens is not None and not known.lens.is_straight:
+        remarks.append("the distortion of the lens is taken out")
     return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
 
 
