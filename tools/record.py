@@ -84,7 +84,7 @@ def _write(
 ) -> float:
     """Write frames till there are so many; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
-    total = min(recording.count or 0, frames or recording.count or 0) or frames or 0
+    total = min((count for count in (recording.count, frames) if count), default=0)
     with writer, ProgressBar(total, what="recording") as progress:
         for frame in recording:
             stopper.check()

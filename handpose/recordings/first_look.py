@@ -21,7 +21,7 @@ BEHIND = 1.25  # of its distance, which is as far as the nearest thing is taken 
 NEAR_MM, FAR_MM = 120.0, 2500.0  # between which the hands of all depth cameras are seen
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shoulder behind it
 USUAL_MM = (300.0, 1200.0)  # where a hand is held
-UNITS = (1.0, 0.125, 0.25, 0.1, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
+UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +43,8 @@ def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
     frames = in_order(names, str(folder))
     path, image = _first_whole(folder, frames)
     raw = _grey(image, packed, path)
+    if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
+        raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
     settled = settle(given, own, beside, raw.shape, raw.dtype, str(path))
     return FolderRecording(source, folder, frames, settled, packed, data_set)
 

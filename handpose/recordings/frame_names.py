@@ -3,7 +3,7 @@
     0001.png frame_7.png                      numbers; one frame period each
     20210326-230536_110.png                   a sequence that began then, and a number in it
     20210326-230536.png 20210326_230537.png   dates; with 3, 6 or 9 digits more, fractions of a second
-    1616799936.125.png                        seconds with a fraction
+    1616799936.125.png                        seconds with a fraction; of 13 digits, ms since 1970 with one
     1616799936125.png                         s, ms, us or ns since 1970, by their size
     000000033333us.png                        us, ms or ns that say so, as ``tools/record.py`` writes
 
@@ -24,7 +24,7 @@ from netlib.errors import DataError
 
 UNITS = {"us": 10**6, "ms": 10**3, "ns": 10**9}
 SAYS_UNIT = re.compile(r"(\D*)(\d{1,18})(us|ms|ns)")
-SECONDS = re.compile(r"(.*?)(?<!\d)(\d{1,11})\.(\d{1,9})")
+FRACTION = re.compile(r"(.*?)(?<!\d)(\d{1,13})\.(\d{1,20})")
 DATE = re.compile(r"(\D*)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T. ]?(\d\d)[-_.h]?(\d\d)[-_.m]?(\d\d)(?:[-_.]?(\d+))?(\D*)")
 NANO = 10**9
 DAY_ONE = datetime(2000, 1, 1)
@@ -55,7 +55,7 @@ def in_order(names: Iterable[str], where: str) -> NamedFrames:
     stems = [PurePath(name).stem for name in names]
     kinds = {(_texts(stem), PurePath(name).suffix.lower()) for stem, name in zip(stems, names)}
     if len(kinds) == 1:
-        for read in (_said_units, _dates, _seconds):
+        for read in (_said_units, _dates, _fractions):
             if (found := read(stems)) is not None:
                 return _sorted(names, *found, where)
     return _sorted(names, *_numbers(names, stems, where), where)
@@ -103,12 +103,16 @@ def _dates(stems: list[str]) -> Found | None:
     return times, NANO, "times from the dates in their names"
 
 
-def _seconds(stems: list[str]) -> Found | None:
-    found = [SECONDS.fullmatch(stem) for stem in stems]
+def _fractions(stems: list[str]) -> Found | None:
+    found = [FRACTION.fullmatch(stem) for stem in stems]
     if len({match and match[1] for match in found}) > 1 or None in found:
         return None
-    times = [int(match[2]) * NANO + int(match[3].ljust(9, "0")) for match in found if match]
-    return times, NANO, "times from their names, in seconds"
+    whole = [int(match[2]) for match in found if match]
+    milli = all(EPOCH[0] * 1000 <= number < EPOCH[1] * 1000 for number in whole)
+    digits = 6 if milli else 9  # of the fraction, down to a nanosecond
+    rest = [int(match[3][:digits].ljust(digits, "0")) for match in found if match]
+    times = [a * 10**digits + b for a, b in zip(whole, rest)]
+    return times, NANO, f"times from their names, in {'ms since 1970' if milli else 'seconds'}"
 
 
 def _numbers(names: list[str], stems: list[str], where: str) -> Found:

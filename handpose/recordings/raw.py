@@ -122,6 +122,9 @@ def settle(
         remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
     if known.lens is not None and not known.lens.is_straight:
         remarks.append("the distortion of the lens is taken out")
+    elif own.lens is not None and not own.lens.is_straight:  # the user names a camera, and no lens
+        remarks.append(f"the distortion that {where} tells of is that of another camera, and is left in; --distortion "
+                       "if it holds for this one")  # fmt: skip
     return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
 
 

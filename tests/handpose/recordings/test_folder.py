@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -61,6 +62,13 @@ def test_other_endings(tmp_path: Path, suffix: str) -> None:
     """TIFF, and names in capitals."""
     put(tmp_path / f"1{suffix}", hand_sized())
     assert [frame.depth[20, 30] for frame in open_folder(tmp_path, GIVEN)] == [500]
+
+
+def test_a_tiff_of_several_pictures(tmp_path: Path) -> None:
+    """All but the first would be lost."""
+    cv2.imwritemulti(str(tmp_path / "1.tif"), [hand_sized()] * 2)
+    with pytest.raises(DataError, match=r"1\.tif: a TIFF of 2 pictures; expected one for each frame"):
+        open_folder(tmp_path, GIVEN)
 
 
 def test_a_float_picture_needs_its_unit(tmp_path: Path) -> None:
