@@ -825,6 +825,46 @@ def read_parts(path: Path) -> Any:
     _prepare()
 
 
+# ---------------------------------------------------------------------------------------------- recordings
+
+
+def make_videos() -> list[str]:
+    """A video as our writer leaves it, and one of raw values."""
+    from handpose.facts.cameras import Camera
+    from handpose.recordings.recording import DepthFrame
+    from handpose.recordings.video import VideoWriter
+
+    depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.float32)
+    for name, images in (("noise.mkv", depth), ("smooth.mkv", np.sort(depth, axis=2))):
+        with VideoWriter(Path(name), Camera("own", 30, 30, 16, 12, 32, 24), 1.0, 30) as video:
+            for i, image in enumerate(images):
+                video.write(DepthFrame(i, i / 30, image))
+    return ["noise.mkv", "smooth.mkv"]
+
+
+def make_azure() -> list[str]:
+    """The smallest mode of a Kinect."""
+    import azure_file
+
+    depth = np.zeros((2, 288, 320), np.uint16)
+    return [str(azure_file.write(Path("kinect.mkv"), depth, said=azure_file.calibration()))]
+
+
+def read_recording(open_it: Callable[..., Any], path: Path) -> Any:
+    """All frames of it, by a camera that is known."""
+    from handpose.recordings.given import Given
+
+    with open_it(path, Given()) as recording:
+        return [[frame.number, frame.time, frame.depth] for frame in recording], recording.cut
+
+
+def read_video(path: Path) -> Any:
+    """A video, or a Kinect's."""
+    from handpose.recordings.video import open_video
+
+    return read_recording(open_video, path)
+
+
 # ---------------------------------------------------------------------------------------------- the table
 
 
@@ -870,6 +910,8 @@ READERS: tuple[Reader, ...] = (
     Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
     Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
+    Reader("video", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"), make_videos, read_video),
+    Reader("azure kinect", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"), make_azure, read_video),
     Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/atomic.py"),
            make_parts, read_parts),
 )  # fmt: skip
