@@ -78,7 +78,12 @@ def to_text(given: Given) -> str:
 
 def parse(text: str, where: str) -> Given:
     """What the text of a camera.json says; ``where`` it stands begins every error. Raises DataError."""
-    said = _Said(_loaded(text, where), where)
+    return of(_loaded(text, where), where)
+
+
+def of(values: dict[str, Any], where: str) -> Given:
+    """What the values of a camera.json say. Raises DataError."""
+    said = _Said(values, where)
     said.check(KNOWN)
     camera = None
     if said.all_or_none(INTRINSICS):

@@ -19,6 +19,7 @@ from handpose.recordings.lens import Lens, Straightener
 from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
+RATE = 30.0  # frames per second, of who does not say
 MOST = 65535  # that 16 bits hold
 
 
@@ -88,6 +89,12 @@ class Settled:
         """For frames of the source that messages call ``where``. Raises DataError for a lens that makes no sense."""
         return Developer(self.camera, self.lens, self.unit_mm, where)
 
+    def paced(self) -> tuple[float, tuple[str, ...]]:
+        """Frames per second of frames without times, and what is to be said of it."""
+        if self.rate is not None:
+            return self.rate, ()
+        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
+
 
 def settle(
     given: Given, own: Given, beside: Given, shape: tuple[int, ...], dtype: np.dtype[Any], where: str
@@ -113,6 +120,8 @@ def settle(
                             'write "unit_mm" into a camera.json beside it')  # fmt: skip
         unit = 1.0
         remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
+    if known.lens is not None and not known.lens.is_straight:
+        remarks.append("the distortion of the lens is taken out")
     return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
 
 
