@@ -43,16 +43,16 @@ def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
     path, image = _first_whole(folder, frames)
     raw = _grey(image, packed, path)
     settled = settle(given, own, beside, raw.shape, raw.dtype, str(path))
-    return FolderRecording(folder, frames, settled, packed, data_set)
+    return FolderRecording(source, folder, frames, settled, packed, data_set)
 
 
 class FolderRecording(Recording):
     """One picture a frame. A damaged one is left out, and ``remarks`` counts them."""
 
     def __init__(
-        self, folder: Path, frames: NamedFrames, settled: Settled, packed: bool, data_set: DataSet | None
+        self, source: Path, folder: Path, frames: NamedFrames, settled: Settled, packed: bool, data_set: DataSet | None
     ) -> None:
-        self.name = str(folder)
+        self.name = str(source)
         self.camera, self.unit_mm, self.count = settled.camera, settled.unit_mm, len(frames.names)
         self.rate = settled.rate
         told = [frames.told, *settled.remarks]

@@ -68,7 +68,7 @@ def _sorted(names: Sequence[str], times: Sequence[int], ticks: int, told: str, w
             raise DataError(f"{where}: {names[a]} and {names[b]} are frames of the same moment; remove one of them")
     first = times[order[0]]
     if not ticks and (missing := times[order[-1]] - first + 1 - len(names)):
-        told = f"{told}; {missing} numbers between {first} and {times[order[-1]]} are missing, and stay gaps in time"
+        told = f"{told}; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time"
     return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, told)
 
 
