@@ -33,10 +33,11 @@ def open_recording(source: str | Path, given: Given = NOTHING) -> Recording:
         from handpose.recordings.realsense import open_live
 
         return open_live(name.partition(":")[2] or None, given)
-    suffix = path.suffix.lower()
-    if exists(path) and path.is_dir():
-        suffix = BAGS[1] if (path / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
-    elif not exists(path) and suffix in (*STACKS, *VIDEOS, *BAGS):
+    file = path if exists(path) else Path(name.partition("#/")[0])  # which may be followed by a topic of a bag
+    suffix = file.suffix.lower()
+    if exists(file) and file.is_dir():
+        suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
+    elif not exists(file) and suffix in (*STACKS, *VIDEOS, *BAGS):
         raise DataError(f"{source}: no such file")
     if suffix in STACKS:
         from handpose.recordings.stack import open_stack

@@ -827,6 +827,41 @@ def read_parts(path: Path) -> Any:
 
 # ---------------------------------------------------------------------------------------------- recordings
 
+
+def make_videos() -> list[str]:
+    """A video as our writer leaves it, and one of raw values."""
+    from handpose.facts.cameras import Camera
+    from handpose.recordings.recording import DepthFrame
+    from handpose.recordings.video import VideoWriter
+
+    depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.float32)
+    for name, images in (("noise.mkv", depth), ("smooth.mkv", np.sort(depth, axis=2))):
+        with VideoWriter(Path(name), Camera("own", 30, 30, 16, 12, 32, 24), 1.0, 30) as video:
+            for i, image in enumerate(images):
+                video.write(DepthFrame(i, i / 30, image))
+    return ["noise.mkv", "smooth.mkv"]
+
+
+def make_azure() -> list[str]:
+    """The smallest mode of a Kinect."""
+    import azure_file
+
+    depth = np.zeros((2, 288, 320), np.uint16)
+    return [str(azure_file.write(Path("kinect.mkv"), depth, said=azure_file.calibration()))]
+
+
+def make_bags() -> list[str]:
+    """Of ROS 1, plain and compressed, and of ROS 2 in its three forms."""
+    import bags
+
+    depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.uint16)
+    bags.write_realsense(Path("realsense.bag"), depth)
+    bags.write_ros1(Path("packed.bag"), depth, compression="LZ4")
+    bags.write_ros2(Path("ros2"), depth)
+    bags.write_ros2(Path("mcap"), depth, storage="MCAP")
+    return ["realsense.bag", "packed.bag", "ros2/metadata.yaml", "ros2/ros2.db3", "mcap/mcap.mcap"]
+
+
 CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "width": 64, "height": 48,
  "unit_mm": 0.125, "rate": 30, "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.02, 0.001, 0, 0]}}
 """
@@ -881,7 +916,7 @@ def read_recording(path: Path) -> Any:
     from handpose.recordings.first_look import look
     from handpose.recordings.opening import open_recording
 
-    with open_recording(path if path.suffix in (".npy", ".npz", ".h5") else path.parent) as recording:
+    with open_recording(path.parent if path.suffix in (".png", ".bin", ".yaml") else path) as recording:
         look(recording)
         return [(frame.time, frame.depth) for frame in recording]
 
@@ -931,6 +966,10 @@ READERS: tuple[Reader, ...] = (
     Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
     Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
+    Reader("video", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"), make_videos, read_recording),
+    Reader("azure kinect", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"),
+           make_azure, read_recording),
+    Reader("ros bag", ("handpose/recordings/ros_bag.py",), make_bags, read_recording),
     Reader("camera.json", ("handpose/recordings/camera_file.py",), make_camera_json, read_camera_json),
     Reader("depth folder", ("handpose/recordings/data_sets.py", "handpose/data/images.py"),
            make_depth_folders, read_recording),
