@@ -42,6 +42,16 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
     assert [path.name for path in (tmp_path / "new").iterdir()] == [name]
 
 
+def test_a_video_comes_back(tmp_path: Path) -> None:
+    """Whose clock has milliseconds."""
+    pytest.importorskip("av")
+    write(tmp_path / "take.mkv", frames())
+    recording = open_recording(tmp_path / "take.mkv")
+    assert (recording.camera, recording.unit_mm) == (SMALL, 0.5)
+    assert [frame.time for frame in recording] == pytest.approx([0, 1 / 30, 2 / 30], abs=1e-3)
+    assert [float(frame.depth.mean()) for frame in recording] == [100, 101, 102]
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     values=st.lists(st.lists(st.integers(0, 65535), min_size=12, max_size=12), min_size=1, max_size=3),
