@@ -43,9 +43,7 @@ def opened(args: argparse.Namespace) -> Recording:
 def say_first_look(look: FirstLook, file: TextIO | None = None) -> None:
     """Print what a recording is and what its first frames show; warnings go to stderr."""
     camera = look.camera
-    length = (
-        f"{look.count} frames" if look.count is not None else "live" if look.live else "nobody says how many frames"
-    )
+    length = f"{look.count} frames" if look.count is not None else "live" if look.live else "frames not counted"
     rate = f", {look.rate:g} frames/s" if look.rate else ""
     say(f"{look.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; sees "
