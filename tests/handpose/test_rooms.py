@@ -25,7 +25,11 @@ MAY_IMPORT = {  # besides itself
     "experiments": {"facts", "data", "fitting", "scoring", "synthetic", "predicting"},
 }
 # A file that needs an extra, and which: it imports it when it is used.
-EXTRAS: dict[str, set[str]] = {}
+EXTRAS: dict[str, set[str]] = {
+    "recordings/ffmpeg.py": {"av"},
+    "recordings/ros_bag.py": {"rosbags"},
+    "recordings/realsense.py": {"pyrealsense2"},
+}
 FILES = sorted((ROOT / "handpose").rglob("*.py"))
 
 

@@ -1,0 +1,94 @@
+"""Writes depth as a video that loses nothing: FFV1 of 16 bits in Matroska, frame by frame."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from handpose.facts.cameras import Camera
+from handpose.recordings import camera_file, ffmpeg
+from handpose.recordings.given import Given
+from handpose.recordings.recording import DepthFrame
+from netlib import atomic
+from netlib.errors import DataError
+
+TAG = "CAMERA"  # Matroska's tags are in capitals
+TICK = Fraction(1, 1000)  # s: FFmpeg writes no Matroska with a finer one
+OPTIONS = {"level": "3", "slicecrc": "1", "g": "1"}  # every frame alone, with checksums
+LARGEST = 65535
+
+
+class VideoWriter:
+    """A video that is there, whole, after the block: with all frames, or with those until an exception or Ctrl-C.
+
+        with VideoWriter(path, camera, unit_mm, rate) as video:
+            video.write(frame)
+
+    unit_mm  what a stored value of 1 stands for; depths are rounded to it, and must fit into 16 bits
+    rate     frames per second, if it is known; every frame keeps its own time all the same
+
+    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
+    no file.
+    """
+
+    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
+        self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
+        self._av = ffmpeg.library()
+        self._last: int | None = None
+
+    def __enter__(self) -> VideoWriter:
+        if self._path.exists() and not self._path.is_file():
+            raise DataError(f"{self._path}: cannot be written: it is no file")
+        with contextlib.ExitStack() as stack, atomic.naming(self._path):
+            self._fresh = stack.enter_context(atomic.temporary(self._path))
+            self._container = self._av.open(str(self._fresh), "w", format="matroska")
+            stack.callback(self._container.close)
+            self._stream = self._new_stream()
+            self._stack = stack.pop_all()
+        return self
+
+    def _new_stream(self) -> Any:
+        said = Given(self._camera, None, self._unit, self._rate)
+        self._container.metadata[TAG] = camera_file.to_text(said)
+        rate = Fraction(self._rate or 30).limit_denominator(1 << 16)
+        stream = self._container.add_stream("ffv1", rate=rate, options=OPTIONS)
+        stream.width, stream.height, stream.pix_fmt = self._camera.width, self._camera.height, "gray16le"
+        stream.codec_context.thread_count = 1  # no frame waits in the encoder
+        stream.codec_context.time_base = TICK
+        return stream
+
+    def write(self, frame: DepthFrame) -> None:
+        """Append a frame."""
+        shape = (self._camera.height, self._camera.width)
+        where = f"{self._path}: frame {frame.number}"
+        if frame.depth.shape != shape:
+            raise DataError(f"{where}: shape {frame.depth.shape}, expected {shape}")
+        values = np.rint(frame.depth / np.float32(self._unit))
+        if not 0 <= values.min() <= values.max() <= LARGEST:
+            raise DataError(f"{where}: depths from {frame.depth.min():g} to {frame.depth.max():g} mm; in units of "
+                            f"{self._unit:g} mm, 16 bits hold 0 to {LARGEST * self._unit:g}")  # fmt: skip
+        tick = round(frame.time / TICK)
+        if self._last is not None and tick <= self._last:
+            raise DataError(f"{where}: at {frame.time:.6f} s, less than 1 ms after the frame before; "
+                            "a video's clock has no finer ticks")  # fmt: skip
+        picture = self._av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
+        picture.pts, picture.time_base = tick, TICK
+        with atomic.naming(self._path):
+            self._container.mux(self._stream.encode(picture))
+        self._last = tick
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        with self._stack, atomic.naming(self._path):
+            if self._last is None:
+                return
+            self._container.mux(self._stream.encode(None))
+            self._container.close()
+            atomic.replace(self._path, lambda fresh: os.replace(self._fresh, fresh))

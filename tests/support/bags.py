@@ -1,0 +1,161 @@
+"""Bags of ROS as cameras' programs write them, with made-up depth."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+Depth = np.ndarray[Any, Any]
+K = [60.5, 0, 31.25, 0, 61.5, 23.75, 0, 0, 1]
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 33_333_333
+TOPIC = "/camera/depth/image_raw"
+REALSENSE = "/device_0/sensor_0"
+
+
+def stamp_of(i: int) -> int:
+    """Nanoseconds of frame i."""
+    return START_NS + i * STEP_NS
+
+
+class Messages:
+    """The messages of ROS 1 or 2."""
+
+    def __init__(self, is_ros1: bool) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self.store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+        self.is_ros1 = is_ros1
+
+    def encode(self, kind: str, message: Any) -> bytes:
+        encode = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
+        return bytes(encode(message, kind))
+
+    def header(self, ns: int) -> Any:
+        types = self.store.types
+        time = types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+        more = {"seq": 0} if self.is_ros1 else {}
+        return types["std_msgs/msg/Header"](stamp=time, frame_id="camera", **more)
+
+    def image(self, values: Depth, ns: int, encoding: str = "16UC1", padding: int = 0, big: bool = False) -> bytes:
+        """Rows with so many bytes of padding; in either order of bytes."""
+        swapped = values.astype(values.dtype.newbyteorder(">" if big else "<"))
+        rows = swapped.view(np.uint8).reshape(len(values), -1)
+        data = np.hstack([rows, np.full((len(rows), padding), 99, np.uint8)])
+        message = self.store.types["sensor_msgs/msg/Image"](
+            header=self.header(ns), height=values.shape[0], width=values.shape[1], encoding=encoding,
+            is_bigendian=int(big), step=data.shape[1], data=data.reshape(-1),
+        )  # fmt: skip
+        return self.encode("sensor_msgs/msg/Image", message)
+
+    def packed(self, values: Depth, ns: int, form: str = "16UC1; compressedDepth png") -> bytes:
+        """As the plug-in compressedDepth does it: twelve bytes, then a PNG."""
+        png = np.concatenate([np.zeros(12, np.uint8), cv2.imencode(".png", values)[1].reshape(-1)])
+        message = self.store.types["sensor_msgs/msg/CompressedImage"](header=self.header(ns), format=form, data=png)
+        return self.encode("sensor_msgs/msg/CompressedImage", message)
+
+    def info(
+        self, shape: tuple[int, int], model: str = "plumb_bob", d: tuple[float, ...] = (0,) * 5, **more: Any
+    ) -> bytes:
+        """K, D and P; ``k`` and ``p`` replace the usual ones."""
+        name = str.upper if self.is_ros1 else str.lower
+        k = more.get("k", K)
+        p = more.get("p", [k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0])
+        arrays = {"d": d, "k": k, "r": np.eye(3).ravel(), "p": p}
+        roi = self.store.types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        message = self.store.types["sensor_msgs/msg/CameraInfo"](
+            header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=0,
+            binning_y=0, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
+        )  # fmt: skip
+        return self.encode("sensor_msgs/msg/CameraInfo", message)
+
+    def number(self, value: float) -> bytes:
+        return self.encode("std_msgs/msg/Float32", self.store.types["std_msgs/msg/Float32"](data=value))
+
+    def text(self, value: str) -> bytes:
+        return self.encode("std_msgs/msg/String", self.store.types["std_msgs/msg/String"](data=value))
+
+
+Content = list[tuple[str, str, int, bytes]]  # topic, type, nanoseconds of the bag, message
+
+
+def write(writer: Any, messages: Messages, content: Content) -> None:
+    """Everything into a bag, in this order."""
+    connections: dict[str, Any] = {}
+    with writer:
+        for topic, kind, ns, message in content:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=messages.store)
+            writer.write(connections[topic], ns, message)
+
+
+def driver(messages: Messages, depth: Depth, topic: str = TOPIC, **info: Any) -> Content:
+    """What the ROS driver of a camera publishes: images of 16UC1 in mm, the camera beside them."""
+    content = [
+        (f"{topic.rpartition('/')[0]}/camera_info", "sensor_msgs/msg/CameraInfo", START_NS,
+         messages.info(depth.shape[1:], **info))
+    ]  # fmt: skip
+    for i, image in enumerate(depth):
+        content.append((topic, "sensor_msgs/msg/Image", stamp_of(i) + 5_000_000, messages.image(image, stamp_of(i))))
+    return content
+
+
+def write_ros1(path: Path, depth: Depth, compression: str = "", make: Callable[..., Content] = driver) -> Path:
+    """A .bag."""
+    from rosbags.rosbag1 import Writer
+
+    writer = Writer(path)
+    if compression:
+        writer.set_compression(Writer.CompressionFormat[compression])
+    messages = Messages(True)
+    write(writer, messages, make(messages, depth))
+    return path
+
+
+def write_ros2(path: Path, depth: Depth, storage: str = "SQLITE3", make: Callable[..., Content] = driver) -> Path:
+    """A folder with a .db3 or an .mcap."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    messages = Messages(False)
+    write(Writer(path, version=9, storage_plugin=StoragePlugin[storage]), messages, make(messages, depth))
+    return path
+
+
+def realsense(messages: Messages, depth: Depth, unit_m: float = 0.0001, tail: bool = True, **info: Any) -> Content:
+    """What RealSense's SDK records: mono16, its unit an option, images with four bytes more than ROS has."""
+    topic = f"{REALSENSE}/Depth_0"
+    more = struct.pack("<f", unit_m) if tail else b""
+    info = {"model": "Brown Conrady", **info}
+    content = [
+        (f"{REALSENSE}/option/Depth_Units/value", "std_msgs/msg/Float32", 1, messages.number(unit_m)),
+        (f"{topic}/info/camera_info", "sensor_msgs/msg/CameraInfo", 1, messages.info(depth.shape[1:], **info)),
+    ]
+    for i, image in enumerate(depth):
+        message = messages.image(image, 10**9 + i * STEP_NS, "mono16") + more
+        content.append((f"{topic}/image/data", "sensor_msgs/msg/Image", 1000 + i * STEP_NS, message))
+    return content
+
+
+def write_realsense(path: Path, depth: Depth, **more: Any) -> Path:
+    """RealSense's .bag, until version 2.57 or so of its SDK."""
+    return write_ros1(path, depth, "LZ4", lambda messages, images: realsense(messages, images, **more))
+
+
+def realsense_db3(messages: Messages, depth: Depth) -> Content:
+    """What its newer versions record: PNG, the unit a text."""
+    topic = f"{REALSENSE}/Depth_0/image"
+    content = [
+        (f"{REALSENSE}/option/Depth_Units/value", "std_msgs/msg/String", 0, messages.text("0.000100")),
+        (f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", 0, messages.info(depth.shape[1:])),
+    ]
+    for i, image in enumerate(depth):
+        message = messages.packed(image, i * STEP_NS)
+        content.append((f"{topic}/data/compressedDepth", "sensor_msgs/msg/CompressedImage", i * STEP_NS, message))
+    return content
