@@ -25,7 +25,7 @@ MAY_IMPORT = {  # besides itself
     "experiments": {"facts", "data", "fitting", "scoring", "synthetic", "predicting"},
 }
 # A file that needs an extra, and which: it imports it when it is used.
-EXTRAS: dict[str, set[str]] = {}
+EXTRAS: dict[str, set[str]] = {"drawing/rerun_view.py": {"rerun"}, "drawing/video_file.py": {"av"}}
 FILES = sorted((ROOT / "handpose").rglob("*.py"))
 
 
