@@ -38,11 +38,18 @@ class ContactSheet:
             self._kept.append((time, self._reduced(draw())))
         self._count += 1
 
+    def times(self) -> list[float]:
+        """When the pictures of the page were taken."""
+        return [time for time, _ in self._chosen()]
+
     def page(self) -> Image:
         """The pictures, each with its time above it. Raises DataError if there are none."""
+        images = [image for _, image in self._chosen()]
+        return sheets.sheet(images, self.columns, [f"{time:.2f} s" for time in self.times()])
+
+    def _chosen(self) -> list[tuple[float, Image]]:
         count = min(len(self._kept), self.places)
-        chosen = [self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)]
-        return sheets.sheet([image for _, image in chosen], self.columns, [f"{time:.2f} s" for time, _ in chosen])
+        return [self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)]
 
     def _reduced(self, image: Image) -> Image:
         if image.shape[1] <= self.width:

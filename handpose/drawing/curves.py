@@ -54,9 +54,10 @@ class ConfidenceCurves:
             strokes.text(canvas, words, start + (-strokes.text_width(words, _WORDS) // 2, 16), _INK, _WORDS)
         for id, run in self._runs():
             strokes.lines(canvas, np.array([place(*point) for point in run]), colour_of(id), 2)
-        for row, hand in enumerate(frame.hands):
-            words = spoken(hand.hand, hand.confidence)
-            strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(hand.id), 0.5)
+        now = [(hand.id, spoken(hand.hand, hand.confidence)) for hand in frame.hands]
+        now += [(lost.id, f"{lost.hand} lost") for lost in frame.lost]
+        for row, (id, words) in enumerate(sorted(now)):
+            strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(id), 0.5)
         return canvas
 
     def _runs(self) -> Iterator[tuple[int, list[tuple[float, float]]]]:

@@ -19,7 +19,7 @@ MISSING: Colour = (90, 60, 200)
 BACKGROUND = 0.999  # depths from it on are the far face: what is left of it by rounding, too
 _LIGHT = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
 _STEEP = 5.0  # a slope that is steeper is an edge, and no slope
-_SAMPLES = 176  # along the longer side of a hand's rectangle: of a larger one not every pixel is rendered
+_SAMPLES = 144  # along the longer side of a hand's rectangle: of a larger one not every pixel is rendered
 _OBLIQUE = 1.3  # a sphere at the picture's edge looks longer than one in its middle
 _NOTHING = 1e5  # mm: depth of rays that meet no flesh
 

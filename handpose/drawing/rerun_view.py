@@ -54,20 +54,21 @@ class RerunView:
         self._stack = contextlib.ExitStack()
 
     def __enter__(self) -> RerunView:
-        self._stream = self._rr.RecordingStream("handpose")
-        if self.path is None:
-            try:
-                self._stream.spawn()
-            except RuntimeError as error:
-                raise NetlibError(f"Rerun's viewer does not start: {error}; write a file instead (.rrd)") from error
-        else:
-            self._stream.save(str(self._stack.enter_context(atomic.replacing(self.path))))
-        camera, rr = self.header.camera, self._rr
-        self._stream.log("world", rr.ViewCoordinates.RDF, static=True)
+        rr, camera = self._rr, self.header.camera
+        self._stream = rr.RecordingStream("handpose")
+        with contextlib.ExitStack() as stack:
+            if self.path is None:
+                self._spawn()
+            else:
+                self._stream.save(str(stack.enter_context(atomic.replacing(self.path))))
+            self._stack = stack.pop_all()
         pinhole = rr.Pinhole(
-            focal_length=(camera.fx, camera.fy), principal_point=(camera.u0 + 0.5, camera.v0 + 0.5),
-            resolution=(camera.width, camera.height), camera_xyz=rr.ViewCoordinates.RDF,
-        )  # fmt: skip  # half a pixel: Rerun counts from the corner of the first one
+            focal_length=(camera.fx, camera.fy),
+            principal_point=(camera.u0 + 0.5, camera.v0 + 0.5),  # Rerun counts from the corner of the first pixel
+            resolution=(camera.width, camera.height),
+            camera_xyz=rr.ViewCoordinates.RDF,
+        )
+        self._stream.log("world", rr.ViewCoordinates.RDF, static=True)
         self._stream.log(_CAMERA, pinhole, static=True)
         return self
 
@@ -96,6 +97,12 @@ class RerunView:
         with self._stack:
             self._stream.flush()
             self._stream.disconnect()
+
+    def _spawn(self) -> None:
+        try:
+            self._stream.spawn()
+        except RuntimeError as error:
+            raise NetlibError(f"Rerun's viewer does not start: {error}; write a file instead (.rrd)") from error
 
     def _hand(self, hand: TrackedHand) -> None:
         """Joints, bones, flesh and confidence."""

@@ -19,7 +19,7 @@ from handpose.drawing.strokes import Image
 from netlib import atomic
 from netlib.errors import DataError, NetlibError
 
-TICKS = 90000  # of a second: no camera's two frames get the same
+TICKS = 60000  # of a second: 30 and 29.97 frames/s fall on them; MPEG-4 part 2 takes no more than 65535
 EVERYWHERE = "mpeg4"  # the encoder that no PyAV lacks
 # With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
 ENCODERS = {
