@@ -39,7 +39,7 @@ class Contrast:
         """The picture (height, width) of a depth image in mm."""
         assert self._middle is not None, "see() comes first"
         away = (np.arange(_FARTHEST + 1) - self._middle) / self._spread
-        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * np.tanh(away * 0.8))).astype(np.uint8)
+        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / (1 + np.abs(away)))).astype(np.uint8)
         shades[0] = 0
         return np.asarray(shades[np.minimum(depth, _FARTHEST).astype(np.uint16)])
 

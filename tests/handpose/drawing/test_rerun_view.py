@@ -86,9 +86,7 @@ def test_the_viewer_is_opened(streams: list[FakeStream]) -> None:
 
 
 def test_joints_are_where_rerun_sees_them(streams: list[FakeStream]) -> None:
-    """Its pinhole, with x right, y down, z forward, puts each joint on the pixel on which our camera sees it: no hand is
-    mirrored.
-    """
+    """Its pinhole (x right, y down, z forward) puts each joint on the pixel where our camera sees it: no mirror."""
     with RerunView(HEADER) as view:
         view.log(DEPTH, BOTH)
     pinhole = streams[0].last("world/camera")
