@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 from types import ModuleType, TracebackType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from handpose.data.crops import check_size
 from handpose.drawing.flesh import SKIN
 from handpose.drawing.hands import bones, colours
-from handpose.drawing.identities import colour_of, spoken_loss
+from handpose.drawing.identities import colour_of
 from handpose.flesh.render import Capsules
 from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib import atomic
@@ -28,9 +29,10 @@ from netlib.blob import Array
 from netlib.errors import NetlibError
 
 FROM_MM = np.array([1.0, -1.0, 1.0]) / 1000  # mm, y up, to metres, y down
+SHOWN_MM = (200.0, 3000.0)  # the depths from one end of the colours to the other
 BONE_M, JOINT_M = 0.0025, 0.004  # radii
 _CAMERA, _HANDS, _CONFIDENCE, _LOST = "world/camera", "world/hands", "confidence", "lost"  # entities
-_FLESH = (*SKIN[::-1], 120)  # red, green, blue, opacity
+_FLESH = (*SKIN[::-1], 50)  # red, green, blue, opacity
 
 
 class RerunView:
@@ -62,6 +64,7 @@ class RerunView:
             else:
                 self._stream.save(str(stack.enter_context(atomic.replacing(self.path))))
             self._stack = stack.pop_all()
+        self._stream.send_blueprint(self._layout())
         pinhole = rr.Pinhole(
             focal_length=(camera.fx, camera.fy),
             principal_point=(camera.u0 + 0.5, camera.v0 + 0.5),  # Rerun counts from the corner of the first pixel
@@ -78,7 +81,8 @@ class RerunView:
         self._stream.set_time("time", duration=frame.time)
         self._stream.set_time("frame", sequence=frame.number)
         stored = np.rint(np.clip(depth, 0, np.iinfo(np.uint16).max)).astype(np.uint16)
-        self._stream.log(f"{_CAMERA}/depth", self._rr.DepthImage(stored, meter=1000.0))
+        image = self._rr.DepthImage(stored, meter=1000.0, depth_range=SHOWN_MM, colormap="magma")
+        self._stream.log(f"{_CAMERA}/depth", image)
         for hand in frame.hands:
             self._hand(hand)
         seen = {hand.id for hand in frame.hands}
@@ -87,8 +91,8 @@ class RerunView:
             self._stream.log(f"{_CONFIDENCE}/{id}", self._rr.Clear(recursive=True))
         for lost in frame.lost:
             if lost.id in self._shown - seen:
-                words = self._rr.TextLog(spoken_loss(lost, frame.time), level="WARN", color=colour_of(lost.id)[::-1])
-                self._stream.log(_LOST, words)
+                words, colour = f"{lost.hand} hand {lost.id} lost: {lost.reason}", colour_of(lost.id)[::-1]
+                self._stream.log(_LOST, self._rr.TextLog(words, level="WARN", color=colour))
         self._shown = seen
 
     def __exit__(
@@ -104,6 +108,15 @@ class RerunView:
         except RuntimeError as error:
             raise NetlibError(f"Rerun's viewer does not start: {error}; write a file instead (.rrd)") from error
 
+    def _layout(self) -> Any:
+        """Space on the left; on the right the camera's view with the hands on it, their confidences, and losses."""
+        views = self._rr.blueprint
+        confidence = views.TimeSeriesView(origin=_CONFIDENCE, axis_y=views.ScalarAxis(range=(0.0, 1.0)))
+        camera = views.Spatial2DView(origin=_CAMERA, contents="world/**")
+        beside = views.Vertical(camera, confidence, views.TextLogView(origin=_LOST), row_shares=[5, 2, 1])
+        space = views.Spatial3DView(origin="world")
+        return views.Blueprint(views.Horizontal(space, beside, column_shares=[3, 2]), collapse_panels=True)
+
     def _hand(self, hand: TrackedHand) -> None:
         """Joints, bones, flesh and confidence."""
         rr, place, points = self._rr, f"{_HANDS}/{hand.id}", hand.xyz * FROM_MM
@@ -113,9 +126,13 @@ class RerunView:
         self._stream.log(f"{place}/bones", rr.LineStrips3D(strips, colors=own, radii=BONE_M))
         if hand.capsules is not None:
             lengths, radii, starts, turns = capsules_in_rerun(hand.capsules)
-            flesh = rr.Capsules3D(lengths=lengths, radii=radii, translations=starts, quaternions=turns, colors=_FLESH)
+            flesh = rr.Capsules3D(
+                lengths=lengths, radii=radii, translations=starts, quaternions=turns, colors=_FLESH, fill_mode="solid"
+            )
             self._stream.log(f"{place}/flesh", flesh)
         if np.isfinite(hand.confidence):
+            curve = rr.SeriesLines(colors=colour_of(hand.id)[::-1], names=f"{hand.hand} {hand.id}")
+            self._stream.log(f"{_CONFIDENCE}/{hand.id}", curve, static=True)
             self._stream.log(f"{_CONFIDENCE}/{hand.id}", rr.Scalars(hand.confidence))
 
 

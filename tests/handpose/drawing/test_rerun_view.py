@@ -38,6 +38,9 @@ class FakeStream:
     def save(self, path: str) -> None:
         self.path = path
 
+    def send_blueprint(self, layout: Any) -> None:
+        assert layout.kind == "Blueprint"
+
     def set_time(self, name: str, **time: float) -> None:
         self.times[name] = time
 
@@ -65,8 +68,12 @@ def streams(monkeypatch: pytest.MonkeyPatch) -> list[FakeStream]:
     """The streams that are opened by a rerun that has what is used, and nothing else."""
     made: list[FakeStream] = []
     fake = ModuleType("rerun")
-    for name in ("Pinhole", "DepthImage", "Points3D", "LineStrips3D", "Capsules3D", "Scalars", "TextLog", "Clear"):
+    for name in ("Pinhole", "DepthImage", "Points3D", "LineStrips3D", "Capsules3D", "Scalars", "SeriesLines", "TextLog",
+                 "Clear"):  # fmt: skip
         setattr(fake, name, archetype(name))
+    views = ("Spatial3DView", "Spatial2DView", "TimeSeriesView", "TextLogView", "ScalarAxis", "Horizontal", "Vertical",
+             "Blueprint")  # fmt: skip
+    fake.blueprint = SimpleNamespace(**{name: archetype(name) for name in views})  # type: ignore[attr-defined]
     fake.ViewCoordinates = SimpleNamespace(RDF="right, down, forward")  # type: ignore[attr-defined]
     fake.RecordingStream = lambda name: made.append(FakeStream(name)) or made[-1]  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "rerun", fake)
@@ -120,7 +127,7 @@ def test_a_lost_hand_is_taken_away_and_told_of_once(streams: list[FakeStream]) -
         view.log(DEPTH, ONE)
         view.log(DEPTH, ONE._replace(number=2, time=0.2))
     logged = streams[0].logged
-    assert [what.given for name, what in logged if name == "lost"] == [("left hand lost 0.1 s: left the image",)]
+    assert [what.given for name, what in logged if name == "lost"] == [("left hand 2 lost: left the image",)]
     assert [name for name, what in logged if getattr(what, "kind", "") == "Clear"] == ["world/hands/2", "confidence/2"]
     assert streams[0].last("confidence/1").given == (0.93,)
 
