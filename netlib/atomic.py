@@ -74,9 +74,16 @@ def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> No
     Without ``sync`` that is true of a run that is killed, but not of a machine that loses power. Raises OSError, with
     the file's own name.
     """
+    with replacing(path, sync) as fresh:
+        fill(fresh)
+
+
+@contextlib.contextmanager
+def replacing(path: Path, sync: bool = True) -> Iterator[Path]:
+    """The same for a file that is filled within the block: an exception leaves ``path`` as it was."""
     with naming(path), temporary(path) as fresh:
         refuse_what_is_no_file(path)
-        fill(fresh)
+        yield fresh
         take_place(fresh, path, sync)
 
 

@@ -65,10 +65,10 @@ def overlay(
         return np.asarray((at + 0.5) * zoom - 0.5)
 
     points = _checked(joints, skeleton)
-    _draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1))
+    draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1))
     if truth is not None:
         points = _checked(truth, skeleton)
-        _draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
+        draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
     return canvas
 
 
@@ -90,10 +90,7 @@ def view_3d(
     """The skeleton in the cube around the hand, seen by someone who went ``yaw`` degrees to the right of the
     camera and ``pitch`` degrees up; its shadow lies on the floor of the cube. ``truth`` joints in thin black.
     """
-    y, p = np.deg2rad((yaw, pitch))
-    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
-    view = tilt @ turn  # viewer_from_world: x right, y up, z away
+    view = viewer_from_world(yaw, pitch)
     distance = 7.0  # of the viewer, half-cubes: a little perspective
 
     def place(points: Array) -> Array:
@@ -117,12 +114,30 @@ def view_3d(
 
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
-    _draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
-    _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1))
+    draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
+    draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1))
     if truth is not None:
         points = _checked(truth, skeleton)
-        _draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
+        draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
     return canvas
+
+
+def viewer_from_world(yaw: float, pitch: float) -> Array:
+    """The rotation (3, 3) into axes of someone who went so many degrees to the right, and up: x right, y up, z away."""
+    y, p = np.deg2rad((yaw, pitch))
+    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
+    return np.asarray(tilt @ turn)
+
+
+def colours(skeleton: Skeleton) -> list[Colour]:
+    """Each joint's colour, which is that of its part."""
+    return [COLOURS.get(name.partition("_")[0], GREY) for name in skeleton.joint_names]
+
+
+def bones(skeleton: Skeleton) -> list[tuple[int, int]]:
+    """Which joints are joined: parent, joint."""
+    return [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
 
 
 def _checked(joints: ArrayLike, skeleton: Skeleton) -> Array:
@@ -133,7 +148,7 @@ def _checked(joints: ArrayLike, skeleton: Skeleton) -> Array:
     return points.reshape(expected, 3)
 
 
-def _draw(
+def draw(
     canvas: Image,
     at: Array,
     away: Array,
@@ -143,13 +158,12 @@ def _draw(
     rim: bool = True,
 ) -> None:
     """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim."""
-    bones = [(int(parent), joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0]
-    bones.sort(key=lambda bone: -(away[bone[0]] + away[bone[1]]))
-    own = [colour or COLOURS.get(name.partition("_")[0], GREY) for name in skeleton.joint_names]
+    behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
+    own = [colour or its_own for its_own in colours(skeleton)]
     if rim:
-        for parent, joint in bones:
+        for parent, joint in behind_first:
             strokes.line(canvas, at[parent], at[joint], BLACK if colour is None else (90, 90, 90), thick + 2)
-    for parent, joint in bones:
+    for parent, joint in behind_first:
         strokes.line(canvas, at[parent], at[joint], own[joint], thick)
     for joint in np.argsort(-away, kind="stable"):
         if rim:

@@ -28,14 +28,8 @@ def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[st
         row, column = divmod(n, columns)
         top, left = gap + row * (height + head + gap), gap + column * (width + gap)
         if titles:
-            _title(canvas, titles[n], left, top + head - 7, width)
+            strokes.text_within(canvas, titles[n], np.array([left, top + head - 7]), (40, 40, 40), 0.5, width)
         top, left = top + head + (height - image.shape[0]) // 2, left + (width - image.shape[1]) // 2
         colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
         canvas[top : top + image.shape[0], left : left + image.shape[1]] = colour
     return canvas
-
-
-def _title(canvas: Image, words: str, left: int, bottom: int, width: int) -> None:
-    """Text no wider than ``width`` pixels: smaller if need be."""
-    scale = 0.5 * min(1.0, width / max(strokes.text_width(words, 0.5), 1))
-    strokes.text(canvas, words, np.array([left, bottom]), (40, 40, 40), scale)

@@ -12,11 +12,18 @@ Image = NDArray[np.uint8]  # (height, width, 3), OpenCV's colour order
 Colour = tuple[int, int, int]  # blue, green, red
 
 _SUBPIXEL = 4  # cv2 draws at multiples of 1 / 2**4 of a pixel
+_FAR = 1e4  # pixels
 
 
 def line(canvas: Image, start: Array, stop: Array, colour: Colour, thick: int) -> None:
     """A line between two points (2,), x and y."""
     cv2.line(canvas, _fixed(start), _fixed(stop), colour, thick, cv2.LINE_AA, _SUBPIXEL)
+
+
+def lines(canvas: Image, points: Array, colour: Colour, thick: int) -> None:
+    """Lines from each point (n, 2) to the next."""
+    fixed = np.rint(np.clip(points, -_FAR, _FAR) * 2**_SUBPIXEL).astype(np.int32)
+    cv2.polylines(canvas, [fixed], False, colour, thick, cv2.LINE_AA, _SUBPIXEL)
 
 
 def dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
@@ -30,6 +37,11 @@ def text(canvas: Image, words: str, at: Array, colour: Colour, scale: float) -> 
     cv2.putText(canvas, words, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
 
 
+def text_within(canvas: Image, words: str, at: Array, colour: Colour, scale: float, width: int) -> None:
+    """The same text, smaller if need be, so that it is no wider than ``width`` pixels."""
+    text(canvas, words, at, colour, scale * min(1.0, width / max(text_width(words, scale), 1)))
+
+
 def text_width(words: str, scale: float) -> int:
     """Width in pixels of such a text."""
     return int(cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0])
@@ -37,5 +49,5 @@ def text_width(words: str, scale: float) -> int:
 
 def _fixed(point: Array) -> tuple[int, int]:
     """A point for cv2's drawing with ``shift``; far outside is as good as at the limit of its integers."""
-    x, y = np.rint(np.clip(point, -1e4, 1e4) * 2**_SUBPIXEL).astype(int)
-    return int(x), int(y)
+    x, y = point.tolist()  # plain numbers: a picture has a thousand strokes
+    return round(min(max(x, -_FAR), _FAR) * 2**_SUBPIXEL), round(min(max(y, -_FAR), _FAR) * 2**_SUBPIXEL)

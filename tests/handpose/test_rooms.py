@@ -26,6 +26,8 @@ MAY_IMPORT = {  # besides itself
 }
 # A file that needs an extra, and which: it imports it when it is used.
 EXTRAS: dict[str, set[str]] = {
+    "drawing/rerun_view.py": {"rerun"},
+    "drawing/video_file.py": {"av"},
     "recordings/ffmpeg.py": {"av"},
     "recordings/ros_bag.py": {"rosbags"},
     "recordings/realsense.py": {"pyrealsense2"},

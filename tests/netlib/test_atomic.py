@@ -41,6 +41,9 @@ def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
 
     with pytest.raises(OSError, match="disk full"):
         atomic.replace(path, failing)
+    with pytest.raises(KeyboardInterrupt), atomic.replacing(path) as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -1,0 +1,51 @@
+"""Depth images as grey pictures of a contrast that follows hands slowly, so that a film of them does not flicker."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlib.blob import Array
+
+SECONDS = 1.0  # in which most of a change of contrast is made
+SPREAD_MM = 130.0  # before and behind the hands, that get most of the greys
+_FARTHEST = (1 << 14) - 1  # mm; all beyond is as dark
+_DARK, _LIGHT = 28.0, 225.0
+
+
+class Contrast:
+    """Which depth is how light: the nearer the lighter, steepest where the hands are, black where nothing was read."""
+
+    def __init__(self) -> None:
+        self._middle: float | None = None  # mm
+        self._spread = SPREAD_MM
+        self._time = 0.0
+        self._known = False  # have there been hands?
+
+    def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
+        """Follow the depths (n,) in mm of all joints at a time in s; until there are some, the nearest things."""
+        if len(hands):
+            middle, spread = (hands.max() + hands.min()) / 2, SPREAD_MM + (hands.max() - hands.min()) / 4
+        elif not self._known:
+            middle, spread = _nearest(depth), SPREAD_MM
+        else:
+            middle, spread = self._middle, self._spread
+        part = 1.0 if self._middle is None else 1 - np.exp(-max(time - self._time, 0.0) / SECONDS)
+        self._middle = middle if self._middle is None else self._middle + part * (middle - self._middle)
+        self._spread += part * (spread - self._spread)
+        self._time, self._known = time, self._known or len(hands) > 0
+
+    def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """The picture (height, width) of a depth image in mm."""
+        assert self._middle is not None, "see() comes first"
+        away = (np.arange(_FARTHEST + 1) - self._middle) / self._spread
+        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / (1 + np.abs(away)))).astype(np.uint8)
+        shades[0] = 0
+        return np.asarray(shades[np.minimum(depth, _FARTHEST).astype(np.uint16)])
+
+
+def _nearest(depth: NDArray[np.floating]) -> float:
+    """The depth of things in the foreground, in mm."""
+    read = depth[::4, ::4]
+    read = read[read > 0]
+    return float(np.percentile(read, 10)) if len(read) else 700.0

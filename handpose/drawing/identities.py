@@ -1,0 +1,33 @@
+"""How one hand is told from another: its colour, its words."""
+
+from __future__ import annotations
+
+import math
+
+from handpose.drawing.strokes import Colour
+from handpose.tracks.track import LostHand
+
+# Blue, green, red: dark enough for white letters on them, and for curves on white.
+_COLOURS: tuple[Colour, ...] = (
+    (190, 110, 25),
+    (30, 95, 210),
+    (60, 130, 40),
+    (160, 55, 150),
+    (60, 60, 60),
+    (130, 130, 0),
+)
+
+
+def colour_of(id: int) -> Colour:
+    """The colour of the hand with this id."""
+    return _COLOURS[id % len(_COLOURS)]
+
+
+def spoken(hand: str, confidence: float) -> str:
+    """``right 93%``; without the number where nobody has measured it."""
+    return f"{hand} {confidence:.0%}" if math.isfinite(confidence) else hand
+
+
+def spoken_loss(hand: LostHand, time: float) -> str:
+    """``left hand lost 0.4 s: it left the image``."""
+    return f"{hand.hand} hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"

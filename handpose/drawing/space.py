@@ -1,0 +1,96 @@
+"""Hands in space, seen from beside the camera; the space shown follows them only when they are about to leave it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from handpose.drawing import flesh, hands, strokes
+from handpose.drawing.strokes import Colour, Image
+from handpose.facts.cameras import Camera
+from handpose.flesh.render import Capsules
+from handpose.tracks.track import TrackedHand
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+SMALLEST_MM = 200.0  # half an edge of the cube that is shown
+MARGIN_MM = 40.0  # between hands and its faces
+SQUARE_MM = 100.0  # of the floor
+FOLLOW_S, SHRINK_S = 0.3, 4.0  # in which most of a move or a growth is made; of a shrinking
+DISTANCE = 7.0  # of the viewer, in half edges: a little perspective
+_PAPER = 248
+_SHADOW: Colour = (212, 212, 212)
+_GRID: Colour = (222, 222, 222)
+_INK: Colour = (110, 110, 110)
+_VIEW = hands.viewer_from_world(35, 20)
+
+
+class Space:
+    """A cube in the camera's axes that holds all hands, with a floor of squares of 100 mm that do not move."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+        self._middle: Array | None = None  # mm
+        self._half = SMALLEST_MM
+        self._time = 0.0
+
+    def see(self, time: float, points: Array) -> None:
+        """Move and grow the cube until it holds points (n, 3) in mm; ``time`` in s says how far by now."""
+        if not len(points):
+            return
+        low, high = points.min(axis=0) - MARGIN_MM, points.max(axis=0) + MARGIN_MM
+        needed = max(float((high - low).max()) / 2, SMALLEST_MM)
+        if self._middle is None:
+            self._middle, self._half = (low + high) / 2, needed
+        passed = max(time - self._time, 0.0)
+        self._half += (needed - self._half) * _part(passed, FOLLOW_S if needed > self._half else SHRINK_S)
+        out = np.minimum(low - (self._middle - self._half), 0) + np.maximum(high - (self._middle + self._half), 0)
+        self._middle = self._middle + out * _part(passed, FOLLOW_S)
+        self._time = time
+
+    def picture(self, tracked: Sequence[TrackedHand], width: int, height: int) -> Image:
+        """The cube from the right of the camera and from above, (height, width, 3)."""
+        canvas = np.full((height, width, 3), _PAPER, dtype=np.uint8)
+        if self._middle is None:
+            return canvas
+        scale = min(width, height) * 0.32 * DISTANCE
+        camera = Camera("viewer", scale, scale, 0.5 * width, 0.44 * height, width, height)
+        self._floor(canvas, camera)
+        floor = self._middle[1] - self._half
+        for hand in tracked:
+            shadow = hand.xyz * (1, 0, 1) + (0, floor, 0)
+            at = camera.project(self._seen(shadow))
+            hands.draw(canvas, at[:, :2], hand.xyz[:, 1], self._skeleton, 3, _SHADOW, rim=False)
+        for hand in sorted(tracked, key=lambda one: -float(self._seen(one.xyz)[:, 2].mean())):
+            if hand.capsules is not None:
+                a, b, *radii = hand.capsules
+                flesh.paint(canvas, Capsules(self._seen(a), self._seen(b), *radii), camera, opacity=0.45)
+            at = camera.project(self._seen(hand.xyz))
+            hands.draw(canvas, at[:, :2], at[:, 2], self._skeleton, thick=2)
+        return canvas
+
+    def _seen(self, points: Array) -> Array:
+        """Points (..., 3) in mm from the camera's axes to the viewer's."""
+        return np.asarray((points - self._middle) @ _VIEW.T + (0, 0, DISTANCE * self._half))
+
+    def _floor(self, canvas: Image, camera: Camera) -> None:
+        """Lines that stand still in the world, and where x, y and z go."""
+        assert self._middle is not None
+        low, high = self._middle - self._half, self._middle + self._half
+        x, z = (np.arange(np.ceil(low[i] / SQUARE_MM), high[i] / SQUARE_MM) * SQUARE_MM for i in (0, 2))
+        lines = [((at, low[1], low[2]), (at, low[1], high[2])) for at in [low[0], *x, high[0]]]
+        lines += [((low[0], low[1], at), (high[0], low[1], at)) for at in [low[2], *z, high[2]]]
+        for start, stop in camera.project(self._seen(np.array(lines)))[..., :2]:
+            strokes.line(canvas, start, stop, _GRID, 1)
+        for axis, name in enumerate("xyz"):
+            tip = low + np.eye(3)[axis] * 0.35 * self._half
+            start, stop = camera.project(self._seen(np.array([low, tip])))[:, :2]
+            strokes.line(canvas, start, stop, _INK, 2)
+            beyond = stop + (stop - start) / np.linalg.norm(stop - start) * 10 + (-4, 4)
+            strokes.text(canvas, name, beyond, _INK, 0.5)
+
+
+def _part(passed: float, seconds: float) -> float:
+    """Of a change, that is made in a time."""
+    return 1 - float(np.exp(-passed / seconds))

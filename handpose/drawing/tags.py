@@ -1,0 +1,38 @@
+"""Tags: white words on a coloured ground, kept within a picture and apart from each other."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from handpose.drawing import strokes
+from handpose.drawing.strokes import Colour, Image
+
+HEIGHT = 22  # pixels
+_WORDS = 0.55  # scale of text
+_BESIDE = 6  # pixels of ground before and after the words
+
+
+class Tags:
+    """Those of one picture."""
+
+    def __init__(self, canvas: Image) -> None:
+        self._canvas = canvas
+        self._taken: list[tuple[int, int, int]] = []  # left, right, top
+
+    def add(self, words: str, left: float, bottom: float, colour: Colour) -> None:
+        """One more, its lower left corner there or as near as there is room, above rather than below."""
+        height, width = self._canvas.shape[:2]
+        room = width - 2 * _BESIDE
+        scale = _WORDS * min(1.0, room / max(strokes.text_width(words, _WORDS), 1))
+        wide = strokes.text_width(words, scale) + 2 * _BESIDE
+        x = int(np.clip(left, 0, max(width - wide, 0)))
+        wanted = int(np.clip(bottom - HEIGHT, 0, height - HEIGHT))
+        places = sorted(range(wanted % HEIGHT, height - HEIGHT + 1, HEIGHT), key=lambda y: (abs(y - wanted), y))
+        y = next((y for y in places if not self._hits(x, x + wide, y)), wanted)
+        self._taken.append((x, x + wide, y))
+        cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + HEIGHT - 1), colour, -1)
+        strokes.text(self._canvas, words, np.array([x + _BESIDE, y + HEIGHT - 6]), (255, 255, 255), scale)
+
+    def _hits(self, left: int, right: int, top: int) -> bool:
+        return any(left < end and right > start and abs(top - other) < HEIGHT for start, end, other in self._taken)

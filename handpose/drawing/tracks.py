@@ -1,0 +1,130 @@
+"""Frames of a track as pictures: the hands on the depth image, in space, and how sure they are.
+
+painter = Painter(header)
+for frame in track:                      # TrackedFrame
+    image = painter.picture(depth, frame)    # (height, width, 3) uint8, OpenCV's colour order
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data.crops import check_size
+from handpose.drawing import flesh, hands, strokes
+from handpose.drawing.contrast import Contrast
+from handpose.drawing.curves import ConfidenceCurves
+from handpose.drawing.identities import colour_of, spoken, spoken_loss
+from handpose.drawing.space import Space
+from handpose.drawing.strokes import Colour, Image
+from handpose.drawing.tags import Tags
+from handpose.facts.cameras import Camera
+from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
+from netlib.blob import Array
+from netlib.errors import printable
+
+WIDTH = 1280
+HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
+LARGEST_HEIGHT, LARGEST_WIDTH = 0.4125, 0.6  # of the depth image, in widths of the whole picture
+MOST_LOST = 3  # hands that are told to be lost
+_INK: Colour = (40, 40, 40)
+_NEAREST_MM = 1.0  # joints behind the camera are drawn as if they were before it, far beside the picture
+
+
+class Painter:
+    """Draws the frames of one track in the order of time; contrast, space and curves go on from frame to frame.
+
+    header  of the track; its camera has the frames' size
+    width   of the pictures in pixels; their height follows from the camera
+    """
+
+    def __init__(self, header: TrackHeader, width: int = WIDTH) -> None:
+        camera = header.camera
+        self.header = header
+        self._zoom = min(LARGEST_HEIGHT * width / camera.height, LARGEST_WIDTH * width / camera.width)
+        size = round(camera.width * self._zoom), round(camera.height * self._zoom) // 2 * 2
+        self._seen_by = Camera(
+            camera.name, camera.fx * self._zoom, camera.fy * self._zoom, self._along(camera.u0),
+            self._along(camera.v0), *size,
+        )  # fmt: skip
+        self.width, self.height = width // 2 * 2, HEAD + size[1] + STRIP
+        self._contrast, self._space, self._curves = Contrast(), Space(header.skeleton), ConfidenceCurves()
+
+    def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
+        """All of it, (height, width, 3). ``depth`` in mm, 0 where nothing was read. Raises DataError."""
+        canvas = np.full((self.height, self.width, 3), 255, dtype=np.uint8)
+        seen = self.seen(depth, frame)
+        middle, bottom = seen.shape[1], HEAD + seen.shape[0]
+        canvas[HEAD:bottom, :middle] = seen
+        self._space.see(frame.time, _points(frame))
+        canvas[HEAD:bottom, middle:] = self._space.picture(frame.hands, self.width - middle, seen.shape[0])
+        self._curves.see(frame)
+        canvas[bottom:] = self._curves.picture(frame, self.width, STRIP)
+        raw = "" if self.header.smoothed else ", not smoothed"
+        _line_on_top(canvas, f"{self.header.source}{raw}", 10, middle - 10)
+        _line_on_top(canvas, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, self.width - 10)
+        return canvas
+
+    def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
+        """The depth image alone with the hands on it. Raises DataError."""
+        check_size(depth, self.header.camera)
+        self._contrast.see(frame.time, depth, _points(frame)[:, 2])
+        camera, how = self._seen_by, cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
+        grey = cv2.resize(self._contrast.grey(depth), (camera.width, camera.height), interpolation=how)
+        canvas = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
+            self._hand(canvas, hand)
+        self._tags(canvas, frame)
+        return canvas
+
+    def _along(self, pixel: float) -> float:
+        """A place along a row or a column of the depth image, in the picture."""
+        return (pixel + 0.5) * self._zoom - 0.5
+
+    def _hand(self, canvas: Image, hand: TrackedHand) -> None:
+        """Crop, flesh and skeleton."""
+        low, high = self._crop(hand)
+        cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
+        if hand.capsules is not None:
+            flesh.paint(canvas, hand.capsules, self._seen_by, opacity=0.5)
+        uvd = self._seen_by.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _NEAREST_MM)))
+        hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
+
+    def _crop(self, hand: TrackedHand) -> tuple[Array, Array]:
+        """Upper left and lower right corner (2,) of the crop's middle plane, in the picture."""
+        u, v, d = hand.center_uvd
+        half = np.array([self._seen_by.fx, self._seen_by.fy]) * hand.cube_mm / 2 / d
+        middle = np.array([self._along(u), self._along(v)])
+        return middle - half, middle + half
+
+    def _tags(self, canvas: Image, frame: TrackedFrame) -> None:
+        """Which hands there are and how sure, above their crops; at the bottom those that are lost, and why."""
+        tags = Tags(canvas)
+        lately = sorted(frame.lost, key=lambda lost: -lost.since)
+        for lost in lately[:MOST_LOST]:
+            tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
+        for hand in frame.hands:
+            left, top = self._crop(hand)[0]
+            tags.add(spoken(hand.hand, hand.confidence), left, top, colour_of(hand.id))
+
+
+def annotated(depth: NDArray[np.floating], frame: TrackedFrame, header: TrackHeader, width: int = WIDTH) -> Image:
+    """The picture of a single frame, (height, width, 3), as ``Painter.picture`` draws it. Raises DataError."""
+    return Painter(header, width).picture(depth, frame)
+
+
+def _points(frame: TrackedFrame) -> Array:
+    """All joints (n, 3) of a frame."""
+    return np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+
+
+def _pixel(point: Array) -> tuple[int, int]:
+    """A point for cv2, which takes no numbers that are too large."""
+    x, y = np.rint(np.clip(point, -1e4, 1e4)).astype(int)
+    return int(x), int(y)
+
+
+def _line_on_top(canvas: Image, words: str, left: int, right: int) -> None:
+    """A line of text in the part of the picture from ``left`` to ``right``."""
+    strokes.text_within(canvas, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)

@@ -1,0 +1,44 @@
+"""Tracked hands without a tracker: an open hand with its flesh, and what a camera sees of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.facts.cameras import Camera
+from handpose.facts.nyu import CUBE_MM
+from handpose.fitting.depth.body import FleshModel
+from handpose.flesh.render import Capsules, render
+from handpose.tracks.track import MIRROR, TrackedHand, TrackHeader, joints_of
+from layers.hand import skeleton
+
+CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
+HEADER = TrackHeader("a recording", CAMERA, skeleton.load())
+_MODEL = FleshModel(HEADER.skeleton, HEADER.unit_mm)
+
+
+def tracked(
+    hand: str = "right", at: ArrayLike = (0.0, 0.0, 600.0), id: int = 1, confidence: float = 0.93
+) -> TrackedHand:
+    """An open hand at a place in mm, camera axes."""
+    sk, origin = HEADER.skeleton, np.array(at, dtype=np.float64)
+    x, side = np.zeros((1, _MODEL.variables)), MIRROR if hand == "left" else np.ones(3)
+    a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
+    inputs = _MODEL.inputs_of(x)[0, : len(sk.initial)]
+    return TrackedHand(
+        id, hand, confidence, 8.0, inputs, sk.bones, origin,
+        joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin),
+        CAMERA.project(origin), CUBE_MM, Capsules(a * side + origin, b * side + origin, *radii),
+    )  # fmt: skip
+
+
+def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA, wall: float = 1500.0) -> NDArray[np.float32]:
+    """The depth image (height, width) in mm of some hands before a wall."""
+    image = np.full((camera.height, camera.width), wall, dtype=np.float32)
+    x, y = (np.arange(camera.width) - camera.u0) / camera.fx, (np.arange(camera.height) - camera.v0) / camera.fy
+    for hand in hands:
+        assert hand.capsules is not None
+        np.minimum(image, render(hand.capsules, x[None], y[None], np.array([wall]))[0], out=image)
+    return image
