@@ -7,6 +7,7 @@ a file that is cut just ends.
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 from netlib import files, pictures
 from netlib.errors import DataError, NetlibError, reason_of
 
+SEGMENT = b"\x18\x53\x80\x67"  # the element of Matroska that holds all others
 CONTAINERS = ((0, b"\x1a\x45\xdf\xa3", "matroska"), (0, b"RIFF", "avi"), (4, b"ftyp", "mov"))
 
 
@@ -59,6 +61,34 @@ def opened(path: Path) -> Iterator[Any]:
             raise DataError(f"{path}: cannot read the video: damaged or cut: {reason}") from error
         with contextlib.closing(container):
             yield container
+
+
+def missing(path: Path) -> str:
+    """What a container lacks at its end, by what its beginning says; empty if nothing, or if it does not say."""
+    with files.opened(path, "the video") as stream:
+        head, size = stream.read(4096), path.stat().st_size
+    end = _end(head)
+    if end is None or size >= end:
+        return ""
+    return "whoever wrote it did not come to the end" if end == math.inf else f"the file ends at byte {size} of {end:.0f}"
+
+
+def _end(head: bytes) -> float | None:
+    """The byte at which a container ends; infinity if its writer has not filled that in, None if it does not say."""
+    if head.startswith(b"RIFF"):
+        return 8 + int.from_bytes(head[4:8], "little")
+    at = sum(_vint(head, 4)) if head.startswith(CONTAINERS[0][1]) else math.inf
+    if at > len(head) or head[int(at) :][:4] != SEGMENT:
+        return None
+    return sum(_vint(head, int(at) + 4))
+
+
+def _vint(data: bytes, at: int) -> tuple[float, int]:
+    """A number of EBML, as long as its first bits say, and where it ends; all ones are unknown."""
+    first = data[at] if at < len(data) else 0
+    length = 9 - first.bit_length()
+    number = int.from_bytes(data[at : at + length], "big") & ((1 << 7 * length) - 1)
+    return (math.inf if number == (1 << 7 * length) - 1 else number), at + length
 
 
 def packets(container: Any, stream: Any) -> Iterator[Any]:

@@ -28,6 +28,7 @@ from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
 from netlib.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
+LARGEST_YAML = 1 << 20  # bytes; of a bag with hundreds of topics it has a tenth of them
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` mends it"
 
 
@@ -90,8 +91,10 @@ def _opened(path: Path) -> Iterator[Bag]:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
         raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
-    with files.opened(path / "metadata.yaml" if path.is_dir() else path, "the bag"):
-        pass  # it is a file, which rosbags opens by its name
+    if path.is_dir():
+        files.read_bytes(path / "metadata.yaml", "the bag", limit=LARGEST_YAML)
+    else:
+        files.opened(path, "the bag").close()  # it is a file, which rosbags opens by its name
     is_ros1 = path.suffix.lower() == ".bag"
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)

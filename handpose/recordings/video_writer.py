@@ -33,14 +33,15 @@ class VideoWriter:
     unit_mm  what a stored value of 1 stands for; depths are rounded to it, and must fit into 16 bits
     rate     frames per second, if it is known; every frame keeps its own time all the same
 
-    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
-    no file.
+    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames, or when
+    the disk fails, there is no file, or the old one.
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
         self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
         self._av = ffmpeg.library()
         self._last: int | None = None
+        self._failed = False
 
     def __enter__(self) -> VideoWriter:
         if self._path.exists() and not self._path.is_file():
@@ -79,15 +80,19 @@ class VideoWriter:
                             "a video's clock has no finer ticks")  # fmt: skip
         picture = self._av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
         picture.pts, picture.time_base = tick, TICK
-        with atomic.naming(self._path):
-            self._container.mux(self._stream.encode(picture))
+        try:
+            with atomic.naming(self._path):
+                self._container.mux(self._stream.encode(picture))
+        except OSError:
+            self._failed = True
+            raise
         self._last = tick
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
         with self._stack, atomic.naming(self._path):
-            if self._last is None:
+            if self._last is None or self._failed:
                 return
             self._container.mux(self._stream.encode(None))
             self._container.close()

@@ -215,13 +215,16 @@ def check_tracks(result: str) -> None:
             raise BrokenPromise("LOST", f"{path} has not as many frames as it says")
 
 
+RECORDINGS = ("frames", "stack.npz", "take.mkv")
+
+
 def write_recordings(value: int = 2) -> Any:
-    """A folder of frames and a stack, over old ones."""
+    """A folder of frames, a stack and a video, over old ones."""
     from handpose.facts.cameras import Camera
     from handpose.recordings.recording import DepthFrame
     from handpose.recordings.writing import RecordingWriter
 
-    for name in ("frames", "stack.npz"):
+    for name in RECORDINGS:
         with RecordingWriter(Path(name), Camera("own", 60, 60, 4, 3, 8, 6), 0.5, 30, replace=True) as writer:
             for i in range(3):
                 writer.write(DepthFrame(i, i / 30, np.full((6, 8), value, np.float32)))
@@ -232,15 +235,17 @@ def read_recordings() -> Any:
     """All that can be read of them."""
     from handpose.recordings.opening import open_recording
 
-    return [[(frame.time, frame.depth) for frame in open_recording(name)] for name in ("frames", "stack.npz")]
+    return [[(frame.time, frame.depth) for frame in open_recording(name)] for name in RECORDINGS]
 
 
 def check_recordings(result: str) -> None:
-    """A stack is the old one or the new one; of a folder all frames that are there are whole."""
+    """A stack or video is the old one or the new one; of a folder all frames that are there are whole."""
     from handpose.recordings.opening import open_recording
 
-    if len({float(frame.depth.mean()) for frame in open_recording("stack.npz")}) != 1:
-        raise BrokenPromise("LOST", "stack.npz is neither old nor new")
+    for name in RECORDINGS[1:]:
+        means = [float(frame.depth.mean()) for frame in open_recording(name)]
+        if len(means) != 3 or len(set(means)) != 1:
+            raise BrokenPromise("LOST", f"{name} is neither old nor new")
     if list(Path("frames").glob("0*.png")):
         recording = open_recording("frames")
         list(recording)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -151,14 +153,26 @@ def test_a_cut_file(tmp_path: Path, at: float) -> None:
 
 
 def test_a_file_cut_between_two_frames(tmp_path: Path) -> None:
-    """Is told from a whole one by the duration in its header."""
+    """Is told from a whole one by the size in its header."""
     path = write(tmp_path / "a.mkv", frames(10))
     with av.open(str(path)) as container:
         ninth = [p.pos for p in container.demux(video=0) if p.size][8]
     path.write_bytes(path.read_bytes()[:ninth])
     recording = open_video(path, Given())
     assert len(list(recording)) == 8
-    assert "promises" in recording.cut
+    assert "the file ends at byte" in recording.cut
+
+
+def test_a_writer_that_was_killed(tmp_path: Path) -> None:
+    """Leaves a file without an end."""
+    path = write(tmp_path / "a.mkv", frames(10))
+    content = bytearray(path.read_bytes())
+    at = content.index(b"\x18\x53\x80\x67") + 4
+    content[at : at + 8] = b"\x01" + b"\xff" * 7  # a size that is not known
+    path.write_bytes(content)
+    recording = open_video(path, Given())
+    assert len(list(recording)) == 10
+    assert "whoever wrote it did not come to the end" in recording.cut
 
 
 def test_a_damaged_frame_is_no_frame(tmp_path: Path) -> None:
@@ -230,6 +244,24 @@ class TestWriter:
         with pytest.raises(DataError, match=said):
             write(tmp_path / "a.mkv", [first, first._replace(number=1, **{"time": 0.1, **change})])
         assert len(list(open_video(tmp_path / "a.mkv", Given()))) == 1
+
+    def test_a_disk_that_fails(self, tmp_path: Path) -> None:
+        """Leaves the old file."""
+        path = write(tmp_path / "a.mkv", frames(2))
+
+        def full(packets: object) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        def fill() -> None:
+            with VideoWriter(path, CAMERA, 0.125, 30) as video:
+                video.write(frames()[0])
+                video._container = SimpleNamespace(mux=full)  # one of PyAV's cannot be changed
+                video.write(frames()[1])
+
+        with pytest.raises(OSError, match=r"No space left on device: .*a\.mkv"):
+            fill()
+        assert len(list(open_video(path, Given()))) == 2
+        assert [one.name for one in tmp_path.iterdir()] == ["a.mkv"]
 
     def test_where_nothing_can_be_written(self, tmp_path: Path) -> None:
         (tmp_path / "folder.mkv").mkdir()
