@@ -13,6 +13,7 @@ from handpose.scoring.tracks import score
 from handpose.tracks.reasons import HIDDEN, LEFT, PARTLY
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand import skeleton as skeletons
+from netlib.blob import Array
 from netlib.errors import DataError
 
 SKELETON = skeletons.load()
