@@ -75,13 +75,18 @@ def replace(path: Path, fill: Callable[[Path], object], sync: bool = True) -> No
     the file's own name.
     """
     with naming(path), temporary(path) as fresh:
-        _refuse_what_is_no_file(path)
+        refuse_what_is_no_file(path)
         fill(fresh)
-        if sync:
-            sync_file(fresh)
-        os.replace(fresh, path)
-        if sync:
-            sync_directory(path.parent)
+        take_place(fresh, path, sync)
+
+
+def take_place(fresh: Path, path: Path, sync: bool = True) -> None:
+    """Put a temporary file where ``path`` is. Raises OSError."""
+    if sync:
+        sync_file(fresh)
+    os.replace(fresh, path)
+    if sync:
+        sync_directory(path.parent)
 
 
 def replace_bytes(path: Path, content: bytes) -> None:
@@ -123,7 +128,7 @@ def replace_pair(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
 
 def _written(path: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
     """A temporary file that holds the content, on the disk."""
-    _refuse_what_is_no_file(path)
+    refuse_what_is_no_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = stack.enter_context(temporary(path))
     fresh.write_bytes(content)
@@ -131,7 +136,7 @@ def _written(path: Path, content: bytes, stack: contextlib.ExitStack) -> Path:
     return fresh
 
 
-def _refuse_what_is_no_file(path: Path) -> None:
+def refuse_what_is_no_file(path: Path) -> None:
     """Renaming would take a device or a pipe away. Raises OSError."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))

@@ -63,7 +63,7 @@ PROMISES = (
             "in place of every file of every reader", _F + "disks", ("nothing for", "an empty", "a directory", "a FIFO",
             "/dev/zero", "a link", "a file of")),
     Promise("a killed run loses nothing; the next one ends bit for bit the same and leaves nothing behind",
-            "SIGKILL before every file event of nine runs that write", _F + "kills"),
+            "SIGKILL before every file event of every run that writes", _F + "kills"),
     Promise("a signal stops a training with a snapshot, from which it goes on bit for bit",
             "SIGINT, SIGTERM, SIGHUP at every forward, also of tests, and at every file event of a snapshot",
             _F + "signals", ("SIGINT at a f", "SIGTERM at a f", "SIGHUP at a f")),

@@ -40,7 +40,7 @@ from tests.faults.isolation import ROOT, BrokenPromise, Outcome
 sys.path.append(str(ROOT / "tests" / "support"))
 
 RECORDED = ROOT / "tests" / "caffe"
-TEXT_SUFFIXES = (".prototxt", ".txt", ".log", ".md", ".pbtxt")
+TEXT_SUFFIXES = (".prototxt", ".txt", ".log", ".md", ".pbtxt", ".json", ".jsonl")
 
 
 @dataclass(frozen=True)
@@ -832,6 +832,28 @@ def _hdf5(layout: str) -> Callable[[], list[str]]:
     return functools.partial(make_pair, layout)
 
 
+def make_tracks() -> list[str]:
+    """Two hands over a few frames, in both layouts."""
+    from made_tracks import any_track, header_of
+
+    from handpose.tracks.json_file import JsonLinesWriter, JsonWriter
+    from layers.hand import skeleton
+
+    header = header_of(skeleton.load())
+    for path, kind in ((Path("a.json"), JsonWriter), (Path("b.jsonl"), JsonLinesWriter)):
+        with kind(path, header) as writer:
+            for frame in any_track(header, seed=1):
+                writer.write(frame)
+    return ["a.json", "b.jsonl"]
+
+
+def read_tracks(path: Path) -> Any:
+    """All frames."""
+    from handpose.tracks.json_file import read_track
+
+    read_track(path)
+
+
 READERS: tuple[Reader, ...] = (
     Reader("net", ("netlib/prototxt.py",), make_nets, read_net),
     Reader("solver", ("netlib/prototxt.py",), make_solver, read_solver),
@@ -872,4 +894,5 @@ READERS: tuple[Reader, ...] = (
     Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
     Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/atomic.py"),
            make_parts, read_parts),
+    Reader("track", ("handpose/tracks/json_file.py",), make_tracks, read_tracks),
 )  # fmt: skip

@@ -182,6 +182,39 @@ def fit_companions() -> Any:
     return inputs
 
 
+def make_old_tracks() -> None:
+    """Of five frames."""
+    write_tracks(5)
+
+
+def write_tracks(frames: int = 3) -> Any:
+    """A track as JSON, CSV and BVH, over older ones."""
+    from made_tracks import any_track, header_of
+
+    from handpose.tracks.writing import open_writer
+    from layers.hand import skeleton
+
+    header = header_of(skeleton.load())
+    for name in ("a.json", "a.csv", "a.bvh"):
+        with open_writer(name, header) as writer:
+            for frame in any_track(header, 1, frames):
+                writer.write(frame)
+    return [Path(name).read_bytes() for name in ("a.json", "a.csv", "a_right_0.bvh", "a_left_1.bvh")]
+
+
+def check_tracks(result: str) -> None:
+    """Each is a whole one: the old one, the new one, or as much of that as there was room for."""
+    from handpose.tracks.json_file import read_track
+
+    read_track("a.json")
+    if not Path("a.csv").read_text().endswith("\n"):
+        raise BrokenPromise("LOST", "a.csv ends within a row")
+    for path in Path().glob("a_*.bvh"):
+        text = path.read_text()
+        if len(text.split("Frame Time: ")[1].splitlines()) - 1 != int(text.split("Frames: ")[1].split()[0]):
+            raise BrokenPromise("LOST", f"{path} has not as many frames as it says")
+
+
 RUNS: tuple[Run, ...] = (
     Run("training hdf5", functools.partial(readers.make_solver, "HDF5"), train, check_states),
     Run("training binary", functools.partial(readers.make_solver, "BINARYPROTO"), train, check_states),
@@ -192,6 +225,7 @@ RUNS: tuple[Run, ...] = (
     Run("database", make_database, write_database),
     Run("prepared data", readers.make_frames, prepare_data),
     Run("companions", readers.make_labels, fit_companions),
+    Run("tracks", make_old_tracks, write_tracks, check_tracks),
 )  # fmt: skip
 
 

@@ -1,0 +1,108 @@
+"""Fields of JSON objects that somebody else may have written: each is what it should be, or a line says what is not."""
+
+from __future__ import annotations
+
+import json
+import math
+import reprlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from netlib.blob import Array
+from netlib.errors import DataError
+
+LARGEST = 1e12  # of a number; with larger ones sums and products may overflow
+
+
+def parsed(text: str, where: str) -> Any:
+    """The value of a JSON text. Raises DataError."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise DataError(f"{where}: JSON of too many levels; expected a track") from None
+    except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
+        raise DataError(f"{where}: not whole JSON: {error}") from None
+
+
+class Fields:
+    """An object's fields. Every method raises DataError, which names the place and the field."""
+
+    def __init__(self, value: Any, where: str) -> None:
+        self.where = where
+        if not isinstance(value, dict):
+            raise DataError(f"{where}: found {reprlib.repr(value)}, expected an object")
+        self._values: dict[str, Any] = value
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def part(self, name: str) -> Fields:
+        """The field is an object."""
+        return Fields(self._value(name), f"{self.where}: {name!r}")
+
+    def parts(self, name: str) -> Iterator[Fields]:
+        """The field is a list of objects."""
+        for i, value in enumerate(self._checked(name, list, "a list")):
+            yield Fields(value, f"{self.where}: {name!r} {i}")
+
+    def text(self, name: str) -> str:
+        """The field is a text."""
+        return str(self._checked(name, str, "a text"))
+
+    def truth(self, name: str) -> bool:
+        """The field is true or false."""
+        return bool(self._checked(name, bool, "true or false"))
+
+    def whole(self, name: str) -> int:
+        """The field is a whole number of at least 0."""
+        value = self._checked(name, int, "a whole number")
+        if isinstance(value, bool) or not 0 <= value <= LARGEST:
+            raise self._wrong(name, "a whole number of at least 0")
+        return int(value)
+
+    def number(self, name: str) -> float:
+        """The field is a number."""
+        return float(self.numbers(name))
+
+    def known(self, name: str) -> float:
+        """The field is a number, or null, which is NaN."""
+        return math.nan if self._value(name) is None else self.number(name)
+
+    def positive(self, name: str) -> float:
+        """The field is a number above 0."""
+        value = self.number(name)
+        if value < 1 / LARGEST:
+            raise self._wrong(name, "a number above 0")
+        return value
+
+    def numbers(self, name: str, *shape: int) -> Array:
+        """The field is an array of this shape: lists of lists of numbers."""
+        value = self._value(name)
+        flat = [value]
+        for size in shape:
+            if not all(isinstance(row, list) and len(row) == size for row in flat):
+                raise self._wrong(name, f"{' x '.join(map(str, shape))} numbers")
+            flat = [item for row in flat for item in row]
+        if not all(_is_number(item) for item in flat):
+            raise self._wrong(name, f"{' x '.join(map(str, shape))} numbers" if shape else "a number")
+        return np.array(flat, dtype=np.float64).reshape(shape)
+
+    def _value(self, name: str) -> Any:
+        if name not in self._values:
+            raise DataError(f"{self.where}: there is no {name!r}")
+        return self._values[name]
+
+    def _checked(self, name: str, kind: type, expected: str) -> Any:
+        value = self._value(name)
+        if not isinstance(value, kind):
+            raise self._wrong(name, expected)
+        return value
+
+    def _wrong(self, name: str, expected: str) -> DataError:
+        return DataError(f"{self.where}: {name!r} is {reprlib.repr(self._value(name))}, expected {expected}")
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and -LARGEST <= value <= LARGEST  # NaN is not

@@ -1,0 +1,68 @@
+"""A file that grows frame by frame, and is a whole one whatever ends the program's work."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from types import TracebackType
+
+from netlib import atomic
+
+
+class GrowingFile:
+    """A file of pieces, written beside ``path`` and renamed at the end of the block; raises OSError.
+
+    An exception in the block, such as Ctrl-C or a full disk, keeps the pieces that were written whole; if there is
+    none, what stood at ``path`` stays.
+
+    head  first bytes
+    tail  last bytes: they follow every piece, and the next piece takes their place, so that no failure can cut them off
+    """
+
+    def __init__(self, path: Path, head: bytes = b"", tail: bytes = b"") -> None:
+        self.path, self._head, self._tail = path, head, tail
+        self._end = 0  # where the next piece begins
+        self._pieces = 0
+
+    def __enter__(self) -> GrowingFile:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(atomic.naming(self.path))
+            atomic.refuse_what_is_no_file(self.path)
+            self._fresh = stack.enter_context(atomic.temporary(self.path))
+            self._stream = stack.enter_context(self._fresh.open("wb", buffering=0))
+            self._put(self._head)
+            self._stack = stack.pop_all()
+        return self
+
+    def append(self, piece: bytes) -> None:
+        """Add a piece."""
+        with atomic.naming(self.path):
+            self._put(piece)
+        self._pieces += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        with self._stack, atomic.naming(self.path):
+            if kind is None or self._pieces:
+                self._finish(self._tail)
+
+    def finish(self, tail: bytes) -> None:
+        """Have the file end with other bytes, no more than before: call it as the last thing in the block."""
+        self._tail = tail
+
+    def _put(self, piece: bytes) -> None:
+        self._write(piece + self._tail)
+        self._end += len(piece)
+
+    def _finish(self, tail: bytes) -> None:
+        self._write(tail)
+        self._stream.truncate(self._end + len(tail))
+        self._stream.close()
+        atomic.take_place(self._fresh, self.path)
+
+    def _write(self, content: bytes) -> None:
+        self._stream.seek(self._end)
+        done = 0
+        while done < len(content):
+            done += self._stream.write(content[done:])

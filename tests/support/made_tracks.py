@@ -1,0 +1,75 @@
+"""Bodies and tracks of chance, for tests of what writes and reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.facts.cameras import NYU
+from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib import prototxt, schema
+
+AXES = ("X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z")
+
+
+def skeleton_of(text: str) -> Skeleton:
+    """The skeleton of a file with this text."""
+    return Skeleton(schema.read(prototxt.parse(text, "body.prototxt"), SkeletonParameter, "a skeleton"))
+
+
+def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
+    """Several roots, children before parents, up to five turns and two slides of a joint, about any axes, some fixed,
+    joints with bones and without.
+    """
+    rng = np.random.default_rng(seed)
+    names = [f"joint {i}" for i in range(joints)]
+    dofs, made = [], []
+    for i in range(joints):
+        parent = f'parent: "{names[rng.integers(i)]}"' if i and rng.random() < 0.85 else ""
+        motions = ""
+        for kind, most in (("translate", 2), ("rotate", 5)):
+            for _ in range(rng.integers(most + 1)):
+                name = f"dof {len(dofs)}"
+                fixed = "fixed: true" if rng.random() < 0.3 else "lower: -2 upper: 2"
+                dofs.append(f'dof {{ name: "{name}" initial: {rng.uniform(-0.5, 0.5):.6f} {fixed} }}')
+                motions += f'{kind} {{ axis: {rng.choice(AXES)} dof: "{name}" }} '
+        bone = f"bone {{ axis: {rng.choice(AXES)} length: {rng.uniform(0.1, 1):.6f} }}" if rng.random() < 0.8 else ""
+        made.append(f'joint {{ name: "{names[i]}" {parent} {motions} {bone} }}')
+    return skeleton_of("\n".join(['name: "any"', *dofs, *made[::-1]]))
+
+
+def header_of(skeleton: Skeleton, unit_mm: float = 150.0) -> TrackHeader:
+    """Of a recording by NYU's camera."""
+    return TrackHeader("wave.mkv", NYU, skeleton, unit_mm)
+
+
+def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: str = "right",
+             bones: np.ndarray | None = None) -> TrackedHand:  # fmt: skip
+    """A pose of chance; bones a little longer or shorter than the skeleton's, unless they are given."""
+    sk = header.skeleton
+    inputs = rng.uniform(-1.5, 1.5, len(sk.initial)) * ~sk.fixed
+    if bones is None:
+        bones = sk.bones * rng.uniform(0.8, 1.2)
+    origin = rng.uniform(-200, 200, 3) + (0, 0, 800)
+    xyz = joints_of(sk, header.unit_mm, hand, inputs, bones, origin)
+    uvd = NYU.project(origin)
+    return TrackedHand(id, hand, float(rng.random()), float(rng.uniform(2, 30)), inputs, bones, origin, xyz, uvd, 300.0)
+
+
+def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFrame]:
+    """A right hand and a left one, 30 frames a second; each is lost in some frames after its first, and grows once."""
+    rng = np.random.default_rng(seed)
+    made, known = [], {}
+    for n in range(frames):
+        seen, lost = [], []
+        for id, hand in enumerate(("right", "left")):
+            if n not in (0, 2) and rng.random() < 0.3:
+                if id in known:
+                    lost.append(LostHand(id, hand, known[id][1], "it left the picture, at the left"))
+                continue
+            bones = None if n in (0, 2) or id not in known else known[id][0]
+            seen.append(any_hand(header, rng, id, hand, bones))
+            known[id] = seen[-1].bones, n / 30
+        made.append(TrackedFrame(n, n / 30, tuple(seen), tuple(lost)))
+    return made
