@@ -31,3 +31,6 @@ class Given:
         if self.camera is not None:  # a camera's lens is that of the one who names the camera
             unknown.pop("lens", None)
         return replace(self, **unknown)
+
+
+NOTHING = Given()

@@ -10,7 +10,9 @@ as OpenCV has it. An inverse lens (RealSense's coded light) gives the same formu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,11 +20,19 @@ from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
 from netlib.blob import Array
-from netlib.errors import DataError
+from netlib.errors import DataError, did_you_mean
 
 COUNTS = (4, 5, 8)  # of coefficients
-ITERATIONS = 30  # of the inverse; the step shrinks by a tenth or more each time for any lens that is sold
-LARGEST_PX = 1e-2  # that the inverse may be off
+ITERATIONS = 30  # of the inverse, whose steps shrink to a half or less for any lens that is sold
+LARGEST = 1e-5  # slope that the inverse may be off; 0.01 px of a camera of 1,000 px
+STEPS = 4096  # in which a lens is followed from the middle to the corner
+LEAST_SHOWN = 0.25  # of a picture; with less left of it, the coefficients are not this camera's
+
+# What others call the models, without case and with one space between words. RealSense says "modified Brown Conrady" of
+# colour cameras; fisheyes are none of depth cameras.
+FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "rational 6kt", "opencv"}
+INVERSE = {"inverse brown conrady"}
+NONE = {"none", ""}
 
 
 @dataclass(frozen=True)
@@ -47,14 +57,34 @@ class Lens:
         return not any(self.coefficients)
 
     def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Where in the picture, as slopes, rays of slopes x and y (y down) appear. Raises DataError."""
-        if self.model == "brown_conrady":
-            return self._formula(x, y)
-        a, b = x, y
-        for _ in range(ITERATIONS):
+        """Where in the picture, as slopes, rays of slopes x and y (y down) appear; NaN for those that do not.
+
+        Raises DataError for an inverse lens that cannot be inverted there.
+        """
+        with np.errstate(all="ignore"):
+            if self.model == "brown_conrady":
+                u, v = self._formula(x, y)
+                folded = np.hypot(x, y) >= self._fold(float(np.hypot(x, y).max(initial=0)))
+                return np.where(folded, np.nan, u), np.where(folded, np.nan, v)
+            a, b = x, y
+            for _ in range(ITERATIONS):
+                u, v = self._formula(a, b)
+                a, b = a + (x - u), b + (y - v)
             u, v = self._formula(a, b)
-            a, b = a + (x - u), b + (y - v)
-        return a, b
+            if not (np.hypot(u - x, v - y) < LARGEST).all():
+                raise DataError(f"distortion {self.coefficients} cannot be inverted over the picture; check it")
+            return a, b
+
+    def _fold(self, farthest: float) -> float:
+        """The slope from which on the picture comes back towards its middle: no light is there, only the formula."""
+        r = np.linspace(0, farthest, STEPS)
+        shown, _ = replace(self, coefficients=self._radial())._formula(r, np.zeros_like(r))
+        back = ~(np.diff(shown) > 0)
+        return float(r[np.argmax(back)]) if farthest and back.any() else np.inf
+
+    def _radial(self) -> tuple[float, ...]:
+        k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
+        return (k1, k2, 0.0, 0.0, *others)
 
     def _formula(self, x: Array, y: Array) -> tuple[Array, Array]:
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * (8 - len(self.coefficients)))
@@ -63,26 +93,44 @@ class Lens:
         return x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * q + 2 * p2 * x * y + p1 * (r + 2 * y * y)
 
 
+def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
+    """A lens as files name it: RealSense's, Azure's, ROS's and OpenCV's words. Raises DataError for any other."""
+    name = " ".join(re.split(r"[\W_]+", model.lower().removeprefix("distortion.").strip()))
+    numbers = tuple(float(number) for number in coefficients)
+    if not any(numbers):
+        return Lens()
+    if name in NONE:
+        raise DataError(f"{where}: distortion {numbers} of the model {model!r}, which has none")
+    if name not in FORWARD | INVERSE:
+        advice = did_you_mean(name, FORWARD | INVERSE)
+        raise DataError(f"{where}: distortion model {model!r} is not known{advice}; known: brown_conrady (OpenCV's), "
+                        "inverse_brown_conrady (RealSense's coded light), none")  # fmt: skip
+    while len(numbers) > max(COUNTS) and not numbers[-1]:  # OpenCV's thin prisms and tilted sensors
+        numbers = numbers[:-1]
+    try:
+        return Lens(numbers, "inverse_brown_conrady" if name in INVERSE else "brown_conrady")
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from None
+
+
 class Straightener:
     """Depth images of a camera behind a lens, as the camera alone would see them.
 
     By nearest neighbour: a mean of two depths at an edge would be a point in thin air. Pixels that the lens does not
-    show are 0. Raises DataError for a lens that cannot be inverted over the picture.
+    show are 0. Raises DataError for a lens that cannot be inverted over the picture, or that leaves little of it.
     """
 
     def __init__(self, camera: Camera, lens: Lens) -> None:
         self.shape = (camera.height, camera.width)
         x = (np.arange(camera.width) - camera.u0) / camera.fx
         y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy
-        x, y = np.broadcast_arrays(x, y)
-        u, v = lens.distorted(x, y)
-        if lens.model == "inverse_brown_conrady":
-            off = np.hypot(*(a - b for a, b in zip(lens._formula(u, v), (x, y)))) * camera.fx
-            if not (off < LARGEST_PX).all():
-                raise DataError(f"distortion {lens.coefficients} cannot be inverted over the picture; check it")
-        column, row = np.rint(u * camera.fx + camera.u0), np.rint(v * camera.fy + camera.v0)
-        inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
+        u, v = lens.distorted(*np.broadcast_arrays(x, y))
+        with np.errstate(all="ignore"):
+            column, row = np.rint(u * camera.fx + camera.u0), np.rint(v * camera.fy + camera.v0)
+            inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+            self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
+        if inside.mean() < LEAST_SHOWN:
+            raise DataError(f"distortion {lens.coefficients} leaves {inside.mean():.0%} of the picture; check it")
         self._outside = ~inside
 
     def __call__(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:

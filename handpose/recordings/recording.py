@@ -43,6 +43,7 @@ class Recording(ABC):
     rate     frames per second that the source promises, if it does
     live     do frames come as they are seen? Then those that nobody took in time are lost
     cut      after the last frame: why there are not all that were promised, else empty
+    remarks  what was assumed of the source, and after the last frame what was left out of it: a line each
     """
 
     name: str
@@ -52,6 +53,7 @@ class Recording(ABC):
     rate: float | None = None
     live: bool = False
     cut: str = ""
+    remarks: tuple[str, ...] = ()
 
     @abstractmethod
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -825,6 +825,67 @@ def read_parts(path: Path) -> Any:
     _prepare()
 
 
+# ---------------------------------------------------------------------------------------------- recordings
+
+CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "width": 64, "height": 48,
+ "unit_mm": 0.125, "rate": 30, "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.02, 0.001, 0, 0]}}
+"""
+
+
+def make_camera_json() -> list[str]:
+    """In our words, in RealSense's and in Azure's."""
+    realsense = '{"width": 64, "height": 48, "ppx": 31.5, "ppy": 23.5, "fx": 60, "fy": 60, "model": ' \
+        '"Brown Conrady", "coeffs": [0, 0.01, 0, 0, 0], "depth_scale": 0.001, "fps": 30}'  # fmt: skip
+    azure = '{"fx": 60, "fy": 60, "cx": 32, "cy": 24, "k1": 0.5, "k2": 0.1, "p1": 0, "p2": 0, "k3": 0.01, ' \
+        '"k4": 0.4, "k5": 0.1, "k6": 0.02, "codx": 0, "cody": 0, "metric_radius": 1.7}'  # fmt: skip
+    return [put("own.json", CAMERA_JSON), put("realsense.json", realsense), put("azure.json", azure)]
+
+
+def read_camera_json(path: Path) -> Any:
+    """And use the lens that it tells of."""
+    from handpose.recordings import camera_file
+    from handpose.recordings.raw import settle
+
+    given = camera_file.read(path)
+    raw = np.full((48, 64), 4000, np.uint16)
+    settle(given, given, given, raw.shape, raw.dtype, str(path)).developer(str(path))(raw)
+
+
+def make_depth_folders() -> list[str]:
+    """Frames by number, and frames of MSRA15."""
+    Path("frames").mkdir()
+    Path("msra").mkdir()
+    content = np.array([320, 240, 100, 80, 104, 83], "<i4").tobytes() + np.full(12, 400, "<f4").tobytes()
+    Path("msra/000000_depth.bin").write_bytes(content)
+    put("frames/camera.json", CAMERA_JSON)
+    return [put_picture(f"frames/{i:03}.png", (48, 64), np.uint16, i) for i in range(3)] + ["msra/000000_depth.bin"]
+
+
+def make_stacks() -> list[str]:
+    """Stacks of each kind, with what may stand in them."""
+    depth = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
+    camera = np.array(CAMERA_JSON)
+    put("camera.json", CAMERA_JSON)
+    np.save("whole.npy", depth)
+    np.save("float.npy", depth.astype(np.float32))
+    np.savez("plain.npz", depth=depth, time=np.arange(4) / 30, fx=60.0, fy=60.0, u0=32.0, v0=24.0, unit_mm=0.125)
+    np.savez_compressed("packed.npz", depth=depth, camera=camera)
+    with h5py.File("stack.h5", "w") as file:
+        file["depth"], file["time"] = depth, np.arange(4) / 30
+        file.attrs["camera"] = CAMERA_JSON
+    return ["whole.npy", "float.npy", "plain.npz", "packed.npz", "stack.h5"]
+
+
+def read_recording(path: Path) -> Any:
+    """Look at it first, then read all its frames, of a folder those of the others, too."""
+    from handpose.recordings.first_look import look
+    from handpose.recordings.opening import open_recording
+
+    with open_recording(path if path.suffix in (".npy", ".npz", ".h5") else path.parent) as recording:
+        look(recording)
+        return [(frame.time, frame.depth) for frame in recording]
+
+
 # ---------------------------------------------------------------------------------------------- the table
 
 
@@ -892,6 +953,11 @@ READERS: tuple[Reader, ...] = (
     Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
     Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
+    Reader("camera.json", ("handpose/recordings/camera_file.py",), make_camera_json, read_camera_json),
+    Reader("depth folder", ("handpose/recordings/data_sets.py", "handpose/data/images.py"),
+           make_depth_folders, read_recording),
+    Reader("depth stack", ("handpose/recordings/stack.py", "handpose/recordings/npz_file.py"),
+           make_stacks, read_recording),
     Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/atomic.py"),
            make_parts, read_parts),
     Reader("track", ("handpose/tracks/json_file.py",), make_tracks, read_tracks),

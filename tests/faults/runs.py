@@ -215,6 +215,39 @@ def check_tracks(result: str) -> None:
             raise BrokenPromise("LOST", f"{path} has not as many frames as it says")
 
 
+def write_recordings(value: int = 2) -> Any:
+    """A folder of frames and a stack, over old ones."""
+    from handpose.facts.cameras import Camera
+    from handpose.recordings.recording import DepthFrame
+    from handpose.recordings.writing import RecordingWriter
+
+    for name in ("frames", "stack.npz"):
+        with RecordingWriter(Path(name), Camera("own", 60, 60, 4, 3, 8, 6), 0.5, 30, replace=True) as writer:
+            for i in range(3):
+                writer.write(DepthFrame(i, i / 30, np.full((6, 8), value, np.float32)))
+    return read_recordings()
+
+
+def read_recordings() -> Any:
+    """All that can be read of them."""
+    from handpose.recordings.opening import open_recording
+
+    return [[(frame.time, frame.depth) for frame in open_recording(name)] for name in ("frames", "stack.npz")]
+
+
+def check_recordings(result: str) -> None:
+    """A stack is the old one or the new one; of a folder all frames that are there are whole."""
+    from handpose.recordings.opening import open_recording
+
+    if len({float(frame.depth.mean()) for frame in open_recording("stack.npz")}) != 1:
+        raise BrokenPromise("LOST", "stack.npz is neither old nor new")
+    if list(Path("frames").glob("0*.png")):
+        recording = open_recording("frames")
+        list(recording)
+        if any("damaged" in remark for remark in recording.remarks):
+            raise BrokenPromise("LOST", "a frame in the folder is not whole")
+
+
 RUNS: tuple[Run, ...] = (
     Run("training hdf5", functools.partial(readers.make_solver, "HDF5"), train, check_states),
     Run("training binary", functools.partial(readers.make_solver, "BINARYPROTO"), train, check_states),
@@ -226,6 +259,7 @@ RUNS: tuple[Run, ...] = (
     Run("prepared data", readers.make_frames, prepare_data),
     Run("companions", readers.make_labels, fit_companions),
     Run("tracks", make_old_tracks, write_tracks, check_tracks),
+    Run("recordings", functools.partial(write_recordings, 1), write_recordings, check_recordings),
 )  # fmt: skip
 
 

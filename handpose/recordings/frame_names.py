@@ -1,0 +1,156 @@
+"""The order and the times of frames by their names: numbers, time stamps, and which of these they are.
+
+    0001.png frame_7.png                      numbers; one frame period each
+    20210326-230536_110.png                   a sequence that began then, and a number in it
+    20210326-230536.png 20210326_230537.png   dates; with 3, 6 or 9 digits more, fractions of a second
+    1616799936.125.png                        seconds with a fraction; of 13 digits, ms since 1970 with one
+    1616799936125.png                         s, ms, us or ns since 1970, by their size
+    000000033333us.png                        us, ms or ns that say so, as ``tools/record.py`` writes
+
+A sequence has one name but for the number or the stamp in it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import PurePath
+
+from netlib.errors import DataError
+
+UNITS = {"us": 10**6, "ms": 10**3, "ns": 10**9}
+SAYS_UNIT = re.compile(r"(\D*)(\d{1,18})(us|ms|ns)")
+FRACTION = re.compile(r"(.*?)(?<!\d)(\d{1,13})\.(\d{1,20})")
+DATE = re.compile(r"(\D*)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T. ]?(\d\d)[-_.h]?(\d\d)[-_.m]?(\d\d)(?:[-_.]?(\d+))?(\D*)")
+NANO = 10**9
+DAY_ONE = datetime(2000, 1, 1)
+EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
+LONGEST = 18  # digits of a number that counts frames
+MOST_SHOWN = 6  # sequences that a message names
+
+
+@dataclass(frozen=True)
+class NamedFrames:
+    """The frames of one sequence, in order.
+
+    names   of the files
+    times   of each, in ticks from the first frame on; ascend
+    ticks   per second; 0 if they count frames
+    told    what the names were taken for
+    """
+
+    names: tuple[str, ...]
+    times: tuple[int, ...]
+    ticks: int
+    told: str
+
+
+def in_order(names: Iterable[str], where: str) -> NamedFrames:
+    """The frames with these names. Raises DataError for several sequences, and for two frames of the same moment."""
+    names = sorted(names)
+    stems = [PurePath(name).stem for name in names]
+    kinds = {(_texts(stem), PurePath(name).suffix.lower()) for stem, name in zip(stems, names)}
+    if len(kinds) == 1:
+        for read in (_said_units, _dates, _fractions):
+            if (found := read(stems)) is not None:
+                return _sorted(names, *found, where)
+    return _sorted(names, *_numbers(names, stems, where), where)
+
+
+def _sorted(names: Sequence[str], times: Sequence[int], ticks: int, told: str, where: str) -> NamedFrames:
+    order = sorted(range(len(names)), key=lambda i: times[i])
+    for a, b in itertools.pairwise(order):
+        if times[a] == times[b]:
+            raise DataError(f"{where}: {names[a]} and {names[b]} are frames of the same moment; remove one of them")
+    first = times[order[0]]
+    if not ticks and (missing := times[order[-1]] - first + 1 - len(names)):
+        told = f"{told}; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time"
+    return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, told)
+
+
+Found = tuple[list[int], int, str]  # times, ticks, what was told
+
+
+def _said_units(stems: list[str]) -> Found | None:
+    found = [SAYS_UNIT.fullmatch(stem) for stem in stems]
+    units = {match and (match[1], match[3]) for match in found}
+    if len(units) > 1 or None in units:
+        return None
+    unit = next(match[3] for match in found if match)
+    return [int(match[2]) for match in found if match], UNITS[unit], f"times from their names, in {unit}"
+
+
+def _dates(stems: list[str]) -> Found | None:
+    """Dates that differ, or dates with fractions; what follows the same few dates is a number, not a fraction."""
+    found = [DATE.fullmatch(stem) for stem in stems]
+    fractions = [match[8] or "" for match in found if match]
+    if len(fractions) < len(stems) or len({(match[1], match[9]) for match in found if match}) > 1:
+        return None
+    try:
+        dates = [datetime.strptime("".join(match.groups()[1:7]), "%Y%m%d%H%M%S") for match in found if match]
+    except ValueError:
+        return None
+    width = len(fractions[0])
+    if len(set(dates)) == 1 or {len(one) for one in fractions} != {width} or width not in (0, 3, 6, 9):
+        return None
+    times = [
+        int((date - DAY_ONE).total_seconds()) * NANO + int(one.ljust(9, "0")) for date, one in zip(dates, fractions)
+    ]
+    return times, NANO, "times from the dates in their names"
+
+
+def _fractions(stems: list[str]) -> Found | None:
+    found = [FRACTION.fullmatch(stem) for stem in stems]
+    if len({match and match[1] for match in found}) > 1 or None in found:
+        return None
+    whole = [int(match[2]) for match in found if match]
+    milli = all(EPOCH[0] * 1000 <= number < EPOCH[1] * 1000 for number in whole)
+    digits = 6 if milli else 9  # of the fraction, down to a nanosecond
+    rest = [int(match[3][:digits].ljust(digits, "0")) for match in found if match]
+    times = [a * 10**digits + b for a, b in zip(whole, rest)]
+    return times, NANO, f"times from their names, in {'ms since 1970' if milli else 'seconds'}"
+
+
+def _numbers(names: list[str], stems: list[str], where: str) -> Found:
+    """The number in each name, which may be a time since 1970."""
+    sequences: dict[str, list[int]] = defaultdict(list)
+    columns = _columns(stems)
+    for name, stem in zip(names, stems):
+        runs = list(re.finditer(r"\d+", stem))
+        if not runs:
+            sequences[name].append(0)
+            continue
+        run = runs[columns[_texts(stem)]]
+        if len(run[0].lstrip("0")) > LONGEST + 1:
+            raise DataError(f"{where}: {name}: a number of {len(run[0])} digits; expected a frame's number or time")
+        sequences[f"{stem[: run.start()]}*{stem[run.end() :]}{PurePath(name).suffix}"].append(int(run[0]))
+    if len(sequences) > 1:
+        told = [f"{pattern} ({len(numbers)})" for pattern, numbers in sorted(sequences.items())]
+        more = f" and {len(told) - MOST_SHOWN} more" if len(told) > MOST_SHOWN else ""
+        raise DataError(f"{where}: holds {len(told)} sequences: {', '.join(told[:MOST_SHOWN])}{more}; name one, "
+                        f"as '{where}/{min(sequences)}'")  # fmt: skip
+    numbers = next(iter(sequences.values()))
+    for unit, ticks in (("s", 1), *((unit, UNITS[unit]) for unit in ("ms", "us", "ns"))):
+        if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
+            return numbers, ticks, f"times from their names, in {unit} since 1970"
+    return numbers, 0, "frames in the order of the numbers in their names"
+
+
+def _columns(stems: list[str]) -> dict[tuple[str, ...], int]:
+    """Which of the numbers in names that are alike but for them counts: the last that changes, else the last."""
+    runs = defaultdict(list)
+    for stem in stems:
+        runs[_texts(stem)].append(re.findall(r"\d+", stem))
+    return {
+        texts: max((i for i, column in enumerate(zip(*rows)) if len(set(column)) > 1), default=len(rows[0]) - 1)
+        for texts, rows in runs.items()
+    }
+
+
+def _texts(stem: str) -> tuple[str, ...]:
+    """What is between the numbers of a name."""
+    return tuple(re.split(r"\d+", stem))

@@ -1,0 +1,108 @@
+"""handpose/recordings/first_look.py: what is seen, and each warning."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import Camera
+from handpose.recordings.first_look import look, nearest_thing
+from handpose.recordings.recording import DepthFrame, Recording
+from netlib.errors import DataError
+from tests.handpose.recordings.conftest import CAMERA, hand_sized
+
+
+class Taken(Recording):
+    """Images that are there already."""
+
+    def __init__(self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0) -> None:
+        self.name, self.images, self.camera, self.unit_mm, self.count = "take", images, camera, unit_mm, len(images)
+        self.remarks = ("a remark",)
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        for i, image in enumerate(self.images):
+            yield DepthFrame(i, i / 30, image.astype(np.float32))
+
+
+def moving(factor: float = 1.0) -> list[np.ndarray]:
+    """A thing 500 mm away and 100 mm wide, if the factor is right."""
+    return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
+
+
+def test_what_is_seen() -> None:
+    """Size, depth, zeros, view; and no warning where all is well."""
+    images = moving()
+    images[0][:24] = 0
+    found = look(Taken(images))
+    assert (found.name, found.count, found.camera, found.unit_mm) == ("take", 3, CAMERA, 1)
+    assert found.depth_mm == (501, 1002, 1004)
+    assert found.zeros == pytest.approx(1 / 6)
+    assert found.view == pytest.approx((56.1, 42.9), abs=0.1)
+    assert found.nearest == pytest.approx((500, 100), rel=0.01)
+    assert (found.remarks, found.warnings, len(found.frames)) == (("a remark",), (), 3)
+
+
+def test_only_the_first_frames_are_read() -> None:
+    """As many as one asks for."""
+    assert len(look(Taken(moving()), frames=2).frames) == 2
+
+
+def test_no_frames() -> None:
+    """One line."""
+    with pytest.raises(DataError, match="take: no frame in it"):
+        look(Taken([]))
+
+
+@pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
+def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
+    """It grows with it; specks before it and the wall behind it do not matter."""
+    image = hand_sized(distance=500).astype(np.float32)
+    image[3, 3] = 200
+    assert nearest_thing(image * np.float32(factor), CAMERA) == pytest.approx((500 * factor, 100 * factor), rel=0.01)
+    assert nearest_thing(np.zeros((48, 64), np.float32), CAMERA) is None
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit_mm", "advice"),
+    [(8, 1.0, "4 m away and 800 mm wide.*with --unit 0.125 it would be 0.50 m away; check the unit, here 1 mm"),
+     (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 it would be 0.50 m away; check the unit, here 0.1 mm"),
+     (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 it would be 0.50 m"),
+     (80, 1.0, "40 m away and 8 m wide, where no hand is held: check the unit")],
+)  # fmt: skip
+def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
+    """A hand 40 m away, or a millimetre wide; the unit that would do, if there is one that cameras have."""
+    (warning,) = look(Taken(moving(factor), unit_mm=unit_mm)).warnings
+    assert re.search(advice, warning)
+
+
+@pytest.mark.parametrize(
+    ("camera", "what"),
+    [
+        (replace(CAMERA, fx=400.0, fy=400.0), "focal lengths of 400, 400 px see 9 x 7 degrees in 64 x 48 pixels"),
+        (replace(CAMERA, fx=9.0, fy=9.0), "degrees in 64 x 48 pixels; check fx and fy"),
+        (replace(CAMERA, u0=319.5, v0=239.5), "the principal point 319.5, 239.5 lies outside of 64 x 48 pixels"),
+        (replace(CAMERA, u0=12.0), "the principal point 12, 23.5 lies far from the middle of 64 x 48 pixels"),
+    ],
+)
+def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
+    """Numbers that are for another size."""
+    assert what in " ".join(look(Taken(moving(), camera)).warnings)
+
+
+def test_nothing_was_read() -> None:
+    """All zeros."""
+    found = look(Taken([np.zeros((48, 64))] * 3))
+    assert (found.depth_mm, found.nearest, found.zeros) == (None, None, 1)
+    assert "every depth is 0" in found.warnings[0]
+
+
+def test_frames_that_do_not_change() -> None:
+    """A real camera has noise."""
+    assert (
+        "the first 3 frames are the same to the last value" in look(Taken([hand_sized(distance=500)] * 3)).warnings[0]
+    )
+    assert look(Taken([hand_sized(distance=500)] * 2)).warnings == ()

@@ -1,0 +1,123 @@
+"""handpose/recordings/writing.py: what is written comes back, to the last value and microsecond."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from handpose.facts.cameras import Camera
+from handpose.recordings.opening import open_recording
+from handpose.recordings.recording import DepthFrame
+from handpose.recordings.writing import RecordingWriter
+from netlib.errors import DataError, NetlibError
+
+SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
+
+
+def frames(count: int = 3, start: float = 0.0) -> list[DepthFrame]:
+    """Frames that differ, 1/30 s apart."""
+    return [DepthFrame(i, start + i / 30, np.full((3, 4), 100.0 + i, np.float32)) for i in range(count)]
+
+
+def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5, *, replace: bool = False) -> None:
+    """A recording of some frames."""
+    with RecordingWriter(path, SMALL, unit_mm, 30.0, replace=replace) as writer:
+        for frame in taken:
+            writer.write(frame)
+    assert writer.count == len(taken)
+
+
+@pytest.mark.parametrize("name", ["take", "take.1", "take.npz"])
+def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
+    """With its camera, unit, rate and times, from its first frame on; and nothing else lies there."""
+    write(tmp_path / "new" / name, frames(start=7.5))
+    recording = open_recording(tmp_path / "new" / name)
+    assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (SMALL, 0.5, 30, 3)
+    assert [frame.time for frame in recording] == pytest.approx([0, 1 / 30, 2 / 30], abs=1e-6)
+    assert [float(frame.depth.mean()) for frame in recording] == [100, 101, 102]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [name]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    values=st.lists(st.lists(st.integers(0, 65535), min_size=12, max_size=12), min_size=1, max_size=3),
+    gaps=st.lists(st.integers(1, 10**8), min_size=3, max_size=3),
+    unit_mm=st.sampled_from([0.1, 0.125, 1 / 3, 1.0]),
+)
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+def test_to_the_last_value(
+    tmp_path_factory: pytest.TempPathFactory, name: str, values: list[list[int]], gaps: list[int], unit_mm: float
+) -> None:
+    """Every stored value, and every time in whole microseconds."""
+    path = tmp_path_factory.mktemp("any") / name
+    stored = np.array(values, np.uint16).reshape(-1, 3, 4)
+    times = [sum(gaps[:i]) / 10**6 for i in range(len(stored))]
+    depths = stored.astype(np.float32) * np.float32(unit_mm)
+    write(path, [DepthFrame(i, time, depth) for i, (time, depth) in enumerate(zip(times, depths))], unit_mm)
+    found = list(open_recording(path))
+    np.testing.assert_array_equal([frame.depth for frame in found], depths)
+    assert [frame.time for frame in found] == times
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseException]) -> None:
+    """After Ctrl-C, and after a failure of whoever gives frames."""
+    with pytest.raises(error), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
+        for frame in frames(2):
+            writer.write(frame)
+        raise error
+    assert len(list(open_recording(tmp_path / name))) == 2
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+@pytest.mark.parametrize(
+    ("frame", "what"),
+    [
+        (DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)), "frame 9: depth from 70000 to 70000 mm does not fit"),
+        (DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)), "frame 9: at 0.033333 s, which is not after the frame"),
+        (DepthFrame(9, 1.0, np.ones((4, 3), np.float32)), r"frame 9 has the shape \(4, 3\), expected \(3, 4\)"),
+    ],
+)
+def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, frame: DepthFrame, what: str) -> None:
+    """One line each; those before are kept."""
+    with pytest.raises(DataError, match=what), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
+        for one in (*frames(2), frame):
+            writer.write(one)
+    assert writer.count == 2
+    assert len(list(open_recording(tmp_path / name))) == 2
+
+
+@pytest.mark.parametrize("name", ["take", "take.npz"])
+def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
+    """And nothing but a recording, if it is asked for."""
+    path = tmp_path / name
+    write(path, frames(3))
+    with pytest.raises(NetlibError, match=r"(is not empty|is there already); name a new \w+ or replace it by --force"):
+        write(path, frames(1))
+    write(path, frames(1), replace=True)
+    assert open_recording(path).count == 1
+
+
+def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:
+    """They may be dear to somebody."""
+    (tmp_path / "thesis.txt").touch()
+    with pytest.raises(NetlibError, match=r"holds thesis\.txt, which no recording has; name a new folder$"):
+        write(tmp_path, frames(1), replace=True)
+
+
+def test_without_frames_there_is_no_stack(tmp_path: Path) -> None:
+    """Nor anything hidden."""
+    write(tmp_path / "take.npz", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["take.npy", "take.mp4", "take.bag", "take.png"])
+def test_other_endings(tmp_path: Path, name: str) -> None:
+    """One line."""
+    with pytest.raises(NetlibError, match=rf"{name}: cannot write \.\w+; expected a folder, FILE\.npz or FILE\.mkv"):
+        RecordingWriter(tmp_path / name, SMALL, 1.0)

@@ -1,0 +1,103 @@
+#!/usr/bin/env python3
+"""Record a depth camera, or turn one recording into another that can be replayed.
+
+    python tools/record.py realsense --out takes/wave --seconds 20
+    python tools/record.py take.bag --out take.mkv
+    python tools/record.py "frames/left_*.png" --camera sr305 --rate 60 --out left.npz
+
+SOURCE is a folder of 16-bit PNG or names in it (quoted, with a *), a stack of frames (.npy, .npz, .h5), a video (.mkv,
+also of an Azure Kinect), a bag of ROS, or realsense. --out is a folder of 16-bit PNG whose names are their times, with
+a camera.json, or FILE.npz, or FILE.mkv, a lossless video. What is written has no lens distortion any more.
+
+Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+from handpose.recordings.first_look import look
+from handpose.recordings.recording import Recording
+from handpose.recordings.writing import RecordingWriter
+from netlib.errors import NetlibError
+from tools.arguments import parser_of, positive
+from tools.console import DONE, guarded, say
+from tools.progress import ProgressBar
+from tools.sources import add_source_options, opened, positive_number, say_first_look
+from tools.stopper import StoppedError, Stopper
+
+COARSEST_MM = 1.0  # unit of what is written, unless --out-unit says another: sources in metres have fractions
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    add_source_options(parser)
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="stop after so many")
+    parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
+    parser.add_argument("--out-unit", type=positive_number, metavar="MM",
+                        help=f"of what is written (default: the source's, at most {COARSEST_MM:g})")  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="replace what --out names")
+    args = parser.parse_args(argv)
+    return guarded(run, args)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the recording that the parsed arguments name."""
+    source, out = Path(args.source).absolute(), args.out.absolute()
+    if out.resolve() in (source.resolve(), source.parent.resolve()):
+        raise NetlibError(f"{args.out}: is where the source lies; write to another place")
+    with opened(args) as recording:
+        unit = args.out_unit or min(recording.unit_mm, COARSEST_MM)
+        writer = RecordingWriter(args.out, recording.camera, unit, recording.rate, replace=args.force)
+        seen = look(recording)
+        say_first_look(seen)
+        try:
+            with Stopper() as stopper:
+                seconds = _write(recording, writer, stopper, args.seconds, args.frames)
+        except StoppedError:
+            say(f"stopped; {args.out} keeps {writer.count} frames", file=sys.stderr)
+            return 128 + stopper.signum
+        except NetlibError as error:
+            kept = f"; {args.out} keeps the {writer.count} frames before it" if writer.count else ""
+            raise NetlibError(f"{error}{kept}") from None
+        for line in (*recording.remarks, recording.cut):  # what was found on the way
+            if line and line not in seen.remarks:
+                say(f"warning: {line}", file=sys.stderr)
+    if not writer.count:
+        raise NetlibError(f"{args.source}: no frames")
+    say(f"wrote {args.out}: {writer.count} frames of {seconds:.1f} s, unit {unit:g} mm")
+    return DONE
+
+
+def _write(
+    recording: Recording, writer: RecordingWriter, stopper: Stopper, seconds: float | None, frames: int | None
+) -> float:
+    """Write frames till there are so many; returns the time in s from the first to the last. Raises StoppedError."""
+    first = last = None
+    total = min((count for count in (recording.count, frames) if count), default=0)
+    with writer, ProgressBar(total, what="recording") as progress:
+        for frame in recording:
+            stopper.check()
+            first = frame.time if first is None else first
+            if seconds is not None and frame.time - first >= seconds:
+                break
+            writer.write(frame)
+            last = frame.time
+            progress(1)
+            if writer.count == frames:
+                break
+    return 0.0 if first is None or last is None else last - first
+
+
+if __name__ == "__main__":
+    sys.exit(main())

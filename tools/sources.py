@@ -1,0 +1,81 @@
+"""Sources of depth frames on the command line: what users know of them, opening them, what a first look shows."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TextIO
+
+from handpose.facts.cameras import CAMERAS, Camera
+from handpose.recordings import camera_file
+from handpose.recordings.first_look import FirstLook
+from handpose.recordings.given import Given
+from handpose.recordings.lens import Lens
+from handpose.recordings.opening import EXPECTED, open_recording
+from handpose.recordings.recording import Recording
+from netlib.errors import DataError
+from tools import arguments
+from tools.console import say
+
+
+def add_source_options(parser: argparse.ArgumentParser) -> None:
+    """The argument SOURCE, and what is known of its camera."""
+    parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
+    parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
+                        help=f"which saw the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
+                             "(default: what the source says, or a camera.json beside it)")  # fmt: skip
+    parser.add_argument("--unit", type=positive_number, metavar="MM", help="what a stored value of 1 stands for")
+    parser.add_argument("--rate", type=positive_number, metavar="HZ", help="frames per second of frames without times")
+    parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
+                        help="of the lens, in OpenCV's order; before a minus write --distortion=")  # fmt: skip
+
+
+def opened(args: argparse.Namespace) -> Recording:
+    """The recording that the parsed arguments name. Raises NetlibError."""
+    said = Given(None, args.distortion, args.unit, args.rate)
+    if isinstance(args.camera, Path):
+        return open_recording(args.source, said.else_by(camera_file.read(args.camera)))
+    return open_recording(args.source, said.else_by(Given(args.camera, origin="--camera")))
+
+
+def say_first_look(look: FirstLook, file: TextIO | None = None) -> None:
+    """Print what a recording is and what its first frames show; warnings go to stderr."""
+    camera = look.camera
+    length = f"{look.count} frames" if look.count is not None else "live" if look.live else "frames"
+    rate = f", {look.rate:g} frames/s" if look.rate else ""
+    say(f"{look.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
+    say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; sees "
+        f"{look.view[0]:.0f} x {look.view[1]:.0f} degrees", file=file)  # fmt: skip
+    if look.depth_mm is not None and look.nearest is not None:
+        low, middle, high = look.depth_mm
+        say(f"  depth {low:.0f} to {high:.0f} mm, half of it below {middle:.0f}; {look.zeros:.0%} of the pixels empty; "
+            f"unit {look.unit_mm:g} mm", file=file)  # fmt: skip
+        say(f"  the nearest thing is {look.nearest[0]:.0f} mm away and {look.nearest[1]:.0f} mm wide", file=file)
+    for remark in look.remarks:
+        say(f"  {remark}", file=file)
+    for warning in look.warnings:
+        say(f"warning: {look.name}: {warning}", file=sys.stderr)
+
+
+def _camera(text: str) -> Camera | Path:
+    return Path(text) if text.lower().endswith(".json") else arguments.camera(text)
+
+
+def positive_number(text: str) -> float:
+    """A command-line number of more than 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number of more than 0, found {text!r}")
+    return number
+
+
+def _lens(text: str) -> Lens:
+    try:
+        return Lens(tuple(float(word) for word in text.split(",")))
+    except (ValueError, DataError):
+        raise argparse.ArgumentTypeError(f"expected 4, 5 or 8 numbers K1,K2,P1,P2[,K3 ...], found {text!r}") from None
