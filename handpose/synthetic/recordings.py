@@ -38,11 +38,12 @@ FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # what random numbers are f
 class SyntheticRecording(Recording):
     """A script, played before a camera.
 
-    script   or the name of one of ``SCRIPTS``
-    camera   one without a size has its principal point in the middle
-    rate     frames per second
-    seconds  its length; the script's if none is given
-    sensor   its faults, whose levels are drawn once; None has none
+    script    or the name of one of ``SCRIPTS``
+    camera    one without a size has its principal point in the middle
+    rate      frames per second
+    seconds   its length; the script's if none is given
+    sensor    its faults, whose levels are drawn once; None has none
+    mirrored  take the other hands for it
 
     Raises DataError.
     """
@@ -52,11 +53,13 @@ class SyntheticRecording(Recording):
 
     def __init__(
         self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
-        seed: int = 0, sensor: Sensor | Literal["camera's"] | None = "camera's",
+        seed: int = 0, sensor: Sensor | Literal["camera's"] | None = "camera's", mirrored: bool = False,
     ) -> None:  # fmt: skip
         if isinstance(script, str) and script not in SCRIPTS:
             raise DataError(f"script {script!r}{did_you_mean(script, SCRIPTS)}; expected one of {', '.join(SCRIPTS)}")
         self.script = SCRIPTS[script] if isinstance(script, str) else script
+        if mirrored:
+            self.script = self.script.mirrored()
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
         if not (0 < rate < np.inf and 0 < length < np.inf) or seed < 0:

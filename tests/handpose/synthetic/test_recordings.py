@@ -102,7 +102,7 @@ def test_two_hands_of_one_person_and_of_two() -> None:
         assert right.center_uvd[0] < 160 < left.center_uvd[0]
     two = SyntheticRecording("two_people", ICVL, rate=2, seconds=1).truth(0).hands
     assert two[0].hand == two[1].hand == "right" and not np.array_equal(two[0].bones, two[1].bones)
-    other = SyntheticRecording(SCRIPTS["two_hands"].mirrored(), ICVL, rate=2, seconds=1).truth(0).hands
+    other = SyntheticRecording("two_hands", ICVL, rate=2, seconds=1, mirrored=True).truth(0).hands
     assert [hand.hand for hand in other] == ["left", "right"] and other[0].center_uvd[0] > other[1].center_uvd[0]
 
 
