@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from netlib.blob import Array
@@ -15,7 +16,6 @@ from netlib.blob import Array
 REST_MM = 0.05  # that no joint of a hand at rest moves from frame to frame
 SETTLE_S = 0.4  # of every rest, in which a track may still come to it
 WINDOW_S = 0.5  # slower than this, errors are drift, no jitter
-LEAST = 5  # frames that make a window
 MOVING_MM_S = 100.0  # the joints' mean speed from which on a hand moves
 LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # that are tried; the best is refined by a parabola
 
@@ -23,8 +23,8 @@ LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # that are tried; the best is refined b
 class Jitter(NamedTuple):
     """Of told joints while the true ones are at rest; NaN without rest.
 
-    deviation_mm  root mean square of the distances from their mean over windows of ``WINDOW_S``: the deviation of all
-                  three coordinates together, as of a sample
+    deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the deviation
+                  of all three coordinates together, as of a sample
     step_mm       root mean square of the way from one frame to the next
     frames        so many were looked at
     """
@@ -41,22 +41,27 @@ def jitter(numbers: Array, times: Array, told: Array, true: Array) -> Jitter:
     tremble.
     """
     squares = steps = 0.0
-    freedom = pairs = frames = 0
-    for first, last in rests(numbers, true):
-        begin = first + int(np.searchsorted(times[first:last], times[first] + SETTLE_S))
-        while begin < last:
-            end = begin + int(np.searchsorted(times[begin:last], times[begin] + WINDOW_S - 1e-9))
-            if end - begin >= LEAST:
-                off = told[begin:end] - true[begin:end]
-                squares += float(((off - off.mean(axis=0)) ** 2).sum())
-                steps += float((np.diff(off, axis=0) ** 2).sum())
-                freedom, pairs = freedom + (end - begin - 1), pairs + (end - begin - 1)
-                frames += end - begin
-            begin = end
+    freedom = frames = 0
+    for window in _windows(numbers, times, true):
+        off = told[window] - true[window]
+        squares += float(((off - off.mean(axis=0)) ** 2).sum())
+        steps += float((np.diff(off, axis=0) ** 2).sum())
+        freedom += (len(window) - 1) * off.shape[1]
+        frames += len(window)
     if not frames:
         return Jitter(np.nan, np.nan, 0)
-    joints = told.shape[1]
-    return Jitter(float(np.sqrt(squares / (freedom * joints))), float(np.sqrt(steps / (pairs * joints))), frames)
+    return Jitter(float(np.sqrt(squares / freedom)), float(np.sqrt(steps / freedom)), frames)
+
+
+def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]]:
+    """The frames of rests, but for their first ``SETTLE_S``, in equal parts of about ``WINDOW_S``."""
+    windows = []
+    for first, last in rests(numbers, true):
+        begin = first + int(np.searchsorted(times[first:last], times[first] + SETTLE_S - 1e-9))
+        parts = round((times[last - 1] - times[begin]) / WINDOW_S) if begin < last else 0
+        if parts:
+            windows += np.array_split(np.arange(begin, last), parts)
+    return [window for window in windows if len(window) > 1]
 
 
 def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:

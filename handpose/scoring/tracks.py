@@ -1,6 +1,6 @@
 """A track beside the truth: errors, hands lost and invented, identities, sides, jitter, lag, bones.
 
-scores = score(header, frames, recording.truths())
+scores = score(tracker.header, tracker.follow(recording), recording.truths())  # of a SyntheticRecording
 scores.hands[0].lag_ms
 """
 

