@@ -141,15 +141,21 @@ class Movement:
 
     def inputs_at(self, time: float) -> Array:
         """The inputs (D,) of the whole body, the forearm included."""
-        return posed(self.sampler, self.person, self.fingers.at(time), self.palm.at(time), self.arm.at(time))
+        fingers, palm, arm = self.fingers.at(time), self.palm.at(time), self.arm.at(time)
+        return np.asarray(posed(self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None])[0])
 
 
 def posed(sampler: HandSampler, person: Person, fingers: Array, palm: Rotation, arm: Array) -> Array:
-    """The inputs (D,) of the whole body whose crop has its middle at the origin."""
-    initial, own = sampler.skeleton.initial, len(fingers)
-    whole = np.concatenate([fingers, arm])
-    z, x, y = palm.as_euler("ZXY")
-    whole[sampler.rotation] = (np.array([z, x, -y]) - initial[sampler.rotation] + np.pi) % (2 * np.pi) - np.pi
-    whole[sampler.translation] = -palm.apply(person.center_in_palm) - initial[sampler.translation]
-    assert len(whole) == own + len(arm) == len(person.flesh.whole.initial)
+    """The inputs (N, D) of the whole body, such that the middles of crops are at the origin.
+
+    fingers  (N, D) of the skeleton
+    palm     N rotations
+    arm      (N, D) of what only the flesh has
+    """
+    initial = sampler.skeleton.initial
+    whole = np.concatenate([fingers, arm], axis=1)
+    z, x, y = palm.as_euler("ZXY").T
+    angles = np.stack([z, x, -y], axis=1) - initial[sampler.rotation]
+    whole[:, sampler.rotation] = (angles + np.pi) % (2 * np.pi) - np.pi
+    whole[:, sampler.translation] = -palm.apply(person.center_in_palm) - initial[sampler.translation]
     return whole

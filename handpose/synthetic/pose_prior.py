@@ -106,7 +106,7 @@ class HandSampler:
             whole_bones * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(whole_bones)), p.scale_clip))
         )
         inputs = np.zeros((count, len(flesh.whole.initial)))
-        inputs[:, self.rotation] = self._rotations(rng, count) - sk.initial[self.rotation]
+        inputs[:, self.rotation] = self.rotations(rng, count) - sk.initial[self.rotation]
         todo = np.arange(count)
         depth = np.full(count, np.inf)
         for _ in range(p.redraws):
@@ -129,8 +129,8 @@ class HandSampler:
         joints = kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
         return Hands(inputs[:, : len(sk.initial)], bones, joints, scale)
 
-    def _rotations(self, rng: np.random.Generator, count: int) -> Array:
-        """Angles (count, 3) about z, x, y in radians."""
+    def rotations(self, rng: np.random.Generator, count: int) -> Array:
+        """Draw angles (count, 3) of whole palms about z, x, y in radians."""
         p = self.prior
         z = np.where(
             rng.random(count) < p.roll_uniform,

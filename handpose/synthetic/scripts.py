@@ -28,7 +28,7 @@ class Script:
     seconds  how long it is, if nobody says otherwise
     roles    the hands; their numbers here are their ids
     body     is the first person seen behind the hands, or are arms all there is?
-    apart    does each of two hands keep to a half of the image of its own, or may one hide the other?
+    apart    does each of two hands keep to a half of the image, or may one hide the other?
     """
 
     seconds: float

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
-from handpose.synthetic.sensor import Sensor, sense
+from handpose.synthetic.sensor import NOISY_KINECT, Sensor, sense
 
 FAR = np.array([950.0, 950.0])
 PERFECT = Sensor(
@@ -101,3 +101,15 @@ def test_flying_pixels() -> None:
     between = (read > 605) & (read < 695)
     assert 5 < between.sum() < 70 and set(np.nonzero(between)[2].tolist()) <= {29, 30}
     assert (read[depth == 950] == 950).all()
+
+
+def test_a_settled_sensor_is_one_camera() -> None:
+    """Its levels lie between the bounds, are the same for every frame, and differ from camera to camera."""
+    one, other = (NOISY_KINECT.settled(np.random.default_rng(seed)) for seed in (0, 1))
+    for name, bounds in vars(NOISY_KINECT).items():
+        own = getattr(one, name)
+        if isinstance(bounds, tuple):
+            assert bounds[0] <= own[0] == own[1] <= bounds[1]
+        else:
+            assert own == bounds
+    assert one.dropout != other.dropout

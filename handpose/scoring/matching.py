@@ -1,0 +1,114 @@
+"""Which told hand is which true hand, frame by frame.
+
+In each frame told hands go to true hands such that the joints are as near as can be (as CLEAR MOT does, Bernardin and
+Stiefelhagen 2008), and no farther than a bound: a hand told beyond it was not found but invented.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from handpose.tracks.reasons import PARTLY
+from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand
+from netlib.errors import DataError
+
+BOUND_MM = 100.0  # on the joints' mean error of a hand that is found; a hand is twice as long
+
+
+class Seen(NamedTuple):
+    """One hand in one frame in which it is in sight; ``told`` is None where it was not found."""
+
+    number: int
+    time: float
+    true: TrackedHand
+    told: TrackedHand | None
+    said_lost: bool  # of one that was not found: did the track say so?
+
+
+class Gone(NamedTuple):
+    """One hand in one frame in which it cannot be seen; ``told`` is None where the track does not say so."""
+
+    number: int
+    true: LostHand
+    told: LostHand | None
+
+
+@dataclass
+class Followed:
+    """What a track makes of one true hand."""
+
+    id: int
+    hand: str
+    seen: list[Seen] = field(default_factory=list)
+    gone: list[Gone] = field(default_factory=list)
+
+
+class Matched(NamedTuple):
+    """The true hands by id, and how many hands were told in each frame where none is: {number: how many}."""
+
+    hands: dict[int, Followed]
+    invented: dict[int, int]
+
+
+def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: float = BOUND_MM) -> Matched:
+    """Match all frames of the truth. A frame that the track does not have is one without hands.
+
+    Where a true hand is partly in sight, nothing that is told of it counts. Raises DataError for frames of the track
+    that the truth does not have, and for two frames of the same number.
+    """
+    told_frames, true_frames = _by_number(told, "track"), _by_number(true, "truth")
+    foreign = sorted(set(told_frames) - set(true_frames))
+    if foreign:
+        raise DataError(f"frame {foreign[0]} of the track is not in the truth; expected a track of the same recording")
+    hands: dict[int, Followed] = {}
+    invented = {}
+    last: dict[int, int] = {}  # the told id of each true one
+    for number, frame in sorted(true_frames.items()):
+        other = told_frames.get(number, TrackedFrame(number, frame.time, ()))
+        pairs = _pairs(frame.hands, other.hands, bound_mm)
+        lost = {one.id: one for one in other.lost}
+        for n, hand in enumerate(frame.hands):
+            found = other.hands[pairs[n]] if n in pairs else None
+            said = found is None and last.get(hand.id) in lost
+            own = hands.setdefault(hand.id, Followed(hand.id, hand.hand))
+            own.seen.append(Seen(number, frame.time, hand, found, said))
+            if found is not None:
+                last[hand.id] = found.id
+        partly = 0
+        for gone in frame.lost:
+            if gone.reason.startswith(PARTLY):
+                partly += 1
+            else:
+                own = hands.setdefault(gone.id, Followed(gone.id, gone.hand))
+                own.gone.append(Gone(number, gone, lost.get(last.get(gone.id, -1))))
+        extra = max(len(other.hands) - len(pairs) - partly, 0)
+        if extra:
+            invented[number] = extra
+    return Matched(dict(sorted(hands.items())), invented)
+
+
+def _pairs(true: tuple[TrackedHand, ...], told: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
+    """The told hand of each true one that has one, by their places."""
+    if not true or not told:
+        return {}
+    for hand in told:
+        if hand.xyz.shape != true[0].xyz.shape:
+            raise DataError(f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
+                            "expected one skeleton")  # fmt: skip
+    apart = np.array([[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in told] for a in true])
+    rows, columns = linear_sum_assignment(np.minimum(apart, 10 * bound_mm))
+    return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= bound_mm}
+
+
+def _by_number(frames: Iterable[TrackedFrame], what: str) -> dict[int, TrackedFrame]:
+    found: dict[int, TrackedFrame] = {}
+    for frame in frames:
+        if frame.number in found:
+            raise DataError(f"the {what} has two frames {frame.number}; expected one")
+        found[frame.number] = frame
+    return found

@@ -1,0 +1,159 @@
+"""A track beside the truth: errors, hands lost and invented, identities, sides, jitter, lag, bones.
+
+scores = score(tracker.header, tracker.follow(recording), recording.truths())  # of a SyntheticRecording
+scores.hands[0].lag_ms
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handpose.facts.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
+from handpose.scoring.matching import BOUND_MM, Followed, match
+from handpose.scoring.motion import bone_changes, jitter, lag_s
+from handpose.tracks.track import TrackedFrame, TrackHeader
+from netlib.blob import Array
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class JointErrors:
+    """Distances between told and true joints in mm, over frames and joints; NaN without any."""
+
+    mean: float = NAN
+    median: float = NAN
+
+
+@dataclass(frozen=True)
+class HandScores:
+    """One true hand. Figures that nothing was there for are NaN.
+
+    in_sight        frames in which it is to be found
+    found           of these, in which it is told, no farther than the bound
+    said_lost       of those in which it is not told, in which the track says that it lost it
+    gone            frames in which it cannot be seen, after it was
+    said_gone       of these, in which the track says that it lost it
+    right_reason    of these, in which it says why
+    errors          of all joints, where it is found
+    errors14        of the joints that NYU is compared on; NaN for other skeletons
+    id_switches     how often the told id changes
+    wrong_side      frames in which it is told to be the other hand
+    side_switches   how often the told side changes
+    side_after      frames in which it was found, until its side was right; NaN if it never was
+    jitter_mm       at rest: deviation of the joints about their mean, see ``motion.Jitter``
+    step_mm         at rest: the way from frame to frame
+    rest_frames     that these are from
+    lag_ms          while it moves
+    bone_change_mm  (K,) largest deviation of each bone from its median length; none if it was never found
+    """
+
+    id: int
+    hand: str
+    in_sight: int
+    found: int
+    said_lost: int
+    gone: int
+    said_gone: int
+    right_reason: int
+    errors: JointErrors
+    errors14: JointErrors
+    id_switches: int
+    wrong_side: int
+    side_switches: int
+    side_after: float
+    jitter_mm: float
+    step_mm: float
+    rest_frames: int
+    lag_ms: float
+    bone_change_mm: tuple[float, ...]
+
+    @property
+    def missed(self) -> int:
+        """Frames in which it is in sight and not found."""
+        return self.in_sight - self.found
+
+
+@dataclass(frozen=True)
+class TrackScores:
+    """All true hands by id.
+
+    frames    of the truth
+    invented  hands told where none is, over all frames
+    """
+
+    frames: int
+    hands: dict[int, HandScores]
+    invented: int
+
+    @property
+    def found(self) -> float:
+        """Part of the hands in sight that were found, over all frames."""
+        in_sight = sum(hand.in_sight for hand in self.hands.values())
+        return sum(hand.found for hand in self.hands.values()) / in_sight if in_sight else NAN
+
+    @property
+    def id_switches(self) -> int:
+        """Over all hands."""
+        return sum(hand.id_switches for hand in self.hands.values())
+
+
+def score(
+    header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame], bound_mm: float = BOUND_MM
+) -> TrackScores:
+    """Compare a track with the truth of the same recording. Frames of the truth that the track lacks have no hands.
+
+    header    of the track
+    bound_mm  on the joints' mean error of a hand that is found
+
+    Where a true hand is partly in sight, it is not scored (``handpose.tracks.reasons``). Raises DataError.
+    """
+    true = list(truth)
+    hands, invented = match(frames, true, bound_mm)
+    scores = {id: _scores(header, hand) for id, hand in hands.items()}
+    return TrackScores(len(true), scores, sum(invented.values()))
+
+
+def _scores(header: TrackHeader, hand: Followed) -> HandScores:
+    found = [one for one in hand.seen if one.told is not None]
+    told = [one.told for one in hand.seen if one.told is not None]
+    said = [(one.true.reason, one.told.reason) for one in hand.gone if one.told is not None]
+    right = [other.hand == hand.hand for other in told]
+    numbers, times = np.array([one.number for one in found]), np.array([one.time for one in found])
+    shape = (len(found), len(header.skeleton.joint_names), 3)
+    xyz, true = (np.array([one.xyz for one in hands]).reshape(shape) for hands in (told, [one.true for one in found]))
+    off = np.linalg.norm(xyz - true, axis=2)
+    shakes = jitter(numbers, times, xyz, true)
+    return HandScores(
+        id=hand.id,
+        hand=hand.hand,
+        in_sight=len(hand.seen),
+        found=len(found),
+        said_lost=sum(one.said_lost for one in hand.seen),
+        gone=len(hand.gone),
+        said_gone=len(said),
+        right_reason=sum(reason.startswith(true_reason) for true_reason, reason in said),
+        errors=_errors(off),
+        errors14=_errors(off[:, EVALUATION_JOINTS] if off.shape[1] == len(ANNOTATION_OF_JOINT) else off[:0]),
+        id_switches=_changes([other.id for other in told]),
+        wrong_side=right.count(False),
+        side_switches=_changes(right),
+        side_after=float(right.index(True)) if any(right) else NAN,
+        jitter_mm=shakes.deviation_mm,
+        step_mm=shakes.step_mm,
+        rest_frames=shakes.frames,
+        lag_ms=1000 * lag_s(numbers, times, xyz, true),
+        bone_change_mm=tuple(bone_changes(xyz, header.skeleton.parents).tolist()) if told else (),
+    )
+
+
+def _errors(off: Array) -> JointErrors:
+    return JointErrors(float(off.mean()), float(np.median(off))) if off.size else JointErrors()
+
+
+def _changes(values: Sequence[int]) -> int:
+    return sum(before != after for before, after in itertools.pairwise(values))

@@ -1,0 +1,139 @@
+"""handpose/scoring/tracks.py and matching.py: on tracks of which every figure is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import NYU
+from handpose.scoring.tracks import score
+from handpose.tracks.reasons import HIDDEN, LEFT, PARTLY
+from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from layers.hand import skeleton as skeletons
+from netlib.blob import Array
+from netlib.errors import DataError
+
+SKELETON = skeletons.load()
+HEADER = TrackHeader("made up", NYU, SKELETON)
+BASE = np.random.default_rng(0).uniform(-80, 80, (31, 3)) + (0, 0, 600)
+RIGHT, OTHER = np.array([-200.0, 0, 0]), np.array([200.0, 0, 0])  # where the two hands are
+
+
+def hand(id: int, place: Array, side: str = "right", time: float = 0.0) -> TrackedHand:
+    """A hand that goes to and fro about a place."""
+    xyz = BASE + place + np.array([30.0, 20, 0]) * np.sin(4 * time)
+    nothing = np.zeros(3)
+    return TrackedHand(id, side, 1.0, 0.0, np.zeros(47), np.zeros(31), nothing, xyz, nothing, 300.0)
+
+
+def frames(hands: Sequence[Sequence[TrackedHand]], lost: Sequence[Sequence[LostHand]] = ()) -> list[TrackedFrame]:
+    """Frames 0, 1, ... with these hands, at 30 frames/s."""
+    return [TrackedFrame(n, n / 30, tuple(own), tuple(lost[n]) if lost else ()) for n, own in enumerate(hands)]
+
+
+def moved(one: TrackedHand, *by: float) -> TrackedHand:
+    """The same, so many mm farther."""
+    return replace(one, xyz=one.xyz + np.array(by))
+
+
+TRUTH = frames([[hand(0, RIGHT, "right", n / 30), hand(1, OTHER, "left", n / 30)] for n in range(90)])
+
+
+def test_the_truth_is_without_fault() -> None:
+    """And the figures say so."""
+    scores = score(HEADER, TRUTH, TRUTH)
+    assert scores.found == 1 and scores.invented == 0 and scores.id_switches == 0 and scores.frames == 90
+    for own in scores.hands.values():
+        assert own.missed == own.wrong_side == own.gone == own.side_after == 0
+        assert own.errors.mean == own.errors14.median == 0
+        assert own.lag_ms == pytest.approx(0, abs=0.01)
+        assert max(own.bone_change_mm) < 1e-9 and np.isnan(own.jitter_mm)
+
+
+def test_errors() -> None:
+    """3, 4 and 0 mm are 5 mm, of all joints and of the 14; one joint alone counts a 31st of all."""
+    told = [frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH]
+    assert score(HEADER, told, TRUTH).hands[0].errors.mean == pytest.approx(5)
+    assert score(HEADER, told, TRUTH).hands[1].errors14.median == pytest.approx(5)
+    off = np.zeros((31, 3))
+    off[1, 0] = 31  # little_dip, which is not among the 14
+    told = [frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands)) for frame in TRUTH]
+    own = score(HEADER, told, TRUTH).hands[0]
+    assert own.errors.mean == pytest.approx(1) and own.errors.median == 0 and own.errors14.mean == 0
+
+
+def test_ids_may_have_any_number_but_must_not_change() -> None:
+    """Two ids that are swapped half way are two switches; there is no order of the hands."""
+    told = [
+        frame._replace(hands=tuple(replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.hands))
+        for frame in TRUTH
+    ]
+    reversed_ = [frame._replace(hands=frame.hands[::-1]) for frame in told]
+    for track in (told, reversed_):
+        scores = score(HEADER, track, TRUTH)
+        assert scores.found == 1 and scores.id_switches == 2
+        assert [own.id_switches for own in scores.hands.values()] == [1, 1]
+
+
+def test_sides() -> None:
+    """How long it takes until the side is right, and how often it changes."""
+    sides = ["left"] * 3 + ["right"] * 50 + ["left"] + ["right"] * 36
+    told = frames([[hand(0, RIGHT, side, n / 30)] for n, side in enumerate(sides)])
+    own = score(HEADER, told, TRUTH).hands[0]
+    assert (own.side_after, own.wrong_side, own.side_switches) == (3, 4, 3)
+    wrong = frames([[hand(0, RIGHT, "left", n / 30)] for n in range(90)])
+    assert np.isnan(score(HEADER, wrong, TRUTH).hands[0].side_after)
+
+
+def test_a_hand_far_from_all_is_invented() -> None:
+    """And the true one is missed; the bound is the caller's."""
+    told = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
+    scores = score(HEADER, told, TRUTH)
+    assert scores.found == 0 and scores.invented == 90
+    assert scores.hands[0].missed == scores.hands[1].missed == 90 and scores.hands[0].bone_change_mm == ()
+    assert np.isnan(scores.hands[0].errors.mean) and np.isnan(scores.hands[0].side_after)
+    assert score(HEADER, told, TRUTH, bound_mm=150).found == 0.5
+
+
+def test_lost_hands() -> None:
+    """What is gone is to be said lost, with the reason; what is partly in sight is not scored."""
+    here = hand(0, RIGHT)
+    reasons = ["", "", PARTLY, LEFT, LEFT, LEFT, HIDDEN, PARTLY, "", ""]
+    truth = frames([[] if why else [here] for why in reasons],
+                   [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons])  # fmt: skip
+    said = ["", "", "", "", LEFT, "nothing like a hand there", "hidden by another hand", "", "no hand", ""]
+    shown = [True, True, True, True, False, False, False, False, False, True]
+    told = frames([[hand(5, RIGHT)] if there else [] for there in shown],
+                  [[LostHand(5, "right", 0.1, why)] if why else [] for why in said])  # fmt: skip
+    scores = score(HEADER, told, truth)
+    own = scores.hands[0]
+    assert (own.in_sight, own.found, own.said_lost) == (4, 3, 1)
+    assert (own.gone, own.said_gone, own.right_reason) == (4, 3, 2)
+    assert scores.invented == 1  # in frame 3, not in frame 2
+
+
+def test_a_track_that_ends_early_misses_the_rest() -> None:
+    """No frame, no hand."""
+    assert score(HEADER, TRUTH[:30], TRUTH).found == pytest.approx(1 / 3)
+
+
+def test_no_hands_at_all() -> None:
+    """Nothing to find, nothing found."""
+    empty = frames([[], []])
+    scores = score(HEADER, empty, empty)
+    assert scores.hands == {} and np.isnan(scores.found) and scores.invented == 0
+    assert score(HEADER, TRUTH[:2], empty).invented == 4
+
+
+def test_what_cannot_be_compared() -> None:
+    """Other recordings, other skeletons."""
+    with pytest.raises(DataError, match="frame 30 of the track is not in the truth"):
+        score(HEADER, TRUTH, TRUTH[:30])
+    with pytest.raises(DataError, match="the track has two frames 0"):
+        score(HEADER, [TRUTH[0], TRUTH[0]], TRUTH)
+    short = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
+    with pytest.raises(DataError, match="expected one skeleton"):
+        score(HEADER, short, TRUTH)

@@ -1,0 +1,84 @@
+"""tools/make_recording.py: a recording and its truth, which fit together."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import ICVL
+from handpose.recordings.opening import open_recording
+from handpose.scoring.tracks import score
+from handpose.synthetic.recordings import SyntheticRecording
+from handpose.tracks.json_file import read_track
+from tools import make_recording
+
+SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["take.npz", "take"])
+def test_a_recording_and_its_truth(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is written is what the recording is, frame by frame, and the truth is read back."""
+    assert make_recording.main(["rest", *SHORT, "--seed", "5", "--out", name]) == 0
+    assert capsys.readouterr().out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; the truth is take.truth.json\n"
+    own = SyntheticRecording("rest", ICVL, seconds=0.4, rate=10, seed=5)
+    with open_recording(name) as recording:
+        for frame, expected in zip(recording, own, strict=True):
+            np.testing.assert_array_equal(frame.depth, expected.depth)
+            assert frame.time == pytest.approx(expected.time, abs=1e-5)
+        assert recording.camera == ICVL and recording.rate == 10
+    track = read_track("take.truth.json")
+    assert not track.cut
+    scores = score(track.header, track.frames, own.truths())
+    assert scores.found == 1 and scores.hands[0].errors.mean < 0.01 and scores.hands[0].rest_frames == 0
+
+
+def test_options(capsys: pytest.CaptureFixture[str]) -> None:
+    """The other hand, no noise, nothing overwritten without --force."""
+    assert make_recording.main(["rest", *SHORT, "--hand", "left", "--clean", "--out", "a.npz"]) == 0
+    assert read_track("a.truth.json").frames[0].hands[0].hand == "left"
+    first, last = list(open_recording("a.npz"))[:: len(list(open_recording("a.npz"))) - 1]
+    np.testing.assert_array_equal(first.depth, last.depth)
+    assert make_recording.main(["rest", *SHORT, "--out", "a.npz"]) == 1
+    assert "a.truth.json: is there already; name another --out or replace it by --force" in capsys.readouterr().err
+    Path("a.truth.json").unlink()
+    assert make_recording.main(["rest", *SHORT, "--out", "a.npz"]) == 1
+    assert "a.npz: is there already" in capsys.readouterr().err and not Path("a.truth.json").exists()
+    assert make_recording.main(["rest", *SHORT, "--out", "a.npz", "--force"]) == 0
+    assert read_track("a.truth.json").frames[0].hands[0].hand == "right"
+
+
+def test_a_recording_that_is_stopped_keeps_whole_files(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the frames till then, in both."""
+    frame = SyntheticRecording.frame
+
+    def interrupted(self: SyntheticRecording, number: int) -> object:
+        if number == 2:
+            signal.raise_signal(signal.SIGINT)
+        return frame(self, number)
+
+    monkeypatch.setattr(SyntheticRecording, "frame", interrupted)
+    assert make_recording.main(["rest", *SHORT, "--out", "a.npz"]) == 130
+    assert capsys.readouterr().err == "stopped; a.npz and a.truth.json keep 2 frames\n"
+    track = read_track("a.truth.json")
+    assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
+
+
+def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    """Ends with 2."""
+    for words in (["wave", "--out", "a"], ["rest"], ["rest", "--out", "a", "--rate", "0"]):
+        with pytest.raises(SystemExit) as ended:
+            make_recording.main(words)
+        assert ended.value.code == 2
+    assert make_recording.main(["rest", "--out", "a.bag"]) == 1
+    assert "expected a folder, FILE.npz or FILE.mkv" in capsys.readouterr().err

@@ -1,0 +1,97 @@
+#!/usr/bin/env python3
+"""Make a depth recording of hands that move, and the truth about it, to test what tracks hands.
+
+    python tools/make_recording.py minute --out takes/minute
+    python tools/make_recording.py gestures --camera kinect2 --seed 3 --out gestures.npz
+    python tools/make_recording.py moving --hand left --rate 60 --seconds 10 --out left.mkv
+
+SCRIPT is one of
+    rest        a hand keeps still: all that moves is noise
+    gestures    it shows gestures with a name, and waves
+    moving      it moves freely through poses of the prior, with rests
+    leaves      it leaves the image and returns, twice
+    two_hands   of one person
+    two_people  a right hand of each
+    left        a left hand
+    body        a person is seen behind the hand
+    minute      all that
+
+--out is a folder of 16-bit PNG, FILE.npz or FILE.mkv, as tools/record.py writes them. Beside it OUT.truth.json is a
+track as tools/track.py writes it. Where it calls a hand lost because it is "partly in sight", nobody can say what a
+tracker should say. The seed decides all of it; the noise is that of the camera.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+from handpose.facts.cameras import CAMERAS, NYU
+from handpose.recordings.writing import RecordingWriter
+from handpose.synthetic.recordings import SyntheticRecording
+from handpose.synthetic.scripts import SCRIPTS
+from handpose.tracks.json_file import JsonWriter
+from netlib.errors import NetlibError
+from tools.arguments import camera, natural, parser_of
+from tools.console import DONE, guarded, say
+from tools.progress import ProgressBar
+from tools.sources import positive_number
+from tools.stopper import StoppedError, Stopper
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__)
+    parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
+    parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
+                        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")  # fmt: skip
+    parser.add_argument("--rate", type=positive_number, default=30.0, metavar="HZ",
+                        help="frames per second (default: %(default)g)")  # fmt: skip
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="how long (default: the script's)")
+    parser.add_argument("--hand", choices=("right", "left"), help="the first hand; a second one is then the other")
+    parser.add_argument("--clean", action="store_true", help="without the faults of a camera")
+    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument("--force", action="store_true", help="replace what --out names, and its truth")
+    return guarded(run, parser.parse_args(argv))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the recording that the parsed arguments ask for."""
+    truth = args.out.with_name(f"{args.out.stem if args.out.suffix in ('.npz', '.mkv') else args.out.name}.truth.json")
+    if truth.exists() and not args.force:
+        raise NetlibError(f"{truth}: is there already; name another --out or replace it by --force")
+    recording = SyntheticRecording(
+        args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
+        sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
+    )  # fmt: skip
+    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force)
+    try:
+        with (
+            Stopper() as stopper,
+            writer,
+            JsonWriter(truth, recording.header) as track,
+            ProgressBar(recording.count, what="recording") as progress,
+        ):
+            for frame in recording:
+                stopper.check()
+                writer.write(frame)
+                track.write(recording.truth(frame.number))
+                progress(1)
+    except StoppedError:
+        say(f"stopped; {args.out} and {truth} keep {writer.count} frames", file=sys.stderr)
+        return 128 + stopper.signum
+    say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
+        f"unit {recording.unit_mm:g} mm; the truth is {truth}")  # fmt: skip
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
