@@ -51,11 +51,14 @@ class Follower:
     id       of the hand
     sides    seen as which hand it is followed: both until it is decided
     time     s, when it was seen last
+    strikes  how often in a row what is followed did not look like a hand
+    checked  s, when that was looked at last
     size     relative to the skeleton, once it is known
     """
 
     def __init__(self, id: int, looker: Looker, sights: Sequence[Sight], time: float, size: float | None) -> None:
         self.id, self.time, self.size = id, time, size
+        self.strikes, self.checked = 0, time
         self._looker = looker
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
         self._anew = time

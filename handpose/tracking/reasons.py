@@ -9,8 +9,10 @@ from handpose.data.crops import crop
 from handpose.facts.cameras import Camera
 from handpose.fitting.depth.observation import BACKGROUND
 from handpose.tracking.looking import Aim, Sight
+from handpose.tracks.reasons import HIDDEN, LEFT
 from netlib.errors import DataError
 
+NO_HAND = "what is seen where it was does not look like a hand"
 FEWEST = 0.03  # part of a crop that shows something
 COVERED = 0.3  # part of a crop that is nearer than the cube around the hand
 MARGIN = 0.02  # of the image's size: so near its edge a hand leaves it
@@ -33,17 +35,17 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
         if beyond
     ]
     if not (depth > 0).any():
-        return "the camera read nothing in this frame"
+        return "nothing was read in this frame"
     if sides:
-        return f"it left the image at the {' '.join(sides)} edge"
+        return f"{LEFT} at the {' '.join(sides)} edge"
     try:
         shown = crop(depth, aim.center_uvd, cube_mm, camera)
     except DataError:
-        return "it left the image"
+        return LEFT
     if (shown <= -BACKGROUND).mean() > COVERED:
-        return "something nearer hides it"
+        return f"{HIDDEN} by something nearer"
     if (np.abs(shown) < BACKGROUND).mean() < FEWEST:
         return f"nothing is seen where it was, {d:.0f} mm away"
     if sight is None:
-        return "it left the image"
-    return f"what is seen where it was does not look like a hand (confidence {sight.confidence:.0%})"
+        return LEFT
+    return f"{NO_HAND} (confidence {sight.confidence:.0%})"

@@ -27,6 +27,11 @@ class Scout:
         self.locator, self.camera = locator, camera
         self._left = np.zeros((0, 3))
 
+    def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
+        """The chance that there is a hand about a place (3,) in mm."""
+        found, _ = self._seen(depth, middle[None])
+        return float(found.max(initial=0.0))
+
     def look(self, depth: NDArray[np.float32], followed: Array) -> Array | None:
         """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
         if not len(self._left):

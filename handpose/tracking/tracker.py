@@ -25,7 +25,7 @@ from handpose.predicting.predictor import Fit, Predictor
 from handpose.recordings.recording import DepthFrame
 from handpose.tracking.following import ENOUGH, Follower
 from handpose.tracking.looking import Aim, Looker, Sight
-from handpose.tracking.reasons import reason
+from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import Scout
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracks.track import MIRROR, LostHand, TrackedFrame, TrackedHand, TrackHeader
@@ -33,7 +33,10 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-STRANGE_MM = 105.0  # a new hand is no stranger than this
+STRANGE_NEW_MM, STRANGE_MM = 115.0, 140.0  # a new hand is no stranger than this, one that is followed than that
+LIKELY = 0.5  # chance of a hand, says the locator, where one is followed
+CHECK = 0.15  # s between such looks ...
+STRIKES = 2  # ... of which so many in a row end it
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
@@ -89,6 +92,7 @@ class Tracker:
         depth, time = frame.depth, frame.time
         self._follow(depth, time)
         self._drop_doubles()
+        self._drop_strange(depth, time)
         if len(self.followers) < self.limit:
             self._scout(depth, time)
         hands = []
@@ -99,7 +103,7 @@ class Tracker:
         lost = tuple(
             LostHand(id, known.hand, known.since, known.reason)
             for id, known in sorted(self.known.items())
-            if known.since < time
+            if all(id != hand.id for hand in hands)
         )
         return TrackedFrame(frame.number, time, tuple(hands), lost)
 
@@ -137,6 +141,25 @@ class Tracker:
                     self.followers.remove(other)
                     self.known[other.id].reason = "another hand is followed in its place"
 
+    def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
+        """End what is followed but is no hand: the network and the fit make a hand of anything."""
+        for follower in list(self.followers):
+            if follower.time < time or time - follower.checked < CHECK:
+                continue
+            follower.checked = time
+            good = self._looks_like_a_hand(depth, follower.best.sight, STRANGE_MM)
+            follower.strikes = 0 if good else follower.strikes + 1
+            if follower.strikes >= STRIKES:
+                self.followers.remove(follower)
+                self.known[follower.id].reason = NO_HAND
+
+    def _looks_like_a_hand(self, depth: NDArray[np.float32], sight: Sight, strange_mm: float) -> bool:
+        """To the locator, and beside the picture of the body that was fitted."""
+        mirror = MIRROR if sight.aim.side == "left" else np.ones(3)
+        if self.scout.chance(depth, sight.center_mm * mirror) < LIKELY:
+            return False
+        return self.looker.strangeness(sight) < strange_mm
+
     def _scout(self, depth: NDArray[np.float32], time: float) -> None:
         """Look for a hand that nobody follows."""
         middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
@@ -147,14 +170,13 @@ class Tracker:
             found = self.predictor.hands_at(depth, [self.camera.project(place)], [0.0])[0]
         except DataError:  # out of sight
             return
-        assert found.fit is not None
-        if found.fit.strangeness > STRANGE_MM:
-            return
         aims = [Aim(found.center_uvd, side) for side in self.predictor.sides]
         seen = [sight for sight in self.looker.look(depth, aims, "accurate") if sight is not None]
         if not seen or max(s.confidence for s in seen) < ENOUGH:
             return
         best = min(seen, key=lambda s: s.doubt)
+        if not self._looks_like_a_hand(depth, best, STRANGE_NEW_MM):
+            return
         id = self._id_of(best.aim.side)
         if id not in self.known:
             self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
