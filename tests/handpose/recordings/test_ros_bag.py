@@ -70,8 +70,9 @@ def test_a_file_without_its_folder(tmp_path: Path, name: str) -> None:
 
 
 def test_older_realsense(tmp_path: Path) -> None:
-    """Whose images are those of ROS."""
-    recording, frames = read(bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001))
+    """Whose images are those of ROS, and whose options have spaces."""
+    path = bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001, option="Depth Units")
+    recording, frames = read(path)
     assert (recording.unit_mm, len(frames)) == (1.0, 4)
 
 
@@ -204,7 +205,7 @@ class TestTimes:
         sent = [(image(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
         recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
         assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
-        assert recording.remarks == ("1 frames left out, which are not later than the one before",)
+        assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
 
     def test_a_clock_that_is_set_anew(self, tmp_path: Path) -> None:
         """Two recordings in one."""
