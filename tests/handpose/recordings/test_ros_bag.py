@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import struct
 import sys
 from pathlib import Path
 from typing import Any
@@ -225,13 +226,19 @@ class TestDamage:
         with pytest.raises(DataError, match=r"a\.bag: cannot read the bag.*rosbag reindex"):
             open_bag(path, NOTHING)
 
-    def test_an_image_with_too_few_bytes(self, tmp_path: Path) -> None:
-        of = bags.Messages(True)
-        message = bytearray(of.image(DEPTH[0], 5))
-        at = message.index(np.uint32(48).tobytes() + np.uint32(64).tobytes())
-        message[at] = 49  # rows
-        with pytest.raises(DataError, match="6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"):
-            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((bytes(message), 5))), Given())
+    @pytest.mark.parametrize(
+        ("rows", "said"),
+        [
+            (49, "6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
+            (1 << 28, "64 x 268435456 pixels; expected those of a depth camera"),
+        ],
+    )
+    def test_an_image_with_too_few_bytes(self, tmp_path: Path, rows: int, said: str) -> None:
+        message = bags.Messages(True).image(DEPTH[0], 5)
+        size = struct.Struct("<II")
+        message = message.replace(size.pack(48, 64), size.pack(rows, 64))
+        with pytest.raises(DataError, match=said):
+            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), Given())
 
     @pytest.mark.parametrize("form", ["16UC1; compressedDepth rvl", "32FC1; compressedDepth png"])
     def test_other_compressions(self, tmp_path: Path, form: str) -> None:
