@@ -48,7 +48,7 @@ class Contained(Recording):
                 raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
             self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
         if clock.late:
-            self.remarks += (f"{clock.late} frames left out, which are not later than the one before",)
+            self.remarks += (f"frames left out because they are not later than the one before: {clock.late}",)
 
 
 class Clock:

@@ -109,7 +109,7 @@ class _Live(Recording):
                 yield DepthFrame(last, time, self._develop(np.asanyarray(frame.get_data())))
         finally:
             if lost:
-                self.remarks += (f"{lost} frames lost: not taken in time",)
+                self.remarks += (f"frames lost because they were not taken in time: {lost}",)
 
     def _next(self) -> Any:
         """The next frame; None, and ``cut`` says why, if none comes."""

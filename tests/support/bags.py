@@ -128,13 +128,20 @@ def write_ros2(path: Path, depth: Depth, storage: str = "SQLITE3", make: Callabl
     return path
 
 
-def realsense(messages: Messages, depth: Depth, unit_m: float = 0.0001, tail: bool = True, **info: Any) -> Content:
+def realsense(
+    messages: Messages,
+    depth: Depth,
+    unit_m: float = 0.0001,
+    tail: bool = True,
+    option: str = "Depth_Units",
+    **info: Any,
+) -> Content:
     """What RealSense's SDK records: mono16, its unit an option, images with four bytes more than ROS has."""
     topic = f"{REALSENSE}/Depth_0"
     more = struct.pack("<f", unit_m) if tail else b""
     info = {"model": "Brown Conrady", **info}
     content = [
-        (f"{REALSENSE}/option/Depth_Units/value", "std_msgs/msg/Float32", 1, messages.number(unit_m)),
+        (f"{REALSENSE}/option/{option}/value", "std_msgs/msg/Float32", 1, messages.number(unit_m)),
         (f"{topic}/info/camera_info", "sensor_msgs/msg/CameraInfo", 1, messages.info(depth.shape[1:], **info)),
     ]
     for i, image in enumerate(depth):

@@ -119,7 +119,7 @@ def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
     plug_in(monkeypatch, [sent[0], sent[0], sent[1], sent[4], sent[5]])
     recording = open_live(None, NOTHING)
     assert [(f.number, round(f.time, 3)) for f in recording] == [(0, 0.0), (1, 0.033), (4, 0.132), (5, 0.165)]
-    assert recording.remarks == ("2 frames lost: not taken in time",)
+    assert recording.remarks == ("frames lost because they were not taken in time: 2",)
 
 
 def test_a_clock_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,4 +249,4 @@ def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None
             assert (frame.depth == np.float32(1000 + i) * np.float32(0.1)).all()
         assert list(frames) == []
         assert "was the camera unplugged" in recording.cut
-        assert recording.remarks == ("1 frames lost: not taken in time",)
+        assert recording.remarks == ("frames lost because they were not taken in time: 1",)

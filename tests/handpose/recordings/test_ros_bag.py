@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import struct
 import sys
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,9 @@ def test_a_file_without_its_folder(tmp_path: Path, name: str) -> None:
 
 
 def test_older_realsense(tmp_path: Path) -> None:
-    """Whose images are those of ROS."""
-    recording, frames = read(bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001))
+    """Whose images are those of ROS, and whose options have spaces."""
+    path = bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001, option="Depth Units")
+    recording, frames = read(path)
     assert (recording.unit_mm, len(frames)) == (1.0, 4)
 
 
@@ -204,7 +206,7 @@ class TestTimes:
         sent = [(image(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
         recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
         assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
-        assert recording.remarks == ("1 frames left out, which are not later than the one before",)
+        assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
 
     def test_a_clock_that_is_set_anew(self, tmp_path: Path) -> None:
         """Two recordings in one."""
@@ -224,13 +226,19 @@ class TestDamage:
         with pytest.raises(DataError, match=r"a\.bag: cannot read the bag.*rosbag reindex"):
             open_bag(path, NOTHING)
 
-    def test_an_image_with_too_few_bytes(self, tmp_path: Path) -> None:
-        of = bags.Messages(True)
-        message = bytearray(of.image(DEPTH[0], 5))
-        at = message.index(np.uint32(48).tobytes() + np.uint32(64).tobytes())
-        message[at] = 49  # rows
-        with pytest.raises(DataError, match="6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"):
-            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((bytes(message), 5))), Given())
+    @pytest.mark.parametrize(
+        ("rows", "said"),
+        [
+            (49, "6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
+            (1 << 28, "64 x 268435456 pixels; expected those of a depth camera"),
+        ],
+    )
+    def test_an_image_with_too_few_bytes(self, tmp_path: Path, rows: int, said: str) -> None:
+        message = bags.Messages(True).image(DEPTH[0], 5)
+        size = struct.Struct("<II")
+        message = message.replace(size.pack(48, 64), size.pack(rows, 64))
+        with pytest.raises(DataError, match=said):
+            open_bag(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))), Given())
 
     @pytest.mark.parametrize("form", ["16UC1; compressedDepth rvl", "32FC1; compressedDepth png"])
     def test_other_compressions(self, tmp_path: Path, form: str) -> None:
