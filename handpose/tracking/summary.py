@@ -1,0 +1,68 @@
+"""What a track amounts to: how long each hand was followed, and how often it was lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from handpose.tracks.track import TrackedFrame
+from layers.hand.skeleton import Skeleton
+
+
+@dataclass
+class HandSummary:
+    """One hand.
+
+    hand     "right" or "left", as in its last frame
+    frames   in which it is told
+    size     of its bones, relative to the skeleton's, in its last frame
+    losses   how often it was lost
+    longest  s, that it was lost at a time
+    """
+
+    hand: str
+    frames: int = 0
+    size: float = 1.0
+    losses: int = 0
+    longest: float = 0.0
+    confidences: list[float] = field(default_factory=list)
+    is_lost: bool = False
+
+    @property
+    def sure(self) -> str:
+        """The median confidence, in words."""
+        known = [c for c in self.confidences if np.isfinite(c)]
+        return f"{np.median(known):.0%}" if known else "unknown"
+
+
+class Summary:
+    """Of the frames that were added."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._has_bone = skeleton.bones != 0
+        self._bones = skeleton.bones[self._has_bone]
+        self.frames = 0
+        self.hands: dict[int, HandSummary] = {}
+        self._first = self._last = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the last."""
+        return self._last - self._first
+
+    def add(self, frame: TrackedFrame) -> None:
+        """One more frame."""
+        if not self.frames:
+            self._first = frame.time
+        self.frames, self._last = self.frames + 1, frame.time
+        for hand in frame.hands:
+            own = self.hands.setdefault(hand.id, HandSummary(hand.hand))
+            own.hand, own.frames, own.is_lost = hand.hand, own.frames + 1, False
+            own.size = float(np.median(hand.bones[self._has_bone] / self._bones))
+            own.confidences.append(hand.confidence)
+        for lost in frame.lost:
+            own = self.hands.setdefault(lost.id, HandSummary(lost.hand))
+            own.losses += not own.is_lost
+            own.is_lost = True
+            own.longest = max(own.longest, frame.time - lost.since)

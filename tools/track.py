@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""Follow hands through a depth recording: joints, angles, which hand, how sure, for every frame.
+
+    python tools/track.py takes/wave --json wave.json --video wave.mp4
+    python tools/track.py take.mkv --bvh wave.bvh --csv wave.csv --sheet wave.png
+    python tools/track.py "frames/left_*.png" --camera sr305 --json left.json
+    python tools/track.py realsense --json - | my_program
+    python tools/track.py takes/wave --look first.png
+
+SOURCE is a folder of 16-bit PNG or names in it (quoted, with a *), a stack of frames (.npy, .npz, .h5), a video (.mkv,
+also of an Azure Kinect), a bag of ROS, or realsense. Camera, unit and distortion come from it, or from a camera.json
+beside it, or from the options; a first look says what they are, and what is likely wrong. --look stops after it, with
+a picture of the first hand.
+
+Every hand is followed from its last pose and looked for only when it is lost; whether it is a left one or a right one
+is decided over its first frames, its size over its first seconds, and both are kept. Angles and the palm's pose are
+smoothed, so that bones keep their length; --raw leaves them as they were found. --fit accurate takes three times as
+long as fast.
+
+Without any output named, FILE.json and FILE.png, a sheet, are written here, called like the source. Ctrl-C and a
+recording that is cut leave whole files of what was done.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+from handpose.predicting.packaged import load_predictor
+from handpose.recordings.first_look import FirstLook, look
+from handpose.recordings.recording import Recording
+from handpose.tracking.summary import Summary
+from handpose.tracking.tracker import Tracker
+from netlib.errors import DataError, NetlibError
+from tools import findings
+from tools.arguments import add_engine, parser_of, positive
+from tools.console import DONE, aligned, guarded, say
+from tools.progress import ProgressBar
+from tools.sources import add_source_options, opened, positive_number, say_first_look
+from tools.stopper import StoppedError, Stopper
+from tools.track_outputs import Outputs, add_output_options, anything_asked, is_drawn
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__, nets=True)
+    add_source_options(parser)
+    add_output_options(parser)
+    parser.add_argument("--look", metavar="FILE.png", type=Path,
+                        help="only the first look, and the first hand as a picture")  # fmt: skip
+    parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
+    parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
+    parser.add_argument("--size", type=positive_number, metavar="S",
+                        help="of the hands, relative to the skeleton's (default: found in the first seconds)")  # fmt: skip
+    parser.add_argument("--raw", action="store_true", help="do not smooth")
+    parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
+    add_engine(parser)
+    args = parser.parse_args(argv)
+    if args.look is None and not anything_asked(args):
+        args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
+    return guarded(run, args)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track as the parsed arguments say."""
+    talk = sys.stderr if args.json == "-" else sys.stdout
+    with opened(args) as recording:
+        seen = look(recording)
+        say_first_look(seen, talk)
+        if args.look is not None:
+            return _draw_first(args, seen)
+        predictor = load_predictor(recording.camera, fit=args.fit, engine=args.engine)
+        tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, flesh=is_drawn(args))
+        summary, begun = Summary(predictor.skeleton), time.perf_counter()
+        outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
+        try:
+            with Stopper() as stopper:
+                _track(recording, tracker, outputs, summary, stopper, args.frames)
+        except StoppedError:
+            say("stopped; what was done is kept", file=sys.stderr)
+            status = 128 + stopper.signum
+        for line in (*recording.remarks, recording.cut):  # what was found on the way
+            if line and line not in seen.remarks:
+                say(f"warning: {line}", file=sys.stderr)
+        _say_summary(summary, time.perf_counter() - begun, outputs, talk)
+    return status
+
+
+def _track(
+    recording: Recording, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper, frames: int | None
+) -> None:
+    """Track and write till the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
+    total = min((count for count in (recording.count, frames) if count), default=0)
+    with outputs, ProgressBar(total, what="tracking") as progress:
+        for frame in islice(recording, frames):
+            stopper.check()
+            found = tracker.step(frame)
+            outputs.write(frame.depth, found)
+            summary.add(found)
+            progress(1)
+
+
+def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO) -> None:
+    """What was found, a line per hand, and where it is."""
+    if summary.frames == 0:
+        raise NetlibError("no frames were tracked")
+    say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
+    if not summary.hands:
+        say("no hand was found", file=talk)
+    else:
+        rows = [["hand", "frames", "sure", "size", "lost", "longest"]]
+        for id, hand in sorted(summary.hands.items()):
+            rows.append([f"{id} {hand.hand}", str(hand.frames), hand.sure, f"{hand.size:.3f}", str(hand.losses),
+                         f"{hand.longest:.1f} s"])  # fmt: skip
+        print(aligned(rows), file=talk)
+    for name in outputs.written:
+        say(f"wrote {name}", file=talk)
+
+
+def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
+    """The first hand of the frames that were looked at."""
+    predictor = load_predictor(seen.camera, fit=args.fit, engine=args.engine)
+    for frame in seen.frames:
+        try:
+            found = predictor.in_frame(frame.depth)
+        except DataError:
+            continue
+        findings.draw(args.look, found, predictor)
+        say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
+        return DONE
+    raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames")
+
+
+def _stem(source: str) -> str:
+    """What outputs are called that nobody named."""
+    name = Path(source).stem.strip("*_-") or Path(source).absolute().parent.name
+    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
