@@ -130,13 +130,26 @@ def crop(
     u, v, d = np.asarray(center_uvd, dtype=np.float64)
     if (columns < 0).all() or (rows < 0).all():
         raise DataError(f"the cube of {cube_mm:g} mm at u {u:g}, v {v:g}, {d:g} mm lies outside the image")
-    near, far = d - cube_mm / 2, d + cube_mm / 2
-    out = np.full((size, size), far)
-    across, down = np.flatnonzero(columns >= 0), np.flatnonzero(rows >= 0)
-    seen = depth[np.ix_(rows[down], columns[across])].astype(np.float64)
-    seen[~(seen > 0)] = far  # no reading, and NaN, which some cameras' drivers write
-    out[np.ix_(down, across)] = np.clip(seen, near, far)
-    return np.asarray((out - d) / (cube_mm / 2), dtype=np.float32)
+    picked = Window(columns[None], rows[None])
+    return crops_of_windows(depth, picked, np.array([d]), cube_mm)[0]
+
+
+def crops_of_windows(
+    depth: NDArray[np.generic], picked: Window, center_d: Array, cube_mm: float
+) -> NDArray[np.float32]:
+    """The crops (N, size, size) in [-1, 1] of some windows of one depth image in mm.
+
+    center_d  (N,) mm, depths of the cubes' middles
+    """
+    columns, rows = picked
+    d, half = np.reshape(center_d, (-1, 1, 1)), cube_mm / 2
+    out = depth[rows[:, :, None], columns[:, None, :]].astype(np.float64)
+    read = (columns >= 0)[:, None, :] & (rows >= 0)[:, :, None] & (out > 0)  # NaN, which some drivers write, is not
+    np.copyto(out, d + half, where=~read)
+    np.clip(out, d - half, d + half, out=out)
+    out -= d
+    out /= half
+    return out.astype(np.float32)
 
 
 def normalise_joints(xyz: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLike) -> Array:

@@ -8,10 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.crops import check_size, crop
+from handpose.data.crops import Window, check_size, crops_of_windows, window
 from handpose.facts.cameras import Camera
 from netlib.blob import Array
-from netlib.errors import DataError
 
 CUBE_MM = 400.0  # of a place's crop: the hand, and where it is fastened
 SIZE = 64  # its pixels on a side
@@ -52,12 +51,10 @@ def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tu
     Places nearer to the camera than NEAREST_MM are not. Raises DataError for an image of another camera.
     """
     check_size(depth, camera)
-    crops, kept = [], []
-    for place in places:
-        if place[2] > NEAREST_MM:
-            try:
-                crops.append(crop(depth, camera.project(place), CUBE_MM, camera, SIZE))
-                kept.append(place)
-            except DataError:  # out of sight
-                pass
-    return np.array(crops, np.float32).reshape(-1, SIZE, SIZE), np.array(kept).reshape(-1, 3)
+    before = places[places[:, 2] > NEAREST_MM]
+    if not len(before):
+        return np.zeros((0, SIZE, SIZE), np.float32), before
+    uvd = camera.project(before)
+    picked = window(uvd, CUBE_MM, camera, SIZE)
+    shown = (picked.columns >= 0).any(axis=1) & (picked.rows >= 0).any(axis=1)
+    return crops_of_windows(depth, Window(*(index[shown] for index in picked)), uvd[shown, 2], CUBE_MM), before[shown]

@@ -13,6 +13,7 @@ from handpose.tracking.smoothing import PoseFilter
 ENOUGH = 0.4  # confidence: less is no hand
 SURE = 0.95  # with less, the hand is looked for anew, from where it was and from where the network sees it ...
 ANEW = 0.25  # s ... so often at most
+ASK = 0.2  # s between frames in which the network's pose competes with the one that is followed
 COAST = 0.4  # s that a hand is looked for where it was before it is given up
 KEPT = 0.7  # of the speed, from frame to frame
 NEW = 0.6  # how much of a speed is that of the last two frames
@@ -61,7 +62,7 @@ class Follower:
         self.strikes, self.checked = 0, time
         self._looker = looker
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
-        self._anew = time
+        self._anew = self._asked = time
         self._evidence, self._frames = 0.0, 0
         self._weigh(sights)
 
@@ -77,9 +78,17 @@ class Follower:
         """Is it known which hand it is?"""
         return len(self.sides) == 1
 
+    @property
+    def is_sure(self) -> bool:
+        """Was it seen well, and is it known which hand it is?"""
+        return self.is_decided and self.best.sight.confidence >= SURE
+
     def aims(self, time: float) -> list[Aim]:
-        """Where to look for it in a frame."""
-        return [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
+        """Where to look for it in a frame; while it is sure, the network is asked only now and then."""
+        asked = not self.is_sure or time - self._asked >= ASK
+        self._asked = time if asked else self._asked
+        aims = [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
+        return aims if asked else [aim._replace(moved_mm=self._moved(aim.side)) for aim in aims]
 
     def other_aims(self, sights: Sequence[Sight | None], time: float) -> list[Aim]:
         """Where else, if what was seen is not sure: where it was, and where the network sees a palm near."""
@@ -107,6 +116,10 @@ class Follower:
         self.time = time
         self._weigh(sights[: len(self.sides)])
         return True
+
+    def _moved(self, side: str) -> float:
+        """How far the last fit is said to be from the network's joints, mm."""
+        return float(self.sides[side].sight.fit.signs[0, -1])
 
     def given_up(self, time: float) -> bool:
         """Was it lost for too long?"""

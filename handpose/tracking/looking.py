@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import crop
 from handpose.facts.cameras import Camera
-from handpose.fitting.depth.body import SIZE
 from handpose.fitting.depth.fit import DepthFit
-from handpose.fitting.depth.observation import Observation, joined, observe
+from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.strangeness import strangeness
 from handpose.predicting.finding import recenter
@@ -35,12 +34,14 @@ class Aim(NamedTuple):
     side        the hand that it is to be seen as
     before      the body as the frames before let it be expected, if there are any
     size        of the hand, if it is known
+    moved_mm    how far the fit was from the network's joints when that was asked last; None asks it again
     """
 
     center_uvd: Array
     side: str
     before: Placed | None = None
     size: float | None = None
+    moved_mm: float | None = None
 
 
 class Sight(NamedTuple):
@@ -49,7 +50,6 @@ class Sight(NamedTuple):
     aim         where
     center_mm   (3,) of the crop, in the space of the body: of a left hand, mirrored
     crop        (128, 128) in [-1, 1], not mirrored
-    seen        what the fit knows of the crop
     fit         of this body alone
     body        in space
     """
@@ -57,7 +57,6 @@ class Sight(NamedTuple):
     aim: Aim
     center_mm: Array
     crop: NDArray[np.float32]
-    seen: Observation
     fit: DepthFit
     body: Placed
 
@@ -93,20 +92,21 @@ class Looker:
 
         plan  of the fit; by default the predictor's
         """
-        found: list[Sight | None] = [None] * len(aims)
-        crops = {}
+        crops: list[NDArray[np.float32] | None] = []
+        alike: dict[tuple[bool, ...], list[int]] = {}
         for i, aim in enumerate(aims):
             try:
-                crops[i] = crop(depth, aim.center_uvd, self.cube_mm, self.camera)
+                crops.append(crop(depth, aim.center_uvd, self.cube_mm, self.camera))
             except DataError:
+                crops.append(None)
                 continue
-        for known in (True, False):
-            for follows in (True, False):
-                own = [i for i in crops if (aims[i].size is not None, aims[i].before is not None) == (known, follows)]
-                if own:
-                    sights = self._look([aims[i] for i in own], np.stack([crops[i] for i in own]), plan or self.plan)
-                    for i, sight in zip(own, sights):
-                        found[i] = sight
+            kind = (aim.size is not None, aim.before is not None, aim.moved_mm is not None)
+            alike.setdefault(kind, []).append(i)
+        found: list[Sight | None] = [None] * len(aims)
+        for own in alike.values():
+            shown = np.stack([seen for i in own if (seen := crops[i]) is not None])
+            for i, sight in zip(own, self._look([aims[i] for i in own], shown, plan or self.plan)):
+                found[i] = sight
         return found
 
     def center_of(self, body: Placed, side: str) -> Array:
@@ -139,44 +139,35 @@ class Looker:
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))
 
     def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: str) -> list[Sight]:
-        """The same for places that are all followed, or none, and all of known size, or none."""
-        how, left = PLANS[plan], np.array([aim.side == "left" for aim in aims])
+        """The same for places of which the same things are known."""
+        left, uvd = np.array([aim.side == "left" for aim in aims]), np.stack([aim.center_uvd for aim in aims])
+        seen = observe(crops, uvd, self.camera, self.cube_mm, PLANS[plan].points)
+        if left.any():
+            seen = seen.mirrored(left)
+        centers = self.camera.unproject(uvd) * np.where(left[:, None], MIRROR, 1.0)
+        placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]
+        before = np.stack([self.placer.variables(*one) for one in placed]) if placed else None
+        sizes = np.array([aim.size for aim in aims]) if aims[0].size is not None else None
+        if before is not None and aims[0].moved_mm is not None:
+            fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)
+        else:
+            fit = self.fitter.fit(seen, self._predictions(crops, left, plan), plan, size=sizes, before=before)
+        sights = []
+        for i, (aim, center) in enumerate(zip(aims, centers)):
+            own = DepthFit(**{name: values[i : i + 1] for name, values in vars(fit).items()})
+            sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center)))
+        return sights
+
+    def _predictions(self, crops: NDArray[np.float32], left: NDArray[np.bool_], plan: str) -> list[Array]:
+        """The network's inputs (N, D) for crops (N, S, S), turned by each quarter of the plan; left hands mirrored."""
         shown = crops.copy()
         shown[left] = crops[left][:, :, ::-1]
-        turned = np.concatenate([np.rot90(shown, quarter, (1, 2)) for quarter in how.quarters])
-        predictions = np.split(hand_inputs(self.net, turned), len(how.quarters))
-        uvd = np.stack([aim.center_uvd for aim in aims])
-        seen = observe(crops, uvd, self.camera, self.cube_mm, how.points)
-        seen = joined([
-            seen.cut(i).mirrored() if mirrored else seen.cut(i) for i, mirrored in enumerate(left)
-        ]) if left.any() else seen  # fmt: skip
-        centers = self.camera.unproject(uvd) * np.where(left[:, None], MIRROR, 1.0)
-        before = sizes = None
-        if aims[0].before is not None:
-            before = np.stack([
-                self.placer.variables(aim.before, center) for aim, center in zip(aims, centers) if aim.before
-            ])  # fmt: skip
-        if aims[0].size is not None:
-            sizes = np.array([aim.size for aim in aims])
-        fit = self.fitter.fit(seen, predictions, plan, size=sizes, before=before)
-        return [
-            Sight(aim, center, crops[i], seen.cut(i), alone, self.placer.placed(alone.x[0], center))
-            for i, (aim, center) in enumerate(zip(aims, centers))
-            for alone in [one_of(fit, i)]
-        ]
-
-
-def one_of(fit: DepthFit, row: int) -> DepthFit:
-    """The fit of one of several bodies."""
-    return DepthFit(**{name: values[row : row + 1] for name, values in vars(fit).items()})
+        quarters = PLANS[plan].quarters
+        turned = np.concatenate([np.rot90(shown, quarter, (1, 2)) for quarter in quarters])
+        return np.split(hand_inputs(self.net, turned), len(quarters))
 
 
 def mirrored_camera(camera: Camera) -> Camera:
     """The camera that sees what a mirror shows."""
     return Camera(camera.name, camera.fx, camera.fy, camera.width - 1 - camera.u0, camera.v0, camera.width,
                   camera.height)  # fmt: skip
-
-
-def size_of(sight: Sight) -> float:
-    """Of the hand, relative to the skeleton."""
-    return float(np.exp(sight.fit.x[0, SIZE]))

@@ -15,6 +15,7 @@ from handpose.predicting.locator import Locator
 from netlib.blob import Array
 
 FEW, MANY = 3, 24  # places looked at in a frame while a hand is followed, and while none is
+ROUND = 0.5  # s that a round takes at least, while a hand is followed
 LIKELY = 0.5  # chance that there is a hand
 APART_MM = 170.0  # from the middles of hands that are followed
 AGAIN = 2  # times that a likely place is looked at again, from where the hand was said to be
@@ -26,16 +27,19 @@ class Scout:
     def __init__(self, locator: Locator, camera: Camera) -> None:
         self.locator, self.camera = locator, camera
         self._left = np.zeros((0, 3))
+        self._begun = -np.inf
 
     def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The chance that there is a hand about a place (3,) in mm."""
         found, _ = self._seen(depth, middle[None])
         return float(found.max(initial=0.0))
 
-    def look(self, depth: NDArray[np.float32], followed: Array) -> Array | None:
+    def look(self, depth: NDArray[np.float32], followed: Array, time: float) -> Array | None:
         """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
         if not len(self._left):
-            self._left = self._places(depth)
+            if len(followed) and time - self._begun < ROUND:
+                return None
+            self._left, self._begun = self._places(depth), time
         count = FEW if len(followed) else MANY
         some, self._left = self._left[:count], self._left[count:]
         if len(followed) and len(some):

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.fitting.depth.observation import joined
+from handpose.fitting.depth.body import SIZE
+from handpose.fitting.depth.observation import observe
+from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.size_calibration import calibrate_size
 from handpose.tracking.looking import Looker, Sight
 
 FRAMES = 16  # that the size is told from
 EVERY = 0.1  # s between them: poses must differ
 CONFIDENT = 0.9
+NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits
 
 
 class SizeKeeper:
@@ -29,6 +32,10 @@ class SizeKeeper:
         self._time = time
         if len(self._sights) < FRAMES:
             return None
-        x = np.concatenate([sight.fit.x for sight in self._sights])
-        seen = joined([sight.seen for sight in self._sights])
-        return calibrate_size(self._looker.fitter, seen, x).size
+        sights, looker = self._sights, self._looker
+        crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.aim.center_uvd) for s in sights)))
+        seen = observe(crops, uvd, looker.camera, looker.cube_mm, PLANS["fast"].points)
+        seen = seen.mirrored() if sight.aim.side == "left" else seen
+        x = np.concatenate([s.fit.x for s in sights])
+        near = np.exp(np.median(x[:, SIZE]) + NEAR)
+        return calibrate_size(looker.fitter, seen, x, sizes=near).size

@@ -35,7 +35,7 @@ from netlib.errors import DataError, NetlibError
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
 STRANGE_NEW_MM, STRANGE_MM = 115.0, 140.0  # a new hand is no stranger than this, one that is followed than that
 LIKELY = 0.5  # chance of a hand, says the locator, where one is followed
-CHECK = 0.15  # s between such looks ...
+CHECK = 0.2  # s between such looks ...
 STRIKES = 2  # ... of which so many in a row end it
 
 
@@ -163,7 +163,7 @@ class Tracker:
     def _scout(self, depth: NDArray[np.float32], time: float) -> None:
         """Look for a hand that nobody follows."""
         middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
-        place = self.scout.look(depth, middles)
+        place = self.scout.look(depth, middles, time)
         if place is None:
             return
         try:

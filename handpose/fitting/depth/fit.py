@@ -17,7 +17,7 @@ from handpose.fitting.depth.body import SIZE, FleshModel
 from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
-from handpose.fitting.depth.search import PLANS, Found, drawn, search, turned_back
+from handpose.fitting.depth.search import PLANS, Found, Plan, drawn, search, turned_back
 from handpose.fitting.parallel import blocks, for_each
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
@@ -92,17 +92,38 @@ class DepthFitter:
             model.variables_of(turned_back(model, np.asarray(p, np.float64), quarter))
             for p, quarter in zip(predictions, how.quarters)
         ])  # fmt: skip
-        if own.shape[1] != len(seen):
-            raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
-        objective = self.objective
         if before is not None:
             own = np.concatenate([own, before[None]])
+        if own.shape[1] != len(seen):
+            raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
+        network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
+        starts, priors = [own], [own]
+        if how.draws:
+            starts.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
+            priors.append(np.tile(own[:1], (how.draws, 1, 1)))
+        found = self._searched(seen, np.concatenate(starts), np.concatenate(priors), how, size)
+        return self._told(found, seen, network, plan)
+
+    def follow(
+        self, seen: Observation, before: Array, moved_mm: Array, plan: str, *, size: float | Array | None = None
+    ) -> DepthFit:
+        """The fits that are near what the frames before let expect, x (N, V): a few iterations, without the network.
+
+        moved_mm  (N,) how far a fit was from the network's joints when that was asked last: a sign of doubt, still
+        """
+        x = before[None].copy()
+        network = self.model.joints(before)
+        found = self._searched(seen, x, x, PLANS[plan].near(), size)
+        return self._told(found, seen, network, plan, moved_mm)
+
+    def _searched(
+        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None
+    ) -> Found:
+        """The best of starts (K, N, V) with these priors, in pieces that suit the cache."""
+        objective, (K, N, V) = self.objective, starts.shape
         if size is not None:
-            own[:, :, SIZE] = np.log(size)
+            starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
             objective = objective.of_known_size()
-        starts = np.concatenate([own, drawn(model, own[0], self.errors.limbs, how.draws, seed)])
-        priors = np.concatenate([own, np.tile(own[:1], (how.draws, 1, 1))])
-        N, V = own.shape[1:]
         found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
@@ -110,10 +131,15 @@ class DepthFitter:
             for whole, values in zip(found, part):
                 whole[rows] = values
 
-        for_each(blocks(N, max(STARTS_TOGETHER // len(starts), 1)), job)
-        joints = model.joints(found.x)
-        network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
-        moved = np.linalg.norm(joints - network, axis=2).mean(axis=1)
+        for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
+        return found
+
+    def _told(
+        self, found: Found, seen: Observation, network: Array, plan: str, moved_mm: Array | float = 0.0
+    ) -> DepthFit:
+        """What is told of fits, that moved away from the network's joints (N, K, 3), or ``moved_mm`` at least."""
+        model, joints = self.model, self.model.joints(found.x)
+        moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < FEWEST] = np.inf  # what is not there does not contradict any hand

@@ -5,7 +5,6 @@ Everything is in mm from the crop's centre, in camera axes (x right, y up, z awa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -58,35 +57,30 @@ class Observation:
             name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
         })  # fmt: skip
 
-    def cut(self, row: int) -> Observation:
-        """One of the frames, with its own crop only."""
-        one = {name: values[row : row + 1] for name, values in vars(self).items()}
-        crop = int(self.frame[row])
-        crops = {name: getattr(self, name)[crop : crop + 1] for name in ("outside", "nearest")}
-        return Observation(**(one | crops | {"frame": np.zeros(1, np.int_)}))
+    def mirrored(self, which: NDArray[np.bool_] | None = None) -> Observation:
+        """The frames as a mirror along x shows them, where a left hand is a right one.
 
-    def mirrored(self) -> Observation:
-        """The frames as a mirror along x shows them, where a left hand is a right one."""
-        flip = np.array([-1, 1, 1], np.float32)
+        which  (N,) of the frames, each of which then has a crop of its own; all if nothing is said
+        """
+        turned = np.ones(len(self), bool) if which is None else which
+        flip = np.where(turned[:, None], np.array([-1, 1, 1], np.float32), np.float32(1))
         offset = self.offset.copy()
-        offset[:, 0] = self.outside.shape[-1] - 1 - offset[:, 0]
-        changed = {name: getattr(self, name) * flip[:, None] for name in ("points", "rays")}
+        offset[turned, 0] = self.outside.shape[-1] - 1 - offset[turned, 0]
+        changed = {name: getattr(self, name) * flip[:, :, None] for name in ("points", "rays")}
         changed["center"] = self.center * flip
-        turned = {name: np.ascontiguousarray(getattr(self, name)[:, :, ::-1]) for name in ("outside", "nearest")}
-        return Observation(**(vars(self) | changed | turned | {"offset": offset}))
+        for name in ("outside", "nearest"):
+            crops = getattr(self, name)
+            if which is None:
+                changed[name] = np.ascontiguousarray(crops[:, :, ::-1])
+            else:
+                changed[name] = crops.copy()
+                changed[name][self.frame[which]] = crops[self.frame[which], :, ::-1]
+        return Observation(**(vars(self) | changed | {"offset": offset}))
 
     def thinned(self, every: int) -> Observation:
         """Every so manieth of the points."""
         few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
         return Observation(**(vars(self) | few))
-
-
-def joined(some: Sequence[Observation]) -> Observation:
-    """The frames of several observations, sampled at the same number of points, one after the other."""
-    whole = {name: np.concatenate([getattr(seen, name) for seen in some]) for name in vars(some[0])}
-    first = np.cumsum([0, *(len(seen.outside) for seen in some)])
-    whole["frame"] = np.concatenate([seen.frame + crop for seen, crop in zip(some, first)])
-    return Observation(**whole)
 
 
 def observe(

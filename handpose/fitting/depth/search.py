@@ -7,7 +7,7 @@ and its prediction with limbs drawn from the errors that it makes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +41,12 @@ class Plan:
     keep: int
     last: tuple[Stage, ...]
 
+    def near(self) -> Plan:
+        """From one start that is near already."""
+        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, NEAR),))
 
+
+NEAR = 4  # iterations from a start that is near
 PLANS = {
     "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(13, 6),)),
     "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),)),

@@ -47,19 +47,21 @@ class HandSize:
 
 
 def calibrate_size(
-    fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None
-) -> HandSize:
+    fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None,
+    sizes: Array = GRID,
+) -> HandSize:  # fmt: skip
     """The size of the hand that all frames show, fitted as x (N, V). Raises DataError for too few frames.
 
-    progress  is told how many more frames were fitted, ``len(GRID)`` times each
+    progress  is told how many more frames were fitted, once with each size
+    sizes     that are tried, at least three, evenly apart in their logarithms
     """
     if len(x) < FEWEST:
         raise DataError(f"{len(x)} frames to tell a hand's size from, expected {FEWEST} or more")
     # The poses are free here: a prior about poses that were found with another size would keep the size.
     weights = replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
     objective = Objective(fitter.model, weights)
-    left, girths = np.zeros((2, len(GRID), len(x)))
-    for i, size in enumerate(GRID):
+    left, girths = np.zeros((2, len(sizes), len(x)))
+    for i, size in enumerate(sizes):
         for rows in blocks(len(x), STARTS_TOGETHER):
             start = x[rows].copy()
             start[:, SIZE] = np.log(size)
@@ -68,11 +70,11 @@ def calibrate_size(
             left[i, rows], girths[i, rows] = misfit(cost.parts), found[:, GIRTH]
             progress(rows.stop - rows.start)
     bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # a frame that no size explains says nothing
-    whole = _lowest(bounded.mean(axis=1))
+    whole = _lowest(sizes, bounded.mean(axis=1))
     order = np.random.default_rng(0).permutation(len(x))
-    halves = [_lowest(bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
-    girth = float(np.exp(np.median(girths[np.abs(np.log(GRID / whole)).argmin()])))
-    return HandSize(whole, girth, abs(halves[0] - halves[1]) / 2, GRID, bounded.mean(axis=1))
+    halves = [_lowest(sizes, bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
+    girth = float(np.exp(np.median(girths[np.abs(np.log(sizes / whole)).argmin()])))
+    return HandSize(whole, girth, abs(halves[0] - halves[1]) / 2, sizes, bounded.mean(axis=1))
 
 
 def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
@@ -84,11 +86,11 @@ def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
     return Skeleton(replace(larger, flesh=replace(flesh, capsule=thicker)))
 
 
-def _lowest(values: Array) -> float:
+def _lowest(sizes: Array, values: Array) -> float:
     """Where a parabola through the lowest value and its neighbours, over the logarithm of the size, is lowest."""
-    i = int(np.clip(values.argmin(), 1, len(GRID) - 2))
+    i = int(np.clip(values.argmin(), 1, len(sizes) - 2))
     before, here, after = values[i - 1 : i + 2]
     curve = before - 2 * here + after
     shift = 0.5 * (before - after) / curve if curve > 0 else 0.0
-    step = np.log(GRID[1] / GRID[0])
-    return float(np.exp(np.log(GRID[i]) + np.clip(shift, -1, 1) * step))
+    step = np.log(sizes[1] / sizes[0])
+    return float(np.exp(np.log(sizes[i]) + np.clip(shift, -1, 1) * step))
