@@ -24,7 +24,7 @@ from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Fit, Predictor
 from handpose.recordings.recording import DepthFrame
 from handpose.tracking.following import ENOUGH, Follower
-from handpose.tracking.looking import Aim, Looker, Sight
+from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
 from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import Scout
 from handpose.tracking.sizing import SizeKeeper
@@ -34,8 +34,7 @@ from netlib.errors import DataError, NetlibError
 
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
 STRANGE_NEW_MM, STRANGE_MM = 140.0, 150.0  # a new hand is no stranger than this, one that is followed than that
-LIKELY = 0.5  # chance of a hand, says the locator, where one is followed
-CHECK = 0.2  # s between such looks ...
+CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
 STRIKES = 2  # ... of which so many in a row end it
 
 
@@ -112,7 +111,7 @@ class Tracker:
         self.followers = [follower for follower in self.followers if not follower.given_up(time)]
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
-        others = {follower.id: follower.other_aims(sights[follower.id], time) for follower in self.followers}
+        others = {follower.id: follower.other_aims(depth, sights[follower.id], time) for follower in self.followers}
         again = self._looks(depth, others, "accurate")
         for follower in list(self.followers):
             known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
@@ -142,7 +141,8 @@ class Tracker:
     def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
         """End what is followed but is no hand: the network and the fit make a hand of anything."""
         for follower in list(self.followers):
-            if follower.time < time or time - follower.checked < CHECK:
+            pause = CHECK if follower.is_sure else SUSPECT
+            if follower.time < time or time - follower.checked < pause:
                 continue
             follower.checked = time
             good = self._looks_like_a_hand(depth, follower.best.sight, STRANGE_MM)
@@ -175,11 +175,11 @@ class Tracker:
         best = min(seen, key=lambda s: s.doubt)
         if not self._looks_like_a_hand(depth, best, STRANGE_NEW_MM):
             return
-        id = self._id_of(best.aim.side)
+        id, leaning = self._id_of(best.aim.side), self._leaning()
         if id not in self.known:
             self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
         self.known[id].since = time
-        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size, self._leaning()))
+        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size, leaning))
 
     def _leaning(self) -> float:
         """What speaks for a right hand (1) or a left one (-1): hands that were lost return."""
