@@ -35,7 +35,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="the whole track on one page")  # fmt: skip
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const="", type=name_in(".rrd"),
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const="", type=name_in(".rrd", ""),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
 
 
@@ -43,8 +43,9 @@ def name_in(*endings: str) -> Callable[[str], str]:
     """Checks a name on the command line: it ends in one of these, or is one of them."""
 
     def checked(text: str) -> str:
-        if Path(text).suffix.lower() not in endings and text not in endings:
-            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(endings)}, found {text!r}")
+        suffix = Path(text).suffix.lower()
+        if text not in endings and not (suffix and suffix in endings):
+            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(filter(None, endings))}, found {text!r}")
         return text
 
     return checked
