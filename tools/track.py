@@ -50,7 +50,7 @@ from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 from tools.sources import add_source_options, opened, positive_number, say_first_look
 from tools.stopper import StoppedError, Stopper
-from tools.track_outputs import Outputs, add_output_options, anything_asked, is_drawn, name_in
+from tools.track_outputs import Outputs, add_output_options, anything_asked, is_drawn
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -58,14 +58,14 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     add_source_options(parser)
     add_output_options(parser)
-    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
+    parser.add_argument("--look", metavar="FILE.png", type=Path,
                         help="only the first look, and the first hand as a picture")  # fmt: skip
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=("either", "left", "right"), default="either",
                         help="which there are, where that is known (default: either, told from the depth)")  # fmt: skip
     parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
     parser.add_argument("--size", type=positive_number, metavar="S",
-                        help="of the hands, beside the skeleton's (default: found in the first seconds)")  # fmt: skip
+                        help="of the hands, relative to the skeleton's (default: found in the first seconds)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
     add_engine(parser)
@@ -139,7 +139,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
-        findings.draw(Path(args.look), found, predictor)
+        findings.draw(args.look, found, predictor)
         say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)

@@ -16,7 +16,6 @@ from handpose.drawing.tracks import Painter
 from handpose.drawing.video_file import VideoFile
 from handpose.tracks.track import TrackedFrame, TrackHeader
 from handpose.tracks.writing import TrackWriter, open_writer
-from netlib import atomic
 from tools import pictures
 
 FILES = ("json", "csv", "bvh")
@@ -25,27 +24,26 @@ DRAWN = ("video", "sheet", "rerun")
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """The options that name what is to be written."""
-    parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
+    parser.add_argument("--json", metavar="FILE|-", type=_name_in(".json", ".jsonl", "-"),
                         help="joints, angles, crops: .json, .jsonl (a line per frame, as it comes), or - for such "
                              "lines on standard output")  # fmt: skip
-    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="a row per frame and hand, for tables")
-    parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
+    parser.add_argument("--csv", metavar="FILE.csv", type=_name_in(".csv"), help="a row per frame and hand, for tables")
+    parser.add_argument("--bvh", metavar="FILE.bvh", type=_name_in(".bvh"),
                         help="bones and angles for Blender and others; a file for each hand")  # fmt: skip
-    parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
+    parser.add_argument("--video", metavar="FILE.mp4", type=_name_in(".mp4"),
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
-    parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
+    parser.add_argument("--sheet", metavar="FILE.png", type=_name_in(".png", ".jpg"),
                         help="the whole track on one page")  # fmt: skip
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const="", type=name_in(".rrd", ""),
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const="", type=_name_in(".rrd"),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
 
 
-def name_in(*endings: str) -> Callable[[str], str]:
-    """Checks a name on the command line: it ends in one of these, or is one of them."""
+def _name_in(*endings: str) -> Callable[[str], str]:
+    """Checks a name on the command line: it ends in one of these."""
 
     def checked(text: str) -> str:
-        suffix = Path(text).suffix.lower()
-        if text not in endings and not (suffix and suffix in endings):
-            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(filter(None, endings))}, found {text!r}")
+        if Path(text).suffix.lower() not in endings and text not in endings:
+            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(endings)}, found {text!r}")
         return text
 
     return checked
@@ -76,9 +74,6 @@ class Outputs:
 
     def __enter__(self) -> Outputs:
         args = self._args
-        if args.sheet:
-            with atomic.naming(Path(args.sheet)), atomic.temporary(Path(args.sheet)):
-                pass  # a folder that is not there: say so at once, not after the last frame
         for name in FILES:
             path = getattr(args, name)
             if path is not None:
