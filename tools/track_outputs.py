@@ -7,6 +7,7 @@ import contextlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,11 +76,9 @@ def _stem(source: str) -> str:
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     """No output replaces what is read, and no picture lies among frames, as one of them. Raises NetlibError."""
-    source = Path(args.source)
+    source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
-    read = [source, *camera_file.places_beside(frames or source)]
-    read += [args.camera] if isinstance(args.camera, Path) else []
-    taken = set(map(os.path.realpath, read))
+    taken = set(map(os.path.realpath, [source, *camera_file.places_beside(frames or source), *own]))
     for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
         place = Path(os.path.realpath(name))
         if str(place) in taken:
@@ -135,11 +134,17 @@ class Outputs:
         if self._view:
             self._view.log(depth, frame)
 
-    def __exit__(self, *ended: object) -> None:
-        self._open.__exit__(*ended)  # type: ignore[arg-type]
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._open.__exit__(kind, error, where)
         if self._sheet and self._sheet.times():
-            pictures.write_image(self._args.sheet, self._sheet.page())
-            self.written.append(self._args.sheet)
+            try:
+                pictures.write_image(self._args.sheet, self._sheet.page())
+                self.written.append(self._args.sheet)
+            except NetlibError:
+                if not isinstance(error, (NetlibError, OSError)):  # else it is the first failure that is told
+                    raise
         self.written += [str(path) for writer in self._writers for path in writer.files]
         if self._video and self._video.note:
             self.written.append(self._video.note)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from handpose.drawing.contact_sheets import ContactSheet
+from handpose.tracks.json_file import JsonWriter
+from netlib.errors import NetlibError
 from tools import track
 
 CAMERA = '{"fx": 60, "fy": 60, "u0": 31.5, "v0": 23.5, "unit_mm": 1}'
@@ -87,3 +91,24 @@ def test_wrong_usage(argv: list[str], said: str, capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as stopped:
         track.main(["frames", *argv])
     assert stopped.value.code == 2 and said in capsys.readouterr().err
+
+
+def test_of_two_failures_the_first_is_told(
+    frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A disk that is full at a frame is still full when the sheet is to be written."""
+
+    def full(self: JsonWriter, frame: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.files[0]))
+
+    def refused(*anything: object) -> None:
+        raise NetlibError("a.png: cannot write the picture")
+
+    monkeypatch.setattr("tools.pictures.write_image", refused)
+    assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
+    assert capsys.readouterr().err.endswith("a.png: cannot write the picture\n")
+    monkeypatch.setattr(ContactSheet, "page", lambda self: None)
+    monkeypatch.setattr(ContactSheet, "times", lambda self: [0.0])
+    monkeypatch.setattr(JsonWriter, "write", full)
+    assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
+    assert capsys.readouterr().err.endswith("a.json: No space left on device\n")
