@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data.crops import check_size
 from handpose.facts.cameras import Camera
 from handpose.fitting.depth.body import SIZE
 from handpose.flesh.render import Capsules
@@ -90,6 +91,7 @@ class Tracker:
     def step(self, frame: DepthFrame) -> TrackedFrame:
         """What is told of the next frame. Raises DataError for one of another size, NetlibError."""
         depth, time = frame.depth, frame.time
+        check_size(depth, self.camera)  # else all hands that are followed would be said to be out of sight
         self._follow(depth, time)
         self._drop_doubles()
         self._drop_strange(depth, time)
