@@ -83,7 +83,7 @@ class Looker:
     def __init__(self, predictor: Predictor, camera: Camera) -> None:
         assert predictor.fitter is not None
         self.net, self.fitter, self.camera = predictor.net, predictor.fitter, camera
-        self.cube_mm, self.plan = predictor.cube_mm, predictor.fit
+        self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.fit, predictor.sides
         self.placer = Placer(self.fitter.model)
         self._middle = self._middle_of_crops()
 

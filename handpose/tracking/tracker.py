@@ -34,7 +34,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-STRANGE_NEW_MM, STRANGE_MM = 115.0, 140.0  # a new hand is no stranger than this, one that is followed than that
+STRANGE_NEW_MM, STRANGE_MM = 140.0, 150.0  # a new hand is no stranger than this, one that is followed than that
 LIKELY = 0.5  # chance of a hand, says the locator, where one is followed
 CHECK = 0.2  # s between such looks ...
 STRIKES = 2  # ... of which so many in a row end it
@@ -110,21 +110,19 @@ class Tracker:
         return TrackedFrame(frame.number, time, tuple(hands), lost)
 
     def _follow(self, depth: NDArray[np.float32], time: float) -> None:
-        """Look for every hand where it should be."""
+        """Look for every hand where it should be; after a gap in time nobody knows where that is."""
+        self.followers = [follower for follower in self.followers if not follower.given_up(time)]
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
         others = {follower.id: follower.other_aims(sights[follower.id], time) for follower in self.followers}
         again = self._looks(depth, others, "accurate")
         for follower in list(self.followers):
-            seen = [*sights[follower.id], *again[follower.id]]
-            known = self.known[follower.id]
-            if follower.take(seen, time):
+            known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
+            if follower.take(sights[follower.id], again[follower.id], time):
                 known.since, known.hand = time, follower.best.sight.aim.side
                 continue
             best = min((s for s in seen if s is not None), key=lambda s: s.badness, default=None)
             known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
-            if follower.given_up(time):
-                self.followers.remove(follower)
 
     def _looks(
         self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: str | None = None
@@ -183,7 +181,13 @@ class Tracker:
         if id not in self.known:
             self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
         self.known[id].since = time
-        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size))
+        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size, self._leaning()))
+
+    def _leaning(self) -> float:
+        """What speaks for a right hand (1) or a left one (-1): hands that were lost return."""
+        followed = {follower.id for follower in self.followers}
+        sides = [known.hand for id, known in self.known.items() if id not in followed]
+        return float("right" in sides) - float("left" in sides)
 
     def _id_of(self, side: str) -> int:
         """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
