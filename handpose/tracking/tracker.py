@@ -111,7 +111,10 @@ class Tracker:
 
     def _follow(self, depth: NDArray[np.float32], time: float) -> None:
         """Look for every hand where it should be; after a gap in time nobody knows where that is."""
-        self.followers = [follower for follower in self.followers if not follower.given_up(time)]
+        for follower in [one for one in self.followers if one.given_up(time)]:
+            known = self.known[follower.id]
+            known.reason = known.reason or f"no frame for {time - follower.time:.1f} s"
+            self.followers.remove(follower)
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
         others = {follower.id: follower.other_aims(sights[follower.id], time) for follower in self.followers}
@@ -119,7 +122,7 @@ class Tracker:
         for follower in list(self.followers):
             known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
             if follower.take(sights[follower.id], again[follower.id], time):
-                known.since, known.hand = time, follower.best.sight.aim.side
+                known.since, known.hand, known.reason = time, follower.best.sight.aim.side, ""
                 continue
             best = min((s for s in seen if s is not None), key=lambda s: s.badness, default=None)
             known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
@@ -180,7 +183,7 @@ class Tracker:
         id = self._id_of(best.aim.side)
         if id not in self.known:
             self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
-        self.known[id].since = time
+        self.known[id].since, self.known[id].reason = time, ""
         self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size, self._leaning()))
 
     def _leaning(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 
@@ -11,9 +11,11 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Predictor
 from handpose.recordings.recording import DepthFrame
+from handpose.scoring.tracks import TrackScores, score
 from handpose.synthetic.acts import Act
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import Role, Script
+from handpose.tracking import sizing
 from handpose.tracking.tracker import Tracker
 from handpose.tracks.track import TrackedFrame
 from layers.hand import skeleton
@@ -23,24 +25,37 @@ RATE = 15.0
 
 @dataclass
 class Take:
-    """A recording, and what a tracker told of it: frames, and after each the sizes that it knew, by id."""
+    """A recording with its truth, and what a tracker told of it; after each frame the sizes that it knew, by id."""
 
     recording: SyntheticRecording
-    tracker: Tracker
     frames: list[DepthFrame]
+    truth: list[TrackedFrame]
+    tracker: Tracker | None = None
     told: list[TrackedFrame] = field(default_factory=list)
     sizes: list[dict[int, float | None]] = field(default_factory=list)
-    truth: list[TrackedFrame] = field(default_factory=list)
+
+    def score(self) -> TrackScores:
+        """Of what was told."""
+        assert self.tracker is not None
+        return score(self.tracker.header("a recording"), self.told, self.truth)
 
 
-def play(predictor: Predictor, script: Script, seed: int, **options: object) -> Take:
-    """Track a script, which is to be before ICVL's camera."""
+def played(script: Script, seed: int) -> Take:
+    """A script, before ICVL's camera; not tracked yet."""
     recording = SyntheticRecording(script, ICVL, rate=RATE, seed=seed)
-    take = Take(recording, Tracker(predictor, **options), list(recording), truth=list(recording.truths()))  # type: ignore[arg-type]
-    for frame in take.frames:
-        take.told.append(take.tracker.step(frame))
-        take.sizes.append({id: known.size for id, known in take.tracker.known.items()})
-    return take
+    return Take(recording, list(recording), list(recording.truths()))
+
+
+def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
+    """The same, tracked. A size is told from fewer frames than it usually is: the recordings are short."""
+    tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
+    done = replace(take, tracker=tracker, told=[], sizes=[])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sizing, "FRAMES", 12)
+        for frame in take.frames:
+            done.told.append(tracker.step(frame))
+            done.sizes.append({id: known.size for id, known in tracker.known.items()})
+    return done
 
 
 @pytest.fixture(scope="session")
@@ -58,17 +73,17 @@ def predictor() -> Predictor:
 @pytest.fixture(scope="session")
 def shown(predictor: Predictor) -> Take:
     """A right hand that shows gestures for three seconds."""
-    return play(predictor, Script(3, (Role("right", (Act("gestures", 3),)),)), 2)
+    return tracked(predictor, played(Script(3, (Role("right", (Act("gestures", 3),)),)), 2))
 
 
 @pytest.fixture(scope="session")
 def leaving(predictor: Predictor) -> Take:
     """A left hand that leaves and returns."""
     acts = (Act("rest", 0.6), Act("away", 2.2), Act("rest", 0.8))
-    return play(predictor, Script(3.4, (Role("left", acts),)), 3)
+    return tracked(predictor, played(Script(3.4, (Role("left", acts),)), 3))
 
 
 @pytest.fixture(scope="session")
 def two(predictor: Predictor) -> Take:
     """Both hands of a person, at rest."""
-    return play(predictor, Script(1, (Role("right", (Act("rest", 1),)), Role("left", (Act("rest", 1),)))), 2)
+    return tracked(predictor, played(Script(1, (Role("right", (Act("rest", 1),)), Role("left", (Act("rest", 1),)))), 2))

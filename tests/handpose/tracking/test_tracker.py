@@ -12,13 +12,12 @@ from handpose.facts.cameras import ICVL, NYU
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Predictor
 from handpose.recordings.recording import DepthFrame
-from handpose.scoring.tracks import score
 from handpose.tracking.following import Follower
 from handpose.tracking.tracker import Tracker, load_tracker
 from handpose.tracks.reasons import LEFT
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, joints_of
 from netlib.errors import DataError, NetlibError
-from tests.handpose.tracking.conftest import RATE, Take
+from tests.handpose.tracking.conftest import RATE, Take, tracked
 
 SOME = 12  # frames of a recording that are tracked again
 
@@ -37,9 +36,9 @@ def begun(predictor: Predictor, take: Take, **options: object) -> Tracker:
 
 
 @pytest.fixture(scope="module")
-def raw(predictor: Predictor, shown: Take) -> list[TrackedFrame]:
-    """All frames of the gestures without smoothing."""
-    return again(predictor, shown, len(shown.frames), smooth=False)
+def raw(predictor: Predictor, shown: Take) -> Take:
+    """The gestures again, without smoothing."""
+    return tracked(predictor, shown, smooth=False)
 
 
 # ---------------------------------------------------------------------------------------------- one hand
@@ -47,7 +46,7 @@ def raw(predictor: Predictor, shown: Take) -> list[TrackedFrame]:
 
 def test_a_hand_is_followed(shown: Take) -> None:
     """In every frame, by one id, as the right hand that it is, with a small error; nothing else is told."""
-    scores = score(shown.tracker.header("a recording"), shown.told, shown.truth)
+    scores = shown.score()
     hand = scores.hands[0]
     assert scores.found > 0.95 and scores.invented == 0 and scores.id_switches == 0
     assert hand.wrong_side <= 3 and hand.errors.mean < 15 and hand.missed == hand.said_lost
@@ -69,6 +68,7 @@ def test_better_than_frame_by_frame(shown: Take, predictor: Predictor) -> None:
 def test_joints_are_those_of_the_inputs(shown: Take, leaving: Take) -> None:
     """Of angles, bones and place; of a left hand as well. The crop is about the hand, the confidence a chance."""
     for take in (shown, leaving):
+        assert take.tracker is not None
         header = take.tracker.header("a recording")
         for hand in (hand for frame in take.told for hand in frame.hands):
             xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
@@ -78,17 +78,17 @@ def test_joints_are_those_of_the_inputs(shown: Take, leaving: Take) -> None:
             assert 0 <= hand.confidence <= 1 and hand.error_mm > 0 and hand.capsules is None
 
 
-def test_the_size_is_found_and_kept(shown: Take, raw: list[TrackedFrame]) -> None:
+def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor) -> None:
     """After some seconds, once; from then on bones do not change."""
     sizes = [known[0] for known in shown.sizes]
     first = next(n for n, size in enumerate(sizes) if size is not None)
     assert RATE / 2 < first < len(sizes) and set(sizes[first:]) == {sizes[first]}
-    true = np.median(shown.truth[0].hands[0].bones[1:]), np.median(shown.tracker.predictor.skeleton.bones[1:])
+    true = np.median(shown.truth[0].hands[0].bones[1:]), np.median(predictor.skeleton.bones[1:])
     assert sizes[first] == pytest.approx(true[0] / true[1], rel=0.1)
-    after = np.array([frame.hands[0].bones for frame in raw[first + 1 :]])
+    after = np.array([frame.hands[0].bones for frame in raw.told[first + 1 :]])
     assert len(after) > 2
     np.testing.assert_allclose(after, np.tile(after[0], (len(after), 1)), rtol=0.005)
-    np.testing.assert_allclose(after[0], sizes[first] * shown.tracker.predictor.skeleton.bones, rtol=0.005)
+    np.testing.assert_allclose(after[0], sizes[first] * predictor.skeleton.bones, rtol=0.005)
 
 
 def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
@@ -98,21 +98,18 @@ def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
     np.testing.assert_allclose(bones, np.tile(1.05 * predictor.skeleton.bones, (len(bones), 1)), rtol=0.005)
 
 
-def test_raw_and_smoothed(shown: Take, raw: list[TrackedFrame]) -> None:
+def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
     """Smoothing changes what is told, not what is followed; it makes movements smaller, and not worse."""
-    assert shown.tracker.header("a").smoothed
-    for one, other in zip(shown.told, raw):
+    for one, other in zip(shown.told, raw.told):
         assert (one.number, one.lost) == (other.number, other.lost)
         for own, same in zip(one.hands, other.hands, strict=True):
             assert (own.id, own.hand, own.confidence) == (same.id, same.hand, same.confidence)
             np.testing.assert_array_equal(own.center_uvd, same.center_uvd)
-    smooth_xyz, raw_xyz = (np.array([frame.hands[0].xyz for frame in told]) for told in (shown.told, raw))
+    smooth_xyz, raw_xyz = (np.array([frame.hands[0].xyz for frame in told]) for told in (shown.told, raw.told))
     assert not np.allclose(smooth_xyz, raw_xyz, atol=1)
     restless = [np.linalg.norm(np.diff(xyz, 2, axis=0), axis=2).mean() for xyz in (smooth_xyz, raw_xyz)]
     assert restless[0] < 0.8 * restless[1]
-    header = shown.tracker.header("a")
-    errors = [score(header, told, shown.truth).hands[0].errors.mean for told in (shown.told, raw)]
-    assert errors[0] < errors[1] + 2
+    assert shown.score().hands[0].errors.mean < raw.score().hands[0].errors.mean + 2
 
 
 def test_the_same_again(shown: Take, predictor: Predictor) -> None:
@@ -153,7 +150,7 @@ def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
 
 def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     """Is said to be lost, with the reason and since when; when it returns it is the same one, and the same hand."""
-    scores = score(leaving.tracker.header("a recording"), leaving.told, leaving.truth)
+    scores = leaving.score()
     hand = scores.hands[0]
     assert hand.gone > 5 and hand.said_gone == hand.gone and hand.right_reason >= hand.gone - 2
     assert scores.found > 0.8 and scores.id_switches == 0 and hand.wrong_side <= 3 and hand.errors.mean < 20
@@ -175,20 +172,13 @@ def test_nothing_lost_is_repeated(leaving: Take) -> None:
 
 
 def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
-    """The camera reads nothing; then there is a wall where it was; then the hand again, by its id."""
+    """The camera reads nothing; then there is a wall where it was."""
     tracker, step = begun(predictor, shown), 1 / RATE
     empty, wall = np.zeros((240, 320), np.float32), np.full((240, 320), 1500, np.float32)
     told = [tracker.step(DepthFrame(6, 6 * step, empty)), tracker.step(DepthFrame(7, 7 * step, wall))]
     assert [frame.hands for frame in told] == [(), ()]
     assert told[0].lost == (LostHand(0, told[0].lost[0].hand, 5 * step, "nothing was read in this frame"),)
     assert told[1].lost[0].reason.startswith("nothing is seen where it was")
-    last = tracker.step(DepthFrame(90, 90 * step, wall))
-    assert last.lost[0].since == 5 * step and last.lost[0].reason
-    for n in range(91, 106):
-        last = tracker.step(DepthFrame(n, n * step, shown.frames[5].depth))
-        if last.hands:
-            break
-    assert last.hands[0].id == 0 and not last.lost
 
 
 def test_what_does_not_look_like_a_hand_is_dropped(
@@ -201,6 +191,18 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     told = [tracker.step(frame) for frame in shown.frames[6:24]]
     assert told[0].hands and not told[-1].hands
     assert told[-1].lost[0].reason.startswith("what is seen where it was does not look like a hand")
+
+
+def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
+    """Nobody knows where the hand is: it is lost, for that reason, until it is found again."""
+    tracker = begun(predictor, shown)
+    told = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
+    assert not told.hands and told.lost[0].reason == "no frame for 8.7 s"
+    for n in range(20):
+        told = tracker.step(DepthFrame(100 + n, 9.1 + n / RATE, shown.frames[n].depth))
+        if told.hands:
+            break
+    assert [hand.id for hand in told.hands] == [0] and not told.lost
 
 
 @pytest.mark.parametrize("place", [(9000.0, 0, 700), (0.0, 60, 1400)], ids=["out of sight", "before a wall"])
@@ -219,7 +221,7 @@ def test_what_the_locator_takes_for_a_hand(
 
 def test_two_hands(two: Take) -> None:
     """Each by its own id, and which it is."""
-    scores = score(two.tracker.header("a recording"), two.told, two.truth)
+    scores = two.score()
     assert scores.found > 0.6 and scores.invented == 0 and scores.id_switches == 0
     last = two.told[-1].hands
     assert [hand.id for hand in last] == [0, 1] and {hand.hand for hand in last} == {"right", "left"}
