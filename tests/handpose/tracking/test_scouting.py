@@ -98,16 +98,23 @@ def test_a_further_hand_is_found_beside_one_that_is_followed() -> None:
 
 
 def test_no_frame_waits() -> None:
-    """While a hand is followed few places are looked at in a frame, and a round is not begun at once after another."""
-    alone, locator = scout()
-    alone.look(room(), NOBODY, 0.0)
-    many = locator.count
-    beside, locator = scout()
-    counts = []
-    for n in range(90):
-        beside.look(room(), middle(*LEFT_BLOCK)[None], n * FRAME)
-        counts.append(locator.count)
-    assert 0 < max(counts) <= many / 3
+    """But the first: then few places are looked at in a frame, fewer while a hand is followed, and as many a second
+    whatever the rate; a round is not begun at once after another.
+    """
+
+    def places(followed: np.ndarray, rate: int, seconds: int = 3) -> list[int]:
+        one, locator = scout()
+        counts = []
+        for n in range(seconds * rate):
+            one.look(room(), followed, n / rate)
+            counts.append(locator.count)
+        return counts
+
+    beside, alone = places(middle(*LEFT_BLOCK)[None], 30), places(NOBODY, 30)
+    whole = alone[0]
+    assert 0 < max(beside[1:]) < max(alone[1:]) < whole / 5
+    slow = places(middle(*LEFT_BLOCK)[None], 10)
+    assert max(beside[1:]) < max(slow[1:]) < whole / 5 and sum(slow[1:]) == pytest.approx(sum(beside[1:]), rel=0.2)
     rounds, locator = scout()
     few = np.zeros((480, 640), np.float32)
     few[:200, :200] = 700  # places that are over soon
