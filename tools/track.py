@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
     parser.add_argument("--size", type=positive_number, metavar="S",
-                        help="of the hands, relative to the skeleton's (default: found in the first seconds)")  # fmt: skip
+                        help="of the hands, relative to the skeleton's (default: told by the first seconds)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
     add_engine(parser)

@@ -34,7 +34,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
     parser.add_argument("--sheet", metavar="FILE.png", type=_name_in(".png", ".jpg"),
                         help="the whole track on one page")  # fmt: skip
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const="", type=_name_in(".rrd"),
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=_name_in(".rrd"),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
 
 
@@ -63,25 +63,25 @@ class Outputs:
     """All that the options ask for. Whatever ends its block, what was written stays, as whole files."""
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
-        self._args, self._header, self._rate = args, header, rate
-        self._open = contextlib.ExitStack()
-        self._writers: list[TrackWriter] = []
+        self._args = args
         self._painter = Painter(header) if args.video or args.sheet else None
-        self._video: VideoFile | None = None
         self._sheet = ContactSheet() if args.sheet else None
+        # What is missing for a video or for Rerun is said here, before any file is begun.
+        self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
         self._view: RerunView | None = None
+        if args.rerun is not None:
+            self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
+        paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
+        self._writers: list[TrackWriter] = [open_writer(path, header, rate) for path in paths]
+        self._open = contextlib.ExitStack()
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
-        args = self._args
-        for name in FILES:
-            path = getattr(args, name)
-            if path is not None:
-                self._writers.append(self._open.enter_context(open_writer(path, self._header, self._rate)))
-        if args.video:
-            self._video = self._open.enter_context(VideoFile(Path(args.video), self._rate or 30.0))
-        if args.rerun is not None:
-            self._view = self._open.enter_context(RerunView(self._header, Path(args.rerun) if args.rerun else None))
+        with contextlib.ExitStack() as stack:
+            for output in (*self._writers, self._video, self._view):
+                if output is not None:
+                    stack.enter_context(output)
+            self._open = stack.pop_all()
         return self
 
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
