@@ -150,10 +150,10 @@ class Follower:
         """Left or right: decided by the sum of what looks at both say, and then kept, unless all that is seen later
         says the other."""
         doubt = {sight.aim.side: sight.doubt for sight in sights}
-        if len(doubt) < 2:
+        if len(doubt) < 2 or not np.isfinite(min(doubt.values())):  # where nothing is seen, nothing is said
             return
         says = np.log(max(doubt["left"], 1e-9)) - np.log(max(doubt["right"], 1e-9))
-        says = float(np.clip(np.nan_to_num(says), -MOST, MOST))
+        says = float(np.clip(says, -MOST, MOST))
         if self.is_decided:
             self._reconsider(says, sights)
             return

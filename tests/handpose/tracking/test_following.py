@@ -127,6 +127,10 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
     assert not one.is_decided
     compared(one, [[sight("right", doubt=np.inf, confidence=0), sight("left")]], 30)
     assert one.best.sight.aim.side == "left"
+    nothing = both(right=np.inf, left=np.inf, confidence=0)
+    for n in range(31, 60):
+        assert not one.take(nothing, nothing, n * FRAME)
+    assert not one.is_decided
 
 
 def test_only_one_side_is_looked_for() -> None:
