@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
     parser.add_argument("--size", type=positive_number, metavar="S",
-                        help="of the hands, relative to the skeleton's (default: told by the first seconds)")  # fmt: skip
+                        help="of all hands, relative to the skeleton's (default: by their first seconds)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
     add_engine(parser)
@@ -142,9 +142,11 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
 
 
 def _stem(source: str) -> str:
-    """What outputs are called that nobody named."""
-    name = Path(source).stem.strip("*_-") or Path(source).absolute().parent.name
-    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    """What outputs are called that nobody named; never camera.json, by which a camera is known."""
+    path = Path(source).absolute()  # also "." has a name
+    name = path.stem.strip("*_-.") or path.parent.name
+    name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    return f"{name}_track" if name == "camera" else name
 
 
 if __name__ == "__main__":
