@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.tracking.body_pose import Motion, Placed, motion_between, moved
 from handpose.tracking.looking import Aim, Looker, Sight
@@ -12,7 +13,10 @@ from handpose.tracking.smoothing import PoseFilter
 
 ENOUGH = 0.3  # confidence: less is no hand
 SURE = 0.985  # with less, the hand is looked at anew, with all that a fit can try ...
-PAUSE, LONGEST_PAUSE = 0.25, 2.0  # ... s apart at least, and twice as long whenever that found nothing better
+PAUSE, LONGEST_PAUSE = 0.25, 1.0  # ... s apart at least, and twice as long whenever that found nothing better, ...
+SOON = 0.06  # ... unless the hand is in trouble: then s apart
+TROUBLE, ALARM = 1.4, 2.0  # badness, relative to the usual one of this hand: the network is asked; looked at anew
+HABIT = 0.1  # how much of the usual badness is that of the last frame
 BETTER = 0.9  # of the badness: so much is better
 ASK = 0.2  # s between frames in which the network's pose competes with the one that is followed
 COAST = 0.4  # s that a hand is looked for where it was before it is given up
@@ -69,6 +73,7 @@ class Follower:
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
         self._asked = self._looked = time
         self._pause = PAUSE
+        self._usual = min(sight.badness for sight in sights)
         self._evidence, self._looks = leaning, 0
         self._weigh(sights)
 
@@ -95,25 +100,28 @@ class Follower:
 
     def aims(self, time: float) -> list[Aim]:
         """Where to look for it in a frame; while it is sure, the network is asked only now and then."""
-        asked = not self.is_sure or time - self._asked >= ASK
+        troubled = self.best.sight.badness > TROUBLE * self._usual
+        asked = troubled or not self.is_sure or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         aims = [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
         return aims if asked else [aim._replace(moved_mm=self._moved(aim.side)) for aim in aims]
 
-    def other_aims(self, sights: Sequence[Sight | None], time: float) -> list[Aim]:
+    def other_aims(self, depth: NDArray[np.float32], sights: Sequence[Sight | None], time: float) -> list[Aim]:
         """Where else to look, with all that a fit can try, if what was seen is not sure, or not which hand it is.
 
-        From where it was, and from where the network sees a palm, there also as the other hand: who decided in bad
-        light may be wrong.
+        From where it was, and where the locator sees a hand, or else the network a palm; there also as the other hand:
+        who decided in bad light may be wrong.
         """
         sure = max((sight.confidence for sight in sights if sight is not None), default=0.0)
-        if (self.is_decided and sure >= SURE) or time - self._looked < (self._pause if self.is_decided else COMPARE):
+        alarmed = min((sight.badness for sight in sights if sight is not None), default=np.inf) > ALARM * self._usual
+        pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
+        if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
         self._looked = time
         aims = [self._aim(side, seen.sight.body) for side, seen in self.sides.items()]
         for sight in sights:
             if sight is not None:
-                center = self._looker.palm_seen(sight)
+                center = self._looker.hand_near(depth, sight)
                 sides = ("right", "left") if self.is_decided else (sight.aim.side,)
                 aims += [Aim(center, side, None, self.size) for side in sides if side in self._looker.sides]
         return aims
@@ -133,6 +141,7 @@ class Follower:
         for sight in own:
             self.sides[sight.aim.side].take(sight, time)
         self.time = time
+        self._usual += HABIT * (self.best.sight.badness - self._usual)
         return True
 
     def given_up(self, time: float) -> bool:
@@ -152,8 +161,8 @@ class Follower:
         doubt = {sight.aim.side: sight.doubt for sight in sights}
         if len(doubt) < 2 or not np.isfinite(min(doubt.values())):  # where nothing is seen, nothing is said
             return
-        says = np.log(max(doubt["left"], 1e-9)) - np.log(max(doubt["right"], 1e-9))
-        says = float(np.clip(says, -MOST, MOST))
+        left, right = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in ("left", "right"))
+        says = float(np.clip(left - right, -MOST, MOST))
         if self.is_decided:
             self._reconsider(says, sights)
             return

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from handpose.data.places import place_crops, surface_places
 from handpose.facts.cameras import Camera
 from handpose.predicting.locator import Locator, odds_of
+from handpose.tracking.looking import LIKELY
 from netlib.blob import Array
 
 FEW, MANY = 3, 24  # places looked at in a frame while a hand is followed, and while none is ...
 USUAL_RATE = 30.0  # ... at so many frames a second; at fewer, more
 ROUND = 0.5  # s that a round takes at least, while a hand is followed
-LIKELY = 0.5  # chance that there is a hand
 APART_MM = 170.0  # from the middles of hands that are followed
 AGAIN = 2  # times that a likely place is looked at again, from where the hand was said to be
 
