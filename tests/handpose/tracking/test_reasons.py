@@ -42,6 +42,15 @@ def test_beyond_the_edges(u: float, v: float, where: str) -> None:
     assert why(wall(), u, v) == f"{LEFT} at the {where} edge"
 
 
+def test_near_the_edges() -> None:
+    """A hand that is seen in half at the edge leaves there, though its middle is in the image; a far one is smaller."""
+    depth = wall()
+    depth[40:80, 130:] = 600
+    assert why(depth, 153) == f"{LEFT} at the right edge" and why(depth, 143).startswith(NO_HAND)
+    depth[depth == 600] = 1200
+    assert why(depth, 153, d=1200).startswith(NO_HAND)
+
+
 def test_an_empty_frame() -> None:
     """Says nothing of any hand, wherever it was."""
     assert why(wall(0)) == why(wall(0), -5) == "nothing was read in this frame"
