@@ -17,7 +17,7 @@ SIDES = ("right", "left")
 
 
 class FakeLooker:
-    """Its crops are at the palm, and its network sees that 7 mm farther right."""
+    """Its crops are at the palm, and its locator sees the hand 7 mm farther right."""
 
     sides = SIDES
 
@@ -25,12 +25,13 @@ class FakeLooker:
         """The place itself."""
         return body.place
 
-    def palm_seen(self, sight: Sight) -> np.ndarray:
+    def hand_near(self, depth: np.ndarray, sight: Sight) -> np.ndarray:
         """Beside it."""
         return sight.body.place + (7, 0, 0)
 
 
 LOOKER: Any = FakeLooker()
+DEPTH = np.zeros((1, 1), np.float32)  # which it does not look at
 
 
 def sight(
@@ -173,21 +174,21 @@ def test_the_network_is_asked_now_and_then() -> None:
 
 
 def test_a_second_look() -> None:
-    """Where nothing sure was seen: where it was, and where the network has the palm, there as both hands."""
+    """Where nothing sure was seen: where it was, and where a hand is seen near, there as both hands."""
     one = Follower(0, LOOKER, [sight(x=5)], 0.0, 0.9)
-    assert one.other_aims([sight()], 1.0) == []
+    assert one.other_aims(DEPTH, [sight()], 1.0) == []
     unsure = [sight(x=20, confidence=0.6)]
-    first = one.other_aims(unsure, 1.0)
+    first = one.other_aims(DEPTH, unsure, 1.0)
     assert [(aim.center_uvd[0], aim.side) for aim in first] == [(5, "right"), (27, "right"), (27, "left")]
     assert all(aim.size == 0.9 for aim in first) and first[0].before is one.best.sight.body
-    assert one.other_aims(unsure, 1.0 + FRAME) == []
-    assert [aim.center_uvd[0] for aim in one.other_aims([None], 9.0)] == [5]
+    assert one.other_aims(DEPTH, unsure, 1.0 + FRAME) == []
+    assert [aim.center_uvd[0] for aim in one.other_aims(DEPTH, [None], 9.0)] == [5]
 
 
 def test_a_second_look_at_both_sides() -> None:
     """While it is not decided, however sure what was seen is."""
     one = Follower(0, LOOKER, both(x=5), 0.0, None)
-    aims = one.other_aims(both(x=20), 1.0)
+    aims = one.other_aims(DEPTH, both(x=20), 1.0)
     assert sorted((aim.center_uvd[0], aim.side) for aim in aims) == [
         (5, "left"), (5, "right"), (27, "left"), (27, "right")
     ]  # fmt: skip
@@ -199,10 +200,26 @@ def test_second_looks_are_rare(error: float, least: int, most: int) -> None:
     one, looks = Follower(0, LOOKER, [sight()], 0.0, None), 0
     for n in range(1, 301):
         seen = [sight(confidence=0.6)]
-        aims = one.other_aims(seen, n * FRAME)
+        aims = one.other_aims(DEPTH, seen, n * FRAME)
         looks += bool(aims)
         assert one.take(seen, [sight(confidence=0.6, error=error)] if aims else [], n * FRAME)
     assert least <= looks <= most
+
+
+def test_a_hand_in_trouble() -> None:
+    """It fits much worse than this hand usually does: the network is asked, and soon it is looked at anew."""
+    one = Follower(0, LOOKER, [sight(error=4)], 0.0, None)
+    followed(one, [[sight(error=4)]] * 9)
+    assert one.other_aims(DEPTH, [sight(error=5)], 10 * FRAME) == []
+    bad = [sight(error=30)]
+    assert one.other_aims(DEPTH, bad, 10 * FRAME)
+    assert one.other_aims(DEPTH, bad, 10 * FRAME + 1e-3) == []
+    assert one.other_aims(DEPTH, bad, 10 * FRAME + 0.2)
+    followed(one, [bad], 10)
+    assert one.is_sure and all(one.aims((11 + n) * FRAME)[0].moved_mm is None for n in range(3))
+    often = Follower(0, LOOKER, [sight(error=30)], 0.0, None)
+    followed(often, [bad] * 30)
+    assert often.other_aims(DEPTH, bad, 9.0) == []
 
 
 def test_of_several_looks_the_best_counts() -> None:

@@ -141,10 +141,10 @@ def test_a_left_hand_is_the_mirror_image() -> None:
 
 
 def test_where_the_next_crop_is(looker: Looker, depth: np.ndarray, center: np.ndarray) -> None:
-    """About the middle of the palm, as the fit has it and as the network has it."""
+    """About the middle of the palm, as the fit has it and as the locator has it."""
     (sight,) = looker.look(depth, [Aim(center + (10, 0, 0), "right")])
     assert sight is not None
-    for found in (looker.center_of(sight.body, "right"), looker.palm_seen(sight)):
+    for found in (looker.center_of(sight.body, "right"), looker.hand_near(depth, sight)):
         assert np.linalg.norm(ICVL.unproject(found) - ICVL.unproject(center)) < 25
 
 
@@ -159,12 +159,15 @@ def test_crops_move_with_the_body(looker: Looker, place: tuple[float, ...]) -> N
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_where_the_network_has_the_palm(looker: Looker, depth: np.ndarray, center: np.ndarray, side: str) -> None:
-    """Moves with its joints."""
+def test_where_the_locator_sees_no_hand(
+    looker: Looker, depth: np.ndarray, center: np.ndarray, side: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The network's joints tell where the palm is, and it moves with them."""
     (sight,) = looker.look(depth, [Aim(center, side)])
     assert sight is not None
+    monkeypatch.setattr(looker.locator, "look", lambda crops: (np.zeros(len(crops)), np.ones((len(crops), 3))))
     beside = dataclasses.replace(sight.fit, network=sight.fit.network + (10, 20, 30))
-    first, second = (ICVL.unproject(looker.palm_seen(sight._replace(fit=fit))) for fit in (sight.fit, beside))
+    first, second = (ICVL.unproject(looker.hand_near(depth, sight._replace(fit=fit))) for fit in (sight.fit, beside))
     np.testing.assert_allclose(second - first, np.array((10, 20, 30)) * (MIRROR if side == "left" else 1), atol=1e-3)
 
 

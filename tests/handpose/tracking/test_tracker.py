@@ -85,17 +85,17 @@ def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor
     assert RATE / 2 < first < len(sizes) and set(sizes[first:]) == {sizes[first]}
     true = np.median(shown.truth[0].hands[0].bones[1:]), np.median(predictor.skeleton.bones[1:])
     assert sizes[first] == pytest.approx(true[0] / true[1], rel=0.1)
-    after = np.array([frame.hands[0].bones for frame in raw.told[first + 1 :]])
-    assert len(after) > 2
-    np.testing.assert_allclose(after, np.tile(after[0], (len(after), 1)), rtol=0.005)
-    np.testing.assert_allclose(after[0], sizes[first] * predictor.skeleton.bones, rtol=0.005)
+    for take in (shown, raw):
+        after = np.array([frame.hands[0].bones for frame in take.told[first + 1 :]])
+        assert len(after) > 2
+        np.testing.assert_allclose(after, np.tile(sizes[first] * predictor.skeleton.bones, (len(after), 1)))
 
 
 def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
-    """Is every hand's, from the first frame that is followed on."""
+    """Is every hand's, from the first frame on."""
     told = again(predictor, shown, size=1.05, smooth=False)
-    bones = np.array([frame.hands[0].bones for frame in told[1:]])
-    np.testing.assert_allclose(bones, np.tile(1.05 * predictor.skeleton.bones, (len(bones), 1)), rtol=0.005)
+    for frame in told:
+        np.testing.assert_allclose(frame.hands[0].bones, 1.05 * predictor.skeleton.bones)
 
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
@@ -152,7 +152,7 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     """Is said to be lost, with the reason and since when; when it returns it is the same one, and the same hand."""
     scores = leaving.score()
     hand = scores.hands[0]
-    assert hand.gone > 5 and hand.said_gone == hand.gone and hand.right_reason >= hand.gone - 2
+    assert hand.gone > 5 and hand.said_gone >= hand.gone - 3 and hand.right_reason >= hand.gone - 5
     assert scores.found > 0.8 and scores.id_switches == 0 and hand.wrong_side <= 3 and hand.errors.mean < 20
     gone = [frame.lost[0] for frame in leaving.told if frame.lost]
     assert gone[-1].reason.startswith(LEFT) and {(lost.id, lost.hand) for lost in gone} == {(0, "left")}
@@ -197,7 +197,7 @@ def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
     """Nobody knows where the hand is: it is lost, for that reason, until it is found again."""
     tracker = begun(predictor, shown)
     told = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
-    assert not told.hands and told.lost[0].reason == "no frame for 8.7 s"
+    assert not told.hands and told.lost[0].reason == "no frame for 8.7 s, and not found again"
     for n in range(20):
         told = tracker.step(DepthFrame(100 + n, 9.1 + n / RATE, shown.frames[n].depth))
         if told.hands:
@@ -268,6 +268,15 @@ def test_a_frame_of_another_size(shown: Take, predictor: Predictor, hands: int) 
     other = DepthFrame(6, 6 / RATE, np.full((480, 640), 700, np.float32))
     with pytest.raises(DataError, match=r"depth image of shape \(480, 640\), expected \(240, 320\) of camera 'icvl'"):
         tracker.step(other)
+
+
+def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
+    """Are an error: nobody could say how fast a hand is."""
+    tracker = begun(predictor, shown)
+    for time in (5 / RATE, 0.0, float("nan")):
+        with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s; times must ascend"):
+            tracker.step(DepthFrame(9, time, shown.frames[6].depth))
+    assert tracker.step(shown.frames[6]).hands
 
 
 def test_predictors_of_other_kinds() -> None:
