@@ -205,6 +205,14 @@ def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
     assert [hand.id for hand in told.hands] == [0] and not told.lost
 
 
+def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is not followed, though the locator sees a hand."""
+    tracker = Tracker(predictor)
+    monkeypatch.setattr(tracker.scout, "look", lambda *what: shown.truth[0].hands[0].origin_mm)
+    monkeypatch.setattr(tracker.looker, "look", lambda depth, aims, plan=None: [None] * len(aims))
+    assert not tracker.step(shown.frames[0]).hands
+
+
 @pytest.mark.parametrize("place", [(9000.0, 0, 700), (0.0, 60, 1400)], ids=["out of sight", "before a wall"])
 def test_what_the_locator_takes_for_a_hand(
     predictor: Predictor, monkeypatch: pytest.MonkeyPatch, place: tuple[float, ...]
