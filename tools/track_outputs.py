@@ -41,7 +41,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
     parser.add_argument("--sheet", metavar="FILE.png", type=_name_in(".png", ".jpg"),
                         help="the whole track on one page")  # fmt: skip
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const="", type=_name_in(".rrd"),
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=_name_in(".rrd"),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
     parser.add_argument("--look", metavar="FILE.png", type=_name_in(".png", ".jpg"),
                         help="only the first look, and the first hand as a picture")  # fmt: skip
@@ -68,10 +68,11 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
 
 
 def _stem(source: str) -> str:
-    """What outputs are called that nobody named."""
+    """What outputs are called that nobody named; never camera.json, by which a camera is known."""
     path = Path(source).absolute()
     name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
-    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    return f"{name}_track" if name == "camera" else name
 
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
@@ -96,26 +97,26 @@ class Outputs:
     """All that the options ask for. Whatever ends its block, what was written stays, as whole files."""
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
-        self._args, self._header, self._rate = args, header, rate
-        self._open = contextlib.ExitStack()
-        self._writers: list[TrackWriter] = []
+        self._args = args
         self._painter = Painter(header) if args.video or args.sheet else None
-        self._video: VideoFile | None = None
         self._sheet = ContactSheet() if args.sheet else None
+        # What is missing for a video or for Rerun is said here, before any file is begun.
+        self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
         self._view: RerunView | None = None
+        if args.rerun is not None:
+            self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
+        paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
+        self._writers: list[TrackWriter] = [open_writer(path, header, rate) for path in paths]
+        self._open = contextlib.ExitStack()
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
-        args = self._args
-        for name in filter(None, (args.video, args.sheet)):  # which are made later: say at once if they cannot be
+        for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
             _refuse_place(Path(name))
         with contextlib.ExitStack() as stack:
-            for path in filter(None, (getattr(args, name) for name in FILES)):
-                self._writers.append(stack.enter_context(open_writer(path, self._header, self._rate)))
-            if args.video:
-                self._video = stack.enter_context(VideoFile(Path(args.video), self._rate or 30.0))
-            if args.rerun is not None:
-                self._view = stack.enter_context(RerunView(self._header, Path(args.rerun) if args.rerun else None))
+            for output in (*self._writers, self._video, self._view):
+                if output is not None:
+                    stack.enter_context(output)
             self._open = stack.pop_all()
         return self
 

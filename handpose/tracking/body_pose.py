@@ -33,7 +33,8 @@ class Placed(NamedTuple):
 class Placer:
     """Between variables x (V,) about a crop's centre and ``Placed``.
 
-    Raises NetlibError for a skeleton whose root does not translate along x, y, z and turn about three different axes.
+    Raises NetlibError for a skeleton whose root does not translate along x, y, z and turn about three different axes,
+    by a free DoF each.
     """
 
     def __init__(self, model: FleshModel) -> None:
@@ -41,13 +42,14 @@ class Placer:
         motions = whole.motions[int(np.flatnonzero(whole.parents < 0)[0])]
         slides = {m.axis: m for m in motions if m.kind == "translate"}
         turns = [m for m in motions if m.kind == "rotate"]
-        if set(slides) != {0, 1, 2} or {m.axis for m in turns} != {0, 1, 2} or len(motions) != 6:
+        column = {int(dof): i for i, dof in enumerate(model.free)}
+        free = {m.dof for m in motions} & set(column)
+        if set(slides) != {0, 1, 2} or {m.axis for m in turns} != {0, 1, 2} or len(motions) != 6 or len(free) != 6:
             raise NetlibError(
                 f"skeleton {model.skeleton.name!r}: its root does not translate along x, y, z and turn about three "
-                "axes, so that it cannot be followed through space"
+                "axes, by a free DoF each, so that it cannot be followed through space"
             )
         self.unit_mm = model.unit_mm
-        column = {int(dof): i for i, dof in enumerate(model.free)}
         self._slides = np.array([column[slides[axis].dof] for axis in range(3)])
         self._slide_signs = np.array([slides[axis].sign for axis in range(3)])
         self._slide_initial = np.array([whole.initial[slides[axis].dof] for axis in range(3)])

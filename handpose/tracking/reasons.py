@@ -15,7 +15,7 @@ from netlib.errors import DataError
 NO_HAND = "what is seen where it was does not look like a hand"
 FEWEST = 0.03  # part of a crop that shows something
 COVERED = 0.3  # part of a crop that is nearer than the cube around the hand
-MARGIN = 0.02  # of the image's size: so near its edge a hand leaves it
+MARGIN = 0.15  # of the cube around the hand: if its middle is so near the image's edge, the hand leaves it
 
 
 def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim, sight: Sight | None) -> str:
@@ -24,18 +24,21 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
     sight  the best that was seen of it
     """
     u, v, d = aim.center_uvd
+    if not (depth > 0).any():
+        return "nothing was read in this frame"
+    if d <= 0:
+        return LEFT
+    across, down = (MARGIN * cube_mm * f / d for f in (camera.fx, camera.fy))
     sides = [
         name
         for name, beyond in (
-            ("left", u < MARGIN * camera.width),
-            ("right", u > (1 - MARGIN) * camera.width),
-            ("upper", v < MARGIN * camera.height),
-            ("lower", v > (1 - MARGIN) * camera.height),
+            ("left", u < across),
+            ("right", u > camera.width - across),
+            ("upper", v < down),
+            ("lower", v > camera.height - down),
         )
         if beyond
     ]
-    if not (depth > 0).any():
-        return "nothing was read in this frame"
     if sides:
         return f"{LEFT} at the {' '.join(sides)} edge"
     try:

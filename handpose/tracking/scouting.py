@@ -37,13 +37,14 @@ class Scout:
 
     def look(self, depth: NDArray[np.float32], followed: Array, time: float) -> Array | None:
         """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
+        seconds = time - self._last if np.isfinite(self._last) else np.inf
+        self._last = time  # of frames without a look, too: the time of a pause is not made up for
         if not len(self._left):
             if len(followed) and time - self._begun < ROUND:
                 return None
             self._left, self._begun = self._places(depth), time
-        seconds = time - self._last if np.isfinite(self._last) else np.inf
         count = int(min((FEW if len(followed) else MANY) * max(seconds * USUAL_RATE, 1.0), len(self._left)))
-        some, self._left, self._last = self._left[:count], self._left[count:], time
+        some, self._left = self._left[:count], self._left[count:]
         if len(followed) and len(some):
             some = some[np.linalg.norm(some[:, None] - followed, axis=2).min(axis=1) > APART_MM]
         chance, middle = self._seen(depth, some)

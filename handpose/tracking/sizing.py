@@ -29,7 +29,7 @@ class SizeKeeper:
         """The size, relative to the skeleton, as soon as it is known."""
         if sight.confidence < CONFIDENT or time - self._time < EVERY:
             return None
-        self._sights.append(sight)
+        self._sights = [*(one for one in self._sights if one.aim.side == sight.aim.side), sight]
         self._time = time
         if len(self._sights) < FRAMES:
             return None

@@ -103,6 +103,7 @@ class Tracker:
         for follower in sorted(self.followers, key=lambda one: one.id):
             if follower.time == time:
                 self._measure(follower, time)
+                self.known[follower.id].since = time
                 hands.append(told(follower, self.looker, smooth=self.smooth, flesh=self.flesh))
         lost = tuple(
             LostHand(id, known.hand, known.since, known.reason)
@@ -125,7 +126,7 @@ class Tracker:
         for follower in list(self.followers):
             known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
             if follower.take(sights[follower.id], again[follower.id], time):
-                known.since, known.hand = time, follower.best.sight.aim.side
+                known.hand = follower.best.sight.aim.side
                 continue
             best = min((s for s in seen if s is not None), key=lambda s: s.badness, default=None)
             known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
@@ -158,7 +159,9 @@ class Tracker:
             follower.strikes = 0 if good else follower.strikes + 1
             if follower.strikes >= STRIKES:
                 self.followers.remove(follower)
-                self.known[follower.id].reason = NO_HAND
+                sight = follower.best.sight
+                why = reason(depth, self.camera, self.looker.cube_mm, sight.aim, sight)
+                self.known[follower.id].reason = NO_HAND if why.startswith(NO_HAND) else why
 
     def _looks_like_a_hand(self, depth: NDArray[np.float32], sight: Sight, strange_mm: float) -> bool:
         """To the locator, and beside the picture of the body that was fitted."""

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop, crop_pixels, normalise_joints, restore_joints, window
+from handpose.data.crops import crop, crop_pixels, crops_of_windows, normalise_joints, restore_joints, window
 from handpose.data.nyu_files import read_nyu_depth
 from handpose.facts.cameras import CAMERAS, NYU, Camera
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
@@ -75,6 +75,21 @@ def test_near_far_and_no_reading() -> None:
     for reading, value in ((10, -1), (650, -1), (800, 0), (875, 0.5), (5000, 1), (0, 1), (np.nan, 1)):
         depth = np.full((480, 640), reading)
         np.testing.assert_allclose(crop(depth, (320, 240, 800), 300), value, atol=1e-7)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_crops_together(seed: int) -> None:
+    """Windows of one image: each crop is what it is alone, also at the borders and where nothing was read."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(400, 1000, (240, 320)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.1] = 0
+    depth[rng.random(depth.shape) < 0.1] = np.nan
+    centers = np.column_stack([rng.uniform(0, 319, 4), rng.uniform(0, 239, 4), rng.uniform(400, 1000, 4)])
+    camera = CAMERAS["icvl"]
+    picked = window(centers, 300.0, camera, 64)
+    together = crops_of_windows(depth, picked, centers[:, 2], 300.0)
+    assert together.dtype == np.float32 and together.shape == (4, 64, 64)
+    np.testing.assert_array_equal(together, [crop(depth, center, 300.0, camera, 64) for center in centers])
 
 
 def test_outside_the_image_is_background() -> None:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from handpose.data.places import BEHIND_MM, CUBE_MM, FAR_MM, SIZE, VOXEL_MM, place_crops, surface_places
+from handpose.data.crops import crop
+from handpose.data.places import BEHIND_MM, CUBE_MM, FAR_MM, NEAREST_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import NYU
+from netlib.errors import DataError
 
 
 def plate(z: float = 700) -> np.ndarray:
@@ -47,3 +52,28 @@ def test_crops_of_places() -> None:
     assert crops.shape == (1, SIZE, SIZE) and crops.dtype == np.float32
     np.testing.assert_allclose(crops[0, SIZE // 2, SIZE // 2], -20 / (CUBE_MM / 2), rtol=1e-5)
     assert place_crops(plate(), places[1:], NYU)[0].shape == (0, SIZE, SIZE)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_crops_of_places_are_those_of_each(seed: int) -> None:
+    """In their order, cut one by one; what is out of sight is left out."""
+    rng = np.random.default_rng(seed)
+    depth = np.where(rng.random((480, 640)) < 0.9, rng.uniform(400, 1500, (480, 640)), 0)
+    places = rng.uniform((-900, -700, -100), (900, 700, 1500), (8, 3))
+    crops, kept = [], []
+    for place in places:
+        try:
+            if place[2] > NEAREST_MM:
+                crops.append(crop(depth, NYU.project(place), CUBE_MM, NYU, SIZE))
+                kept.append(place)
+        except DataError:  # out of sight
+            pass
+    found, where = place_crops(depth, places, NYU)
+    np.testing.assert_array_equal(found, np.reshape(crops, (-1, SIZE, SIZE)))
+    np.testing.assert_array_equal(where, np.reshape(kept, (-1, 3)))
+
+
+def test_places_in_an_image_of_another_camera() -> None:
+    """Are an error, though there be none."""
+    with pytest.raises(DataError, match=r"\(240, 320\), expected \(480, 640\) of camera 'nyu'"):
+        place_crops(np.ones((240, 320)), np.zeros((0, 3)), NYU)

@@ -276,3 +276,35 @@ def test_the_next_place_if_the_likeliest_is_out_of_sight(seeing: netlib.Net, fra
     said = Said(np.array([[9000.0, 0, 700], [30, -20, 700]]), np.array([3.0, 2]))
     found = Predictor(seeing, KINECT2, refine=0, locator=said).in_frame(frame)
     np.testing.assert_allclose(found.center_mm, said.said.center[1])
+
+
+def test_hands_at_places(frame: np.ndarray) -> None:
+    """All of them, the likeliest first: by the fit, and by the odds of the locator; those out of sight are left out."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    hand, wall = KINECT2.project(np.array([[30.0, -20, 700], [-250, 100, 1480]]))
+    away = KINECT2.project(np.array([9000.0, 0, 700]))
+    found = predictor.hands_at(frame, [wall, away, hand], [0.0, 5.0, 0.0])
+    assert len(found) >= 2 and np.linalg.norm(found[0].center_mm - (30, -20, 700)) < 60
+    assert all(one.fit is not None and one.camera == KINECT2 for one in found)
+    strange = [one.fit.strangeness for one in found if one.fit]
+    assert strange[0] == min(strange)
+    bribed = predictor.hands_at(frame, [wall, hand], [100.0, 0.0])
+    assert np.linalg.norm(bribed[0].center_mm - (-250, 100, 1480)) < 100
+    with pytest.raises(DataError, match="lies outside the image"):
+        predictor.hands_at(frame, [away], [0.0])
+
+
+def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
+    """What is found at the places of the locator is what is found in the frame."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    assert predictor.locator is not None
+    located = predictor.locator.hands(frame, KINECT2)
+    one = predictor.hands_at(frame, list(KINECT2.project(located.center)), list(located.odds))[0]
+    np.testing.assert_array_equal(one.joints, predictor.in_frame(frame).joints)
+
+
+def test_a_hand_at_a_place_without_a_fit(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """The first one in sight, for nobody can choose."""
+    away, there = KINECT2.project(np.array([[9000.0, 0, 700], [30, -20, 700]]))
+    (found,) = Predictor(seeing, KINECT2, refine=0).hands_at(frame, [away, there], [1.0, 0.0])
+    np.testing.assert_array_equal(found.center_uvd, there)

@@ -133,6 +133,53 @@ def test_any_body_with_flesh() -> None:
     assert np.median(after) < 3 and before.mean() > 15
 
 
+def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
+    """One more start, which wins where the network is far off, and loses where it is itself."""
+    model = fitter.model
+    far = scene.truth.copy()
+    far[:, model.limbs] = np.clip(far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs])
+    far[:, model.root[3:]] += 0.7
+    near = scene.truth + np.random.default_rng(0).normal(0, 0.02, scene.truth.shape)
+    alone = fitter.fit(scene.seen, [model.inputs_of(far)], "fast")
+    found = fitter.fit(scene.seen, [model.inputs_of(far)], "fast", before=near)
+    assert (found.start == 1).mean() > 0.7 and np.median(error(model, found.x, scene)) < 4
+    assert error(model, found.x, scene).mean() < 0.5 * error(model, alone.x, scene).mean()
+    np.testing.assert_allclose(found.network, alone.network)
+    other = fitter.fit(scene.seen, [model.inputs_of(near)], "fast", before=far)
+    assert (other.start == 0).mean() > 0.7
+    accurate = fitter.fit(scene.seen, [model.inputs_of(far)] * 4, "accurate", before=near)
+    assert (accurate.start == 4).mean() > 0.5
+
+
+def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
+    """Each frame has its own, also of the start that is given."""
+    inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
+    for found in (
+        fitter.fit(scene.seen, [inputs], "fast", size=sizes),
+        fitter.fit(scene.seen, [inputs], "fast", size=sizes, before=scene.truth),
+        fitter.follow(scene.seen, scene.truth, np.zeros(12), "fast", size=sizes),
+    ):
+        np.testing.assert_allclose(found.size, sizes, atol=3e-3)
+
+
+@pytest.mark.parametrize("plan", ["fast", "accurate"])
+def test_following(fitter: DepthFitter, scene: Scene, plan: str) -> None:
+    """From near the truth a little nearer, without a network; how far that was off is still a sign of doubt."""
+    model = fitter.model
+    before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
+    before[:, -2:] = 0
+    kept, moved = before.copy(), np.linspace(0, 40, len(before))
+    found = fitter.follow(scene.seen, before, moved, plan)
+    assert error(model, found.x, scene).mean() < error(model, before, scene).mean()
+    np.testing.assert_array_equal(before, kept)
+    own = np.linalg.norm(found.joints - model.joints(before), axis=2).mean(axis=1)
+    np.testing.assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
+    calm = fitter.follow(scene.seen, before, np.zeros(len(before)), plan)
+    np.testing.assert_array_equal(calm.x, found.x)
+    assert (calm.doubt <= found.doubt).all() and calm.doubt[-1] < found.doubt[-1]
+    np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, moved, plan).x)
+
+
 def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
     """As many predictions as quarter turns, as many frames as crops."""
     inputs = fitter.model.inputs_of(scene.truth)

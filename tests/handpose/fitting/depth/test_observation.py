@@ -91,6 +91,20 @@ def test_the_mirror_image(scene: Scene) -> None:
         np.testing.assert_allclose(values, getattr(scene.seen, name), atol=1e-4)
 
 
+def test_some_in_the_mirror(scene: Scene) -> None:
+    """Each frame as the whole mirror image has it, or as it was; nothing that was given is changed."""
+    which = np.arange(len(scene.seen)) % 3 == 1
+    before = {name: values.copy() for name, values in vars(scene.seen).items()}
+    some, everything = scene.seen.mirrored(which), scene.seen.mirrored()
+    for name, values in vars(some).items():
+        np.testing.assert_array_equal(values[which], getattr(everything, name)[which])
+        np.testing.assert_array_equal(values[~which], before[name][~which])
+        np.testing.assert_array_equal(getattr(scene.seen, name), before[name])
+        assert values.dtype == before[name].dtype
+    for name, values in vars(scene.seen.mirrored(np.ones(len(which), bool))).items():
+        np.testing.assert_array_equal(values, getattr(everything, name))
+
+
 def test_some_frames_and_some_points(scene: Scene) -> None:
     """By rows, several times, and every third."""
     few = scene.seen.take(np.array([3, 3, 1])).thinned(3)

@@ -47,6 +47,17 @@ def test_a_body_that_cannot_turn_with_its_picture() -> None:
         turned_back(body(PIPE % (1, 1)), np.zeros((1, 2)), 1)
 
 
+@pytest.mark.parametrize("name", PLANS)
+def test_a_plan_from_near(name: str) -> None:
+    """One start, no tournament, few iterations, as robust as the end of the whole plan; all points."""
+    plan = PLANS[name]
+    near = plan.near()
+    assert (near.draws, near.first, near.keep, near.points) == (0, (), 1, plan.points)
+    (stage,) = near.last
+    assert stage.robust == plan.last[-1].robust
+    assert stage.iterations <= sum(own.iterations for own in (*plan.first, *plan.last))
+
+
 def test_drawn_starts(model: FleshModel, scene: Scene) -> None:
     """Limbs only, with the covariance, within the limits, the same for the same seed and for every frame."""
     L = len(model.limbs)

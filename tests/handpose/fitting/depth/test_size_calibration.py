@@ -31,6 +31,22 @@ def test_the_size_of_a_hand(model: FleshModel, scene: Scene) -> None:
     assert found.misfits.argmin() == np.abs(GRID - 0.92).argmin()
 
 
+def test_sizes_that_are_tried(model: FleshModel, scene: Scene) -> None:
+    """Few, about what is known already: the same is found; beyond the last it is not looked for."""
+    truth = scene.truth.copy()
+    truth[:, SIZE] = np.log(0.95)
+    depth = render_crop(model.capsules(truth, NYU.unproject(scene.center_uvd)), scene.center_uvd, 300.0)
+    seen = observe(normalise_depth(depth, scene.center_uvd[:, 2], 300.0), scene.center_uvd, NYU, 300.0, 200)
+    fitter = DepthFitter(model)
+    near = np.exp(np.linspace(-0.1, 0.05, 6))
+    found = calibrate_size(fitter, seen, truth, sizes=near)
+    assert found.size == pytest.approx(0.95, abs=0.015)
+    np.testing.assert_array_equal(found.sizes, near)
+    assert found.misfits.shape == (6,)
+    larger = calibrate_size(fitter, seen, truth, sizes=1.05 * near[-3:] / near[-3])
+    assert larger.size <= 1.05 and larger.misfits.argmin() == 0
+
+
 def test_too_few_frames(model: FleshModel, scene: Scene) -> None:
     """Say nothing."""
     with pytest.raises(DataError, match="4 frames to tell a hand's size from, expected 5 or more"):

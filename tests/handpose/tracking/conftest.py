@@ -1,0 +1,89 @@
+"""A body, what sees it, and short recordings that were tracked once for many tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from handpose.facts.cameras import ICVL
+from handpose.fitting.depth.body import FleshModel
+from handpose.predicting.packaged import load_predictor
+from handpose.predicting.predictor import Predictor
+from handpose.recordings.recording import DepthFrame
+from handpose.scoring.tracks import TrackScores, score
+from handpose.synthetic.acts import Act
+from handpose.synthetic.recordings import SyntheticRecording
+from handpose.synthetic.scripts import Role, Script
+from handpose.tracking import sizing
+from handpose.tracking.tracker import Tracker
+from handpose.tracks.track import TrackedFrame
+from layers.hand import skeleton
+
+RATE = 15.0
+
+
+@dataclass
+class Take:
+    """A recording with its truth, and what a tracker told of it; after each frame the sizes that it knew, by id."""
+
+    recording: SyntheticRecording
+    frames: list[DepthFrame]
+    truth: list[TrackedFrame]
+    tracker: Tracker | None = None
+    told: list[TrackedFrame] = field(default_factory=list)
+    sizes: list[dict[int, float | None]] = field(default_factory=list)
+
+    def score(self) -> TrackScores:
+        """Of what was told."""
+        assert self.tracker is not None
+        return score(self.tracker.header("a recording"), self.told, self.truth)
+
+
+def played(script: Script, seed: int) -> Take:
+    """A script, before ICVL's camera; not tracked yet."""
+    recording = SyntheticRecording(script, ICVL, rate=RATE, seed=seed)
+    return Take(recording, list(recording), list(recording.truths()))
+
+
+def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
+    """The same, tracked. A size is told from fewer frames than it usually is: the recordings are short."""
+    tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
+    done = replace(take, tracker=tracker, told=[], sizes=[])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sizing, "FRAMES", 12)
+        for frame in take.frames:
+            done.told.append(tracker.step(frame))
+            done.sizes.append({id: known.size for id, known in tracker.known.items()})
+    return done
+
+
+@pytest.fixture(scope="session")
+def model() -> FleshModel:
+    """The packaged hand in NYU's cube."""
+    return FleshModel(skeleton.load(), 150.0)
+
+
+@pytest.fixture(scope="session")
+def predictor() -> Predictor:
+    """The packaged one for ICVL's camera, the smallest."""
+    return load_predictor(ICVL, fit="fast")
+
+
+@pytest.fixture(scope="session")
+def shown(predictor: Predictor) -> Take:
+    """A right hand that shows gestures for three seconds."""
+    return tracked(predictor, played(Script(3, (Role("right", (Act("gestures", 3),)),)), 2))
+
+
+@pytest.fixture(scope="session")
+def leaving(predictor: Predictor) -> Take:
+    """A left hand that leaves and returns."""
+    acts = (Act("rest", 0.6), Act("away", 2.2), Act("rest", 0.8))
+    return tracked(predictor, played(Script(3.4, (Role("left", acts),)), 3))
+
+
+@pytest.fixture(scope="session")
+def two(predictor: Predictor) -> Take:
+    """Both hands of a person, at rest."""
+    return tracked(predictor, played(Script(1, (Role("right", (Act("rest", 1),)), Role("left", (Act("rest", 1),)))), 2))

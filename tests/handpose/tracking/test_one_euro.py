@@ -1,0 +1,182 @@
+"""handpose/tracking/one_euro.py: the paper's formulas, of vectors and of rotations"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation, share, turn_between, turned
+
+CUTOFF = Cutoff(least=0.8, slope=0.02, speed=1.5)
+SEEDS = st.integers(0, 10**6)
+FRAMES = np.arange(60) / 30
+
+
+def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[float]:
+    """Its equations 1 to 5, number by number: the speed is that of the raw values, filtered with a fixed cutoff."""
+
+    def alpha(hertz: float, seconds: float) -> float:
+        tau = 1 / (2 * math.pi * hertz)
+        return 1 / (1 + tau / seconds)
+
+    out, speed = [values[0]], 0.0
+    for i in range(1, len(values)):
+        seconds = times[i] - times[i - 1]
+        a = alpha(cutoff.speed, seconds)
+        speed = a * (values[i] - values[i - 1]) / seconds + (1 - a) * speed
+        a = alpha(cutoff.least + cutoff.slope * abs(speed), seconds)
+        out.append(a * values[i] + (1 - a) * out[-1])
+    return out
+
+
+def uneven(rng: np.random.Generator, count: int = 30) -> np.ndarray:
+    """Times of frames some of which are missing."""
+    return np.cumsum(rng.choice([1, 1, 1, 2, 5], count)) / 30
+
+
+def filtered(one: Callable[[np.ndarray, float], np.ndarray], values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Value by value."""
+    return np.array([one(value, float(time)) for value, time in zip(values, times)])
+
+
+def turns(rng: np.random.Generator, count: int = 30, size: float = 0.5) -> np.ndarray:
+    """Rotations (count, 3, 3), each turned by up to ``size`` from the one before, the first anyhow."""
+    made = [Rotation.random(random_state=rng)]
+    for step in rng.uniform(-size, size, (count - 1, 3)) / math.sqrt(3):
+        made.append(Rotation.from_rotvec(step) * made[-1])
+    return np.array([one.as_matrix() for one in made])
+
+
+# ------------------------------------------------------------------------------------------------ vectors
+
+
+@given(seed=SEEDS)
+def test_as_in_the_paper(seed: int) -> None:
+    """Each element by itself, at uneven times."""
+    rng = np.random.default_rng(seed)
+    times, values = uneven(rng), np.cumsum(rng.normal(0, 20, (30, 3)), axis=0)
+    expected = np.transpose([by_the_paper(own, times, CUTOFF) for own in values.T])
+    np.testing.assert_allclose(filtered(OneEuro(CUTOFF), values, times), expected)
+    single = filtered(OneEuro(CUTOFF, together=True), values[:, :1], times)
+    np.testing.assert_allclose(single, expected[:, :1])
+
+
+@given(seed=SEEDS)
+def test_a_point_has_no_axes(seed: int) -> None:
+    """With one speed for all, the filter of what is turned is what is filtered, turned; element by element not."""
+    rng = np.random.default_rng(seed)
+    times, values = uneven(rng), np.cumsum(rng.normal(0, 20, (30, 3)), axis=0)
+    R = Rotation.random(random_state=rng).as_matrix()
+    once = filtered(OneEuro(CUTOFF, together=True), values, times)
+    np.testing.assert_allclose(filtered(OneEuro(CUTOFF, together=True), values @ R.T, times), once @ R.T, atol=1e-9)
+    assert not np.allclose(filtered(OneEuro(CUTOFF), values @ R.T, times),
+                           filtered(OneEuro(CUTOFF), values, times) @ R.T)  # fmt: skip
+
+
+def test_at_rest_it_stays() -> None:
+    """Exactly."""
+    values = np.tile([3.3, -1e5, 0], (60, 1))
+    np.testing.assert_array_equal(filtered(OneEuro(CUTOFF), values, FRAMES), values)
+
+
+@given(slope=st.floats(0, 100), together=st.booleans())
+def test_a_step_is_approached(slope: float, together: bool) -> None:
+    """From below, without ever going back or beyond."""
+    values = np.where(FRAMES[:, None] > 0.2, [10.0, -4], [0.0, 0])
+    found = filtered(OneEuro(Cutoff(0.8, slope, 1.5), together), values, FRAMES)
+    assert (np.diff(found[:, 0]) >= 0).all() and (np.diff(found[:, 1]) <= 0).all()
+    assert 9 < found[-1, 0] <= 10 and -4 <= found[-1, 1] < -3.6
+
+
+def test_what_moves_faster_lags_less() -> None:
+    """In seconds; without the slope all lag alike."""
+
+    def lag(speed: float, slope: float) -> float:
+        values = speed * FRAMES[:, None]
+        return float((values - filtered(OneEuro(Cutoff(0.8, slope, 1.5)), values, FRAMES))[-1, 0] / speed)
+
+    lags = [lag(speed, 0.02) for speed in (10, 100, 1000)]
+    assert lags[0] > 1.5 * lags[1] > 3 * lags[2] and lags[2] < 0.03
+    assert lag(10, 0) == pytest.approx(lag(1000, 0)) and lag(10, 0) > lags[0]
+
+
+def test_it_trembles_less() -> None:
+    """About a place that does not move, to less than half."""
+    values = np.random.default_rng(0).normal(0, 1, (300, 1))
+    assert filtered(OneEuro(CUTOFF), values, np.arange(300) / 30)[30:].std() < 0.5
+
+
+def test_longer_without_a_frame_counts_more() -> None:
+    """After a long time nothing is left of what was; at the same time nothing new is told."""
+    assert share(1.0, 1e-9) < 1e-8 and share(1.0, 1e9) > 1 - 1e-8
+    assert (np.diff(share(1.0, np.linspace(0.01, 2, 50))) > 0).all()  # type: ignore[arg-type]
+    one = OneEuro(CUTOFF)
+    one(np.zeros(1), 0.0)
+    before = one(np.ones(1), 0.1)
+    np.testing.assert_array_equal(one(np.full(1, 9.0), 0.1), before)
+    np.testing.assert_allclose(one(np.full(1, 5.0), 1e9), 5)
+
+
+# ---------------------------------------------------------------------------------------------- rotations
+
+
+@given(seed=SEEDS)
+def test_turns_about_one_axis_are_angles(seed: int) -> None:
+    """What the filter of vectors makes of the angle, also beyond half a turn."""
+    rng = np.random.default_rng(seed)
+    times, angles = uneven(rng), np.cumsum(rng.uniform(-0.8, 1.0, (30, 1)), axis=0)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    cutoff = Cutoff(0.8, 1.0, 1.5)
+    expected = filtered(OneEuro(cutoff), angles, times)
+    found = filtered(OneEuroRotation(cutoff), Rotation.from_rotvec(angles * axis).as_matrix(), times)
+    np.testing.assert_allclose(found, Rotation.from_rotvec(expected * axis).as_matrix(), atol=1e-6)
+
+
+@given(seed=SEEDS)
+def test_rotations_stay_rotations(seed: int) -> None:
+    """However they jump."""
+    rng = np.random.default_rng(seed)
+    found = filtered(OneEuroRotation(CUTOFF), turns(rng, size=3.0), uneven(rng))
+    np.testing.assert_allclose(found @ found.swapaxes(1, 2), np.tile(np.eye(3), (30, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(found), 1)
+
+
+@given(seed=SEEDS)
+def test_rotations_have_no_axes(seed: int) -> None:
+    """Neither those of the world nor those of the body."""
+    rng = np.random.default_rng(seed)
+    times, values = uneven(rng), turns(rng)
+    A, B = Rotation.random(2, random_state=rng).as_matrix()
+    once = filtered(OneEuroRotation(CUTOFF), values, times)
+    np.testing.assert_allclose(filtered(OneEuroRotation(CUTOFF), A @ values @ B, times), A @ once @ B, atol=1e-6)
+
+
+def test_rotations_at_rest_and_at_one_time() -> None:
+    """As vectors: what rests stays, and the same time again tells nothing new."""
+    R = Rotation.from_rotvec([2, 1, -2]).as_matrix()
+    found = filtered(OneEuroRotation(CUTOFF), np.tile(R, (60, 1, 1)), FRAMES)
+    np.testing.assert_allclose(found, np.tile(R, (60, 1, 1)), atol=1e-7)
+    one = OneEuroRotation(CUTOFF)
+    one(R, 0.0)
+    np.testing.assert_array_equal(one(np.eye(3), 0.0), R)
+
+
+@given(seed=SEEDS, angle=st.floats(0, math.pi))
+def test_turns_there_and_back(seed: int, angle: float) -> None:
+    """A turn leads from one rotation to the other: about an axis of the world, by no more than half a turn."""
+    rng = np.random.default_rng(seed)
+    first = Rotation.random(random_state=rng).as_matrix()
+    axis = rng.normal(size=3)
+    turn = angle * axis / np.linalg.norm(axis)
+    second = turned(first, turn)
+    np.testing.assert_allclose(second, Rotation.from_rotvec(turn).as_matrix() @ first, atol=1e-9)
+    back = turn_between(first, second)
+    assert np.linalg.norm(back) <= math.pi + 1e-9
+    np.testing.assert_allclose(turned(first, back), second, atol=1e-5)

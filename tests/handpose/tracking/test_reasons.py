@@ -1,0 +1,79 @@
+"""handpose/tracking/reasons.py: images in which a hand cannot be found, each for its own reason"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import Camera
+from handpose.tracking.looking import Aim
+from handpose.tracking.reasons import NO_HAND, reason
+from handpose.tracks.reasons import HIDDEN, LEFT
+from tests.handpose.tracking.test_following import sight
+
+CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
+
+
+def why(depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, confidence: float | None = 0.2) -> str:
+    """The reason for a hand that was expected there."""
+    seen = None if confidence is None else sight(confidence=confidence)
+    return reason(depth.astype(np.float32), CAMERA, 300.0, Aim(np.array([u, v, d]), "right"), seen)
+
+
+def wall(mm: float = 1500) -> np.ndarray:
+    """A depth image of a wall."""
+    return np.full((120, 160), mm)
+
+
+def plate(mm: float, half: int = 20) -> np.ndarray:
+    """And of a plate before it."""
+    depth = wall()
+    depth[60 - half : 60 + half, 80 - half : 80 + half] = mm
+    return depth
+
+
+@pytest.mark.parametrize(
+    ("u", "v", "where"),
+    [(-5, 60, "left"), (165, 60, "right"), (80, -9, "upper"), (80, 125, "lower"), (-5, 125, "left lower"),
+     (900, -900, "right upper")],
+)  # fmt: skip
+def test_beyond_the_edges(u: float, v: float, where: str) -> None:
+    """It left there."""
+    assert why(wall(), u, v) == f"{LEFT} at the {where} edge"
+
+
+def test_near_the_edges() -> None:
+    """A hand that is seen in half at the edge leaves there, though its middle is in the image; a far one is smaller."""
+    depth = wall()
+    depth[40:80, 130:] = 600
+    assert why(depth, 153) == f"{LEFT} at the right edge" and why(depth, 143).startswith(NO_HAND)
+    depth[depth == 600] = 1200
+    assert why(depth, 153, d=1200).startswith(NO_HAND)
+
+
+def test_an_empty_frame() -> None:
+    """Says nothing of any hand, wherever it was."""
+    assert why(wall(0)) == why(wall(0), -5) == "nothing was read in this frame"
+
+
+def test_hidden() -> None:
+    """By a plate before it; one as near as the hand hides nothing."""
+    assert why(plate(300, 40)) == f"{HIDDEN} by something nearer"
+    assert not why(plate(600, 40)).startswith(HIDDEN)
+
+
+def test_nothing_there() -> None:
+    """Only the wall behind, or a speck."""
+    assert why(wall()) == "nothing is seen where it was, 600 mm away"
+    assert why(plate(600, 1), d=612.3) == "nothing is seen where it was, 612 mm away"
+
+
+def test_no_hand_there() -> None:
+    """With how sure that is."""
+    assert why(plate(600)) == f"{NO_HAND} (confidence 20%)"
+
+
+def test_at_the_camera() -> None:
+    """Where no cube is, nobody can look."""
+    assert why(wall(), d=-10, confidence=None) == LEFT
+    assert why(plate(600), confidence=None) == why(plate(600), u=float("nan")) == LEFT

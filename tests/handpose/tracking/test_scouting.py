@@ -1,0 +1,140 @@
+"""handpose/tracking/scouting.py: with a locator that takes every block of a hand's width for a hand"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.data.places import CUBE_MM, SIZE
+from handpose.facts.cameras import NYU
+from handpose.tracking.scouting import Scout
+
+FRAME = 1 / 30
+NOBODY = np.zeros((0, 3))
+
+
+class Blocks:
+    """Where a crop shows something before something else, there is a hand, and its middle is the middle of that."""
+
+    def __init__(self) -> None:
+        self.seen: list[int] = []
+
+    def look(self, crops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Chances and how far the middles are."""
+        self.seen.append(len(crops))
+        chance, where = np.zeros(len(crops)), np.zeros((len(crops), 3))
+        for n, crop in enumerate(crops):
+            row, column = np.nonzero(np.abs(crop) < 0.9)
+            if 0.05 < len(row) / crop.size < 0.3:
+                chance[n] = 0.9
+                middle = np.array([column.mean() - SIZE / 2, SIZE / 2 - row.mean()]) * CUBE_MM / SIZE
+                where[n] = (*middle, crop[row, column].mean() * CUBE_MM / 2)
+        return chance, where
+
+    @property
+    def count(self) -> int:
+        """How many crops were looked at, since that was asked last."""
+        self.seen, seen = [], self.seen
+        return sum(seen)
+
+
+def room(*blocks: tuple[int, int, float]) -> np.ndarray:
+    """A depth image of a wall at 1.5 m, and before it blocks of 15 cm about pixels (u, v) at depths in mm."""
+    depth = np.full((480, 640), 1500, np.float32)
+    for u, v, d in blocks:
+        half = round(75 * NYU.fx / d)
+        depth[v - half : v + half, u - half : u + half] = d
+    return depth
+
+
+def middle(u: int, v: int, d: float) -> np.ndarray:
+    """Of a block."""
+    return NYU.unproject(np.array([u, v, d]))
+
+
+def scout() -> tuple[Scout, Any]:
+    """And its locator."""
+    locator: Any = Blocks()
+    return Scout(locator, NYU), locator
+
+
+def first_found(
+    one: Scout, depth: np.ndarray, followed: np.ndarray, frames: int = 200
+) -> tuple[int, np.ndarray] | None:
+    """In which frame something is found, and what."""
+    for n in range(frames):
+        place = one.look(depth, followed, n * FRAME)
+        if place is not None:
+            return n, place
+    return None
+
+
+LEFT_BLOCK, RIGHT_BLOCK = (180, 240, 700.0), (460, 200, 800.0)
+
+
+def test_a_hand_is_found() -> None:
+    """In few frames, and where it is said to be, not where the surface was looked at."""
+    found = first_found(scout()[0], room(LEFT_BLOCK), NOBODY)
+    assert found is not None and found[0] < 8
+    np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
+
+
+def test_the_nearest_is_found_first() -> None:
+    """A hand is held towards the camera."""
+    found = first_found(scout()[0], room(LEFT_BLOCK, RIGHT_BLOCK), NOBODY)
+    assert found is not None
+    np.testing.assert_allclose(found[1], middle(*LEFT_BLOCK), atol=12)
+
+
+def test_a_further_hand_is_found_beside_one_that_is_followed() -> None:
+    """And that one is not found again."""
+    known = middle(*LEFT_BLOCK)[None]
+    assert first_found(scout()[0], room(LEFT_BLOCK), known) is None
+    found = first_found(scout()[0], room(LEFT_BLOCK, RIGHT_BLOCK), known)
+    assert found is not None
+    np.testing.assert_allclose(found[1], middle(*RIGHT_BLOCK), atol=12)
+
+
+def test_no_frame_waits() -> None:
+    """But the first: then few places are looked at in a frame, fewer while a hand is followed, and as many a second
+    whatever the rate; a round is not begun at once after another.
+    """
+
+    def places(followed: np.ndarray, rate: int, seconds: int = 3) -> list[int]:
+        one, locator = scout()
+        counts = []
+        for n in range(seconds * rate):
+            one.look(room(), followed, n / rate)
+            counts.append(locator.count)
+        return counts
+
+    beside, alone = places(middle(*LEFT_BLOCK)[None], 30), places(NOBODY, 30)
+    whole = alone[0]
+    assert 0 < max(beside[1:]) < max(alone[1:]) < whole / 5
+    slow = places(middle(*LEFT_BLOCK)[None], 10)
+    assert max(beside[1:]) < max(slow[1:]) < whole / 5 and sum(slow[1:]) == pytest.approx(sum(beside[1:]), rel=0.2)
+    rounds, locator = scout()
+    few = np.zeros((480, 640), np.float32)
+    few[:200, :200] = 700  # places that are over soon
+    counts = []
+    for n in range(90):
+        rounds.look(few, middle(*RIGHT_BLOCK)[None], n * FRAME)
+        counts.append(locator.count)
+    assert np.mean(np.array(counts) > 0) < 0.6 and sum(counts[60:]) > 0
+
+
+def test_nothing_to_be_seen() -> None:
+    """No place, no hand, no error."""
+    assert first_found(scout()[0], np.zeros((480, 640), np.float32), NOBODY, 3) is None
+    assert first_found(scout()[0], room(), NOBODY, 50) is None
+
+
+def test_the_chance_of_a_place() -> None:
+    """Of a block, of the wall, and of what is out of sight."""
+    one, _ = scout()
+    depth = room(LEFT_BLOCK)
+    assert one.chance(depth, middle(*LEFT_BLOCK)) == pytest.approx(0.9)
+    assert one.chance(depth, np.array([300.0, 0, 1500])) == 0
+    assert one.chance(depth, np.array([0.0, 0, -500])) == one.chance(depth, np.array([9e4, 0, 700])) == 0

@@ -1,0 +1,79 @@
+"""handpose/tracking/sizing.py: hands of a known size, fitted with another"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import NYU
+from handpose.fitting.depth.body import SIZE, FleshModel
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.flesh.render import normalise_depth, render_crop
+from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.pose_prior import PosePrior
+from handpose.tracking.looking import Aim, Sight
+from handpose.tracking.sizing import SizeKeeper
+
+TRUE, COUNT = 0.93, 60
+
+
+@pytest.fixture(scope="module")
+def looker(model: FleshModel) -> Any:
+    """What of it is needed."""
+    return SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0)
+
+
+@pytest.fixture(scope="module")
+def hands(model: FleshModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) off by a little."""
+    exact = PosePrior(scale_std=0, bone_std=0)
+    drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
+    x, uvd = model.variables_of(drawn.hands.inputs[:COUNT]), drawn.center_uvd[:COUNT]
+    x[:, SIZE] = np.log(TRUE)
+    depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
+    fitted = x + np.random.default_rng(0).normal(0, 0.03, x.shape)
+    fitted[:, SIZE] = np.random.default_rng(1).normal(0, 0.05, len(x))  # about 1, not the true one
+    return normalise_depth(depth, uvd[:, 2], 300.0), uvd, fitted
+
+
+def sights(hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: str, confidence: float = 1.0) -> list[Sight]:
+    """Of these hands, or of their mirror images."""
+    found = []
+    for crop, uvd, x in zip(*hands):
+        if side == "left":
+            crop, uvd = crop[:, ::-1], np.array([2 * NYU.u0 - uvd[0], *uvd[1:]])
+        fit: Any = SimpleNamespace(x=x[None], confidence=np.array([confidence]), doubt=np.ones(1))
+        found.append(Sight(Aim(uvd, side), np.zeros(3), crop, fit, None))  # type: ignore[arg-type]
+    return found
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_size_of_a_hand(looker: Any, hands: Any, side: str) -> None:
+    """Is told once, after some seconds of frames."""
+    keeper, told = SizeKeeper(looker), []
+    for n, sight in enumerate(sights(hands, side)):
+        told.append(keeper.take(sight, n / 5))
+        if told[-1] is not None:
+            break
+    assert len(told) > 5 and told[:-1] == [None] * (len(told) - 1)
+    assert told[-1] == pytest.approx(TRUE, abs=0.02)
+
+
+def test_sights_as_the_other_hand_say_nothing(looker: Any, hands: Any) -> None:
+    """Of the one that it was taken for before."""
+    keeper, told = SizeKeeper(looker), []
+    for n, sight in enumerate([*sights(hands, "left")[:20], *sights(hands, "right")]):
+        told.append(keeper.take(sight, n / 5))
+        if told[-1] is not None:
+            break
+    assert told[-1] == pytest.approx(TRUE, abs=0.02)
+
+
+def test_frames_that_say_nothing(looker: Any, hands: Any) -> None:
+    """Those that are unsure, and those that follow one another too soon to differ."""
+    keeper = SizeKeeper(looker)
+    assert [keeper.take(sight, n / 5) for n, sight in enumerate(sights(hands, "right", 0.3))] == [None] * COUNT
+    assert [keeper.take(sight, 10 + n / 1000) for n, sight in enumerate(sights(hands, "right"))] == [None] * COUNT

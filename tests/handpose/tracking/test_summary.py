@@ -1,0 +1,61 @@
+"""handpose/tracking/summary.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from tracked_hands import HEADER, tracked
+
+from handpose.tracking.summary import Summary
+from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand
+
+
+def summed(*hands: tuple[TrackedHand | LostHand, ...], first: float = 3.0) -> Summary:
+    """Of frames with these hands, two a second."""
+    found = Summary(HEADER.skeleton)
+    for n, own in enumerate(hands):
+        seen = tuple(one for one in own if isinstance(one, TrackedHand))
+        found.add(TrackedFrame(n, first + n / 2, seen, tuple(one for one in own if isinstance(one, LostHand))))
+    return found
+
+
+def gone(since: float, id: int = 1) -> LostHand:
+    """A lost hand."""
+    return LostHand(id, "right", since, "hidden")
+
+
+def test_nothing() -> None:
+    """Is nothing."""
+    found = summed()
+    assert (found.frames, found.seconds, found.hands) == (0, 0, {})
+
+
+def test_frames_and_seconds() -> None:
+    """From the first frame to the last, wherever they begin."""
+    found = summed((), (), ())
+    assert (found.frames, found.seconds, found.hands) == (3, 1.0, {})
+
+
+def test_losses() -> None:
+    """As often as it is lost, not in how many frames; the longest time since it was seen."""
+    here = tracked()
+    found = summed((here,), (gone(3),), (gone(3),), (here,), (gone(4.5),), (here,)).hands[1]
+    assert (found.frames, found.losses, found.longest, found.is_lost) == (3, 2, 1.0, False)
+    assert summed((here,), (gone(3),)).hands[1].is_lost
+
+
+def test_each_hand_by_itself() -> None:
+    """By its id; which hand and how large, as it was told last."""
+    left, grown = tracked("left", id=2), replace(tracked(), bones=HEADER.skeleton.bones * 1.1)
+    found = summed((tracked(hand="left"), left), (grown, left), (grown,)).hands
+    assert (found[1].hand, found[1].frames, found[2].hand, found[2].frames) == ("right", 3, "left", 2)
+    assert found[1].size == pytest.approx(1.1) and found[2].size == 1
+
+
+def test_how_sure() -> None:
+    """The median, of what is known."""
+    hands = [(tracked(confidence=value),) for value in (0.2, 0.9, 0.8, float("nan"))]
+    assert summed(*hands).hands[1].sure == "80%"
+    assert summed(hands[-1]).hands[1].sure == "unknown"
+    assert summed((gone(1),)).hands[1].sure == "unknown"

@@ -1,0 +1,81 @@
+"""handpose/tracking/telling.py: from a pose that was found to the words of a track"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import NYU
+from handpose.fitting.depth.body import SIZE, FleshModel
+from handpose.tracking.body_pose import Placer
+from handpose.tracking.looking import Aim, Sight
+from handpose.tracking.telling import told
+from handpose.tracks.track import MIRROR, joints_of
+
+CENTER = np.array([350.0, 200, 650])  # px, px, mm
+
+
+@pytest.fixture(scope="module")
+def looker(model: FleshModel) -> Any:
+    """What of it is needed."""
+    return SimpleNamespace(fitter=SimpleNamespace(model=model), placer=Placer(model), cube_mm=300.0)
+
+
+def variables(model: FleshModel) -> np.ndarray:
+    """A pose (V,)."""
+    x = np.random.default_rng(0).uniform(0, 0.4, model.variables)
+    x[SIZE] = np.log(0.95)
+    return x
+
+
+def follower(model: FleshModel, looker: Any, side: str = "right", size: float | None = None) -> Any:
+    """That saw this pose, and smoothed it to one 6 mm farther along x."""
+    center = NYU.unproject(CENTER) * (MIRROR if side == "left" else 1)
+    body = looker.placer.placed(variables(model), center)
+    fit: Any = SimpleNamespace(confidence=np.array([0.9]), error_mm=np.array([7.0]))
+    seen = Sight(Aim(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
+    smooth = body._replace(place=body.place + (6, 0, 0))
+    return SimpleNamespace(id=4, size=size, best=SimpleNamespace(sight=seen, smooth=smooth))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_hand(model: FleshModel, looker: Any, side: str) -> None:
+    """Its joints are where the body was found, and those of the inputs that are told; all else is as it was seen."""
+    hand = told(follower(model, looker, side), looker, smooth=False, flesh=False)
+    mirror = MIRROR if side == "left" else np.ones(3)
+    expected = model.joints(variables(model)[None])[0] * mirror + NYU.unproject(CENTER)
+    np.testing.assert_allclose(hand.xyz, expected, atol=1e-4)
+    again = joints_of(model.skeleton, 150.0, side, hand.inputs, hand.bones, hand.origin_mm)
+    np.testing.assert_allclose(again, hand.xyz, atol=1e-9)
+    np.testing.assert_allclose(hand.bones, 0.95 * model.skeleton.bones)
+    np.testing.assert_allclose(hand.origin_mm, NYU.unproject(CENTER))
+    assert (hand.id, hand.hand, hand.confidence, hand.error_mm, hand.cube_mm) == (4, side, 0.9, 7.0, 300)
+    assert hand.capsules is None and hand.center_uvd is CENTER
+
+
+@pytest.mark.parametrize(("side", "x"), [("right", 6), ("left", -6)])
+def test_smoothed(model: FleshModel, looker: Any, side: str, x: float) -> None:
+    """The other pose is told, about the same crop; a left hand's is its mirror image."""
+    one = follower(model, looker, side)
+    raw, smooth = (told(one, looker, smooth=smooth, flesh=False) for smooth in (False, True))
+    np.testing.assert_allclose(smooth.xyz - raw.xyz, np.tile([x, 0, 0], (31, 1)), atol=1e-6)
+    np.testing.assert_array_equal(smooth.origin_mm, raw.origin_mm)
+
+
+def test_a_known_size(model: FleshModel, looker: Any) -> None:
+    """Is that of the bones, whatever was found in this frame."""
+    hand = told(follower(model, looker, size=1.08), looker, smooth=True, flesh=False)
+    np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_flesh(model: FleshModel, looker: Any, side: str) -> None:
+    """About the joints that are told: ends of capsules that are joints are just there."""
+    hand = told(follower(model, looker, side), looker, smooth=True, flesh=True)
+    assert hand.capsules is not None
+    ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
+    nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
+    assert np.median(nearest) < 10 and (hand.capsules.radius_a > 0).all()

@@ -1,0 +1,302 @@
+"""handpose/tracking/tracker.py: on short synthetic recordings, beside their truth"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import ICVL, NYU
+from handpose.predicting.packaged import load_predictor
+from handpose.predicting.predictor import Predictor
+from handpose.recordings.recording import DepthFrame
+from handpose.tracking.following import Follower
+from handpose.tracking.tracker import Tracker, load_tracker
+from handpose.tracks.reasons import LEFT
+from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, joints_of
+from netlib.errors import DataError, NetlibError
+from tests.handpose.tracking.conftest import RATE, Take, tracked
+
+SOME = 12  # frames of a recording that are tracked again
+
+
+def again(predictor: Predictor, take: Take, frames: int = SOME, **options: object) -> list[TrackedFrame]:
+    """The first frames, tracked by a new tracker."""
+    return list(Tracker(predictor, **options).follow(take.frames[:frames]))  # type: ignore[arg-type]
+
+
+def begun(predictor: Predictor, take: Take, **options: object) -> Tracker:
+    """One that has seen the first six frames."""
+    tracker = Tracker(predictor, **options)  # type: ignore[arg-type]
+    for frame in take.frames[:6]:
+        tracker.step(frame)
+    return tracker
+
+
+@pytest.fixture(scope="module")
+def raw(predictor: Predictor, shown: Take) -> Take:
+    """The gestures again, without smoothing."""
+    return tracked(predictor, shown, smooth=False)
+
+
+# ---------------------------------------------------------------------------------------------- one hand
+
+
+def test_a_hand_is_followed(shown: Take) -> None:
+    """In every frame, by one id, as the right hand that it is, with a small error; nothing else is told."""
+    scores = shown.score()
+    hand = scores.hands[0]
+    assert scores.found > 0.95 and scores.invented == 0 and scores.id_switches == 0
+    assert hand.wrong_side <= 3 and hand.errors.mean < 15 and hand.missed == hand.said_lost
+    assert [frame.number for frame in shown.told] == list(range(45))
+    assert [frame.time for frame in shown.told] == [frame.time for frame in shown.frames]
+
+
+def test_better_than_frame_by_frame(shown: Take, predictor: Predictor) -> None:
+    """Of every eighth frame that was tracked, by the same network and the same plan."""
+    errors = []
+    for frame, told, truth in list(zip(shown.frames, shown.told, shown.truth))[4::8]:
+        alone = predictor.in_frame(frame.depth)
+        true = truth.hands[0].xyz
+        errors.append([np.linalg.norm(xyz - true, axis=1).mean() for xyz in (told.hands[0].xyz, alone.xyz)])
+    tracked, alone_mm = np.mean(errors, axis=0)
+    assert tracked < alone_mm
+
+
+def test_joints_are_those_of_the_inputs(shown: Take, leaving: Take) -> None:
+    """Of angles, bones and place; of a left hand as well. The crop is about the hand, the confidence a chance."""
+    for take in (shown, leaving):
+        assert take.tracker is not None
+        header = take.tracker.header("a recording")
+        for hand in (hand for frame in take.told for hand in frame.hands):
+            xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
+            np.testing.assert_allclose(xyz, hand.xyz, atol=1e-6)
+            np.testing.assert_allclose(ICVL.project(hand.origin_mm), hand.center_uvd, atol=1e-6)
+            assert np.linalg.norm(hand.xyz.mean(axis=0) - hand.origin_mm) < 150 and hand.cube_mm == 300
+            assert 0 <= hand.confidence <= 1 and hand.error_mm > 0 and hand.capsules is None
+
+
+def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor) -> None:
+    """After some seconds, once; from then on bones do not change."""
+    sizes = [known[0] for known in shown.sizes]
+    first = next(n for n, size in enumerate(sizes) if size is not None)
+    assert RATE / 2 < first < len(sizes) and set(sizes[first:]) == {sizes[first]}
+    true = np.median(shown.truth[0].hands[0].bones[1:]), np.median(predictor.skeleton.bones[1:])
+    assert sizes[first] == pytest.approx(true[0] / true[1], rel=0.1)
+    for take in (shown, raw):
+        after = np.array([frame.hands[0].bones for frame in take.told[first + 1 :]])
+        assert len(after) > 2
+        np.testing.assert_allclose(after, np.tile(sizes[first] * predictor.skeleton.bones, (len(after), 1)))
+
+
+def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
+    """Is every hand's, from the first frame on."""
+    told = again(predictor, shown, size=1.05, smooth=False)
+    for frame in told:
+        np.testing.assert_allclose(frame.hands[0].bones, 1.05 * predictor.skeleton.bones)
+
+
+def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
+    """Smoothing changes what is told, not what is followed; it makes movements smaller, and not worse."""
+    for one, other in zip(shown.told, raw.told):
+        assert (one.number, one.lost) == (other.number, other.lost)
+        for own, same in zip(one.hands, other.hands, strict=True):
+            assert (own.id, own.hand, own.confidence) == (same.id, same.hand, same.confidence)
+            np.testing.assert_array_equal(own.center_uvd, same.center_uvd)
+    smooth_xyz, raw_xyz = (np.array([frame.hands[0].xyz for frame in told]) for told in (shown.told, raw.told))
+    assert not np.allclose(smooth_xyz, raw_xyz, atol=1)
+    restless = [np.linalg.norm(np.diff(xyz, 2, axis=0), axis=2).mean() for xyz in (smooth_xyz, raw_xyz)]
+    assert restless[0] < 0.8 * restless[1]
+    assert shown.score().hands[0].errors.mean < raw.score().hands[0].errors.mean + 2
+
+
+def test_the_same_again(shown: Take, predictor: Predictor) -> None:
+    """Bit for bit."""
+    for one, other in zip(again(predictor, shown), shown.told):
+        assert one.lost == other.lost and len(one.hands) == len(other.hands)
+        for own, same in zip(one.hands, other.hands):
+            for field in dataclasses.fields(TrackedHand):
+                np.testing.assert_array_equal(getattr(own, field.name), getattr(same, field.name))
+
+
+def test_flesh(shown: Take, leaving: Take, predictor: Predictor) -> None:
+    """If it is asked for: about the joints, of a left hand as well."""
+    for take in (shown, leaving):
+        hand = again(predictor, take, 4, flesh=True)[-1].hands[0]
+        assert hand.capsules is not None
+        ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
+        nearest = np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)
+        assert np.median(nearest) < 15
+
+
+def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
+    """No frame is asked for before the one before it was told."""
+    taken: list[int] = []
+
+    def frames() -> Iterator[DepthFrame]:
+        for frame in shown.frames:
+            taken.append(frame.number)
+            yield frame
+
+    told = Tracker(predictor).follow(frames())
+    assert next(told).number == 0 and taken == [0]
+    assert next(told).number == 1 and taken == [0, 1]
+
+
+# --------------------------------------------------------------------------------------- lost and found
+
+
+def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
+    """Is said to be lost, with the reason and since when; when it returns it is the same one, and the same hand."""
+    scores = leaving.score()
+    hand = scores.hands[0]
+    assert hand.gone > 5 and hand.said_gone >= hand.gone - 3 and hand.right_reason >= hand.gone - 5
+    assert scores.found > 0.8 and scores.id_switches == 0 and hand.wrong_side <= 3 and hand.errors.mean < 20
+    gone = [frame.lost[0] for frame in leaving.told if frame.lost]
+    assert gone[-1].reason.startswith(LEFT) and {(lost.id, lost.hand) for lost in gone} == {(0, "left")}
+    assert {hand.id for frame in leaving.told for hand in frame.hands} == {0}
+    assert leaving.told[-1].hands and not leaving.told[-1].lost
+
+
+def test_nothing_lost_is_repeated(leaving: Take) -> None:
+    """A hand is told or lost, never both; since when it is lost does not change until it is found."""
+    since = None
+    for frame in leaving.told:
+        assert len(frame.hands) + len(frame.lost) == 1
+        if frame.hands:
+            since = frame.time
+        else:
+            assert frame.lost[0].since == since and frame.lost[0].reason
+
+
+def test_what_becomes_of_a_hand(shown: Take, predictor: Predictor) -> None:
+    """The camera reads nothing; then there is a wall where it was."""
+    tracker, step = begun(predictor, shown), 1 / RATE
+    empty, wall = np.zeros((240, 320), np.float32), np.full((240, 320), 1500, np.float32)
+    told = [tracker.step(DepthFrame(6, 6 * step, empty)), tracker.step(DepthFrame(7, 7 * step, wall))]
+    assert [frame.hands for frame in told] == [(), ()]
+    assert told[0].lost == (LostHand(0, told[0].lost[0].hand, 5 * step, "nothing was read in this frame"),)
+    assert told[1].lost[0].reason.startswith("nothing is seen where it was")
+
+
+def test_what_does_not_look_like_a_hand_is_dropped(
+    shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Soon, though not at once, and also if the fit is sure."""
+    tracker = begun(predictor, shown)
+    monkeypatch.setattr(tracker.scout, "chance", lambda depth, middle: 0.0)
+    monkeypatch.setattr(tracker.scout, "look", lambda *what: None)
+    told = [tracker.step(frame) for frame in shown.frames[6:24]]
+    assert told[0].hands and not told[-1].hands
+    assert told[-1].lost[0].reason.startswith("what is seen where it was does not look like a hand")
+
+
+def test_after_a_gap_in_time(shown: Take, predictor: Predictor) -> None:
+    """Nobody knows where the hand is: it is lost, for that reason, until it is found again."""
+    tracker = begun(predictor, shown)
+    told = tracker.step(DepthFrame(99, 9.0, np.full((240, 320), 1500, np.float32)))
+    assert not told.hands and told.lost[0].reason == "no frame for 8.7 s, and not found again"
+    for n in range(20):
+        told = tracker.step(DepthFrame(100 + n, 9.1 + n / RATE, shown.frames[n].depth))
+        if told.hands:
+            break
+    assert [hand.id for hand in told.hands] == [0] and not told.lost
+
+
+def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is not followed, though the locator sees a hand."""
+    tracker = Tracker(predictor)
+    monkeypatch.setattr(tracker.scout, "look", lambda *what: shown.truth[0].hands[0].origin_mm)
+    monkeypatch.setattr(tracker.looker, "look", lambda depth, aims, plan=None: [None] * len(aims))
+    assert not tracker.step(shown.frames[0]).hands
+
+
+@pytest.mark.parametrize("place", [(9000.0, 0, 700), (0.0, 60, 1400)], ids=["out of sight", "before a wall"])
+def test_what_the_locator_takes_for_a_hand(
+    predictor: Predictor, monkeypatch: pytest.MonkeyPatch, place: tuple[float, ...]
+) -> None:
+    """Is none if the fit does not say so as well."""
+    tracker = Tracker(predictor)
+    monkeypatch.setattr(tracker.scout, "look", lambda *what: np.array(place))
+    image = np.full((240, 320), 1380, np.float32)
+    assert tracker.step(DepthFrame(0, 0.0, image)) == TrackedFrame(0, 0.0, (), ())
+
+
+# ------------------------------------------------------------------------------------------ many and none
+
+
+def test_two_hands(two: Take) -> None:
+    """Each by its own id, and which it is."""
+    scores = two.score()
+    assert scores.found > 0.6 and scores.invented == 0 and scores.id_switches == 0
+    last = two.told[-1].hands
+    assert [hand.id for hand in last] == [0, 1] and {hand.hand for hand in last} == {"right", "left"}
+    for hand in last:
+        true = next(own for own in two.truth[-1].hands if own.hand == hand.hand)
+        assert np.linalg.norm(hand.xyz - true.xyz, axis=1).mean() < 25
+
+
+def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
+    """One of the two, always the same."""
+    told = again(predictor, two, 8, hands=1)
+    assert {len(frame.hands) for frame in told[1:]} == {1} and not any(frame.lost for frame in told)
+    places = np.array([frame.hands[0].origin_mm for frame in told[1:]])
+    assert np.ptp(places, axis=0).max() < 60
+
+
+def test_one_hand_is_not_two(shown: Take, predictor: Predictor) -> None:
+    """Two that are followed and come to the same place: one of them goes on, the other is lost."""
+    tracker = begun(predictor, shown)
+    last = tracker.followers[0].best.sight
+    tracker.followers.append(Follower(1, tracker.looker, [last], shown.frames[5].time, None))
+    tracker.known[1] = dataclasses.replace(tracker.known[0])
+    told = tracker.step(shown.frames[6])
+    assert len(told.hands) == len(told.lost) == 1 and told.hands[0].id != told.lost[0].id
+    assert told.lost[0].reason == "another hand is followed in its place"
+    assert [hand.id for hand in tracker.step(shown.frames[7]).hands] == [told.hands[0].id]
+
+
+def test_nobody(predictor: Predictor) -> None:
+    """In an image where nothing was read, and before a wall: no hand, none lost."""
+    tracker = Tracker(predictor)
+    for n, depth in enumerate((0, 0, 1200, 1200, 1200, 3000)):
+        image = np.full((240, 320), depth, np.float32)
+        assert tracker.step(DepthFrame(n, n / RATE, image)) == TrackedFrame(n, n / RATE, (), ())
+
+
+# ----------------------------------------------------------------------------------------------- mistakes
+
+
+@pytest.mark.parametrize("hands", [1, 2])
+def test_a_frame_of_another_size(shown: Take, predictor: Predictor, hands: int) -> None:
+    """Is an error that says so, also while hands enough are followed: not a hand that left."""
+    tracker = begun(predictor, shown, hands=hands)
+    other = DepthFrame(6, 6 / RATE, np.full((480, 640), 700, np.float32))
+    with pytest.raises(DataError, match=r"depth image of shape \(480, 640\), expected \(240, 320\) of camera 'icvl'"):
+        tracker.step(other)
+
+
+def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
+    """Are an error: nobody could say how fast a hand is."""
+    tracker = begun(predictor, shown)
+    for time in (5 / RATE, 0.0, float("nan")):
+        with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s; times must ascend"):
+            tracker.step(DepthFrame(9, time, shown.frames[6].depth))
+    assert tracker.step(shown.frames[6]).hands
+
+
+def test_predictors_of_other_kinds() -> None:
+    """Without a fit nobody can be followed."""
+    with pytest.raises(NetlibError, match="a tracker needs a predictor with a fit and a locator"):
+        Tracker(load_predictor(NYU, fit="no", hand="right"))
+
+
+def test_in_five_lines(shown: Take) -> None:
+    """With the packaged weights, and options."""
+    tracker = load_tracker(shown.recording.camera, hands=1, smooth=False)
+    header = tracker.header(shown.recording.name)
+    assert (header.source, header.camera, header.unit_mm, header.smoothed) == (shown.recording.name, ICVL, 150, False)
+    for frame in tracker.follow(shown.frames[:2]):
+        assert [hand.xyz.shape for hand in frame.hands] == [(31, 3)] and not frame.lost

@@ -1,0 +1,227 @@
+"""tools/track.py: from a recording to files"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import ICVL
+from handpose.recordings.opening import open_recording
+from handpose.recordings.recording import DepthFrame
+from handpose.recordings.writing import RecordingWriter
+from handpose.synthetic.recordings import SyntheticRecording
+from handpose.tracking.tracker import Tracker, load_tracker
+from handpose.tracks.json_file import read_track
+from tools import track
+
+RAW = ["--camera", "icvl", "--unit", "1", "--rate", "15"]  # what nothing says of a bare stack
+COUNT = 8
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of half a second of a hand at rest."""
+    path = tmp_path_factory.mktemp("recorded") / "take.npz"
+    recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
+    with RecordingWriter(path, recording.camera, recording.unit_mm, recording.rate) as writer:
+        for frame in recording:
+            writer.write(frame)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def take(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is takes/take.npz, seen from the working directory."""
+    monkeypatch.chdir(tmp_path)
+    Path("takes").mkdir()
+    shutil.copy(recorded, "takes/take.npz")
+
+
+def files() -> list[str]:
+    """What is there beside the recording."""
+    return sorted(path.name for path in Path().iterdir() if path.name != "takes")
+
+
+def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
+    """While this frame is tracked, something happens."""
+    step = Tracker.step
+
+    def interrupted(self: Tracker, frame: DepthFrame) -> Any:
+        if frame.number == number:
+            stop()
+        return step(self, frame)
+
+    monkeypatch.setattr(Tracker, "step", interrupted)
+
+
+# ------------------------------------------------------------------------------------------------ what it does
+
+
+def test_without_any_output_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """A document and a sheet, called like the source, here; they hold what the tracker tells."""
+    assert track.main(["takes/take.npz"]) == 0
+    assert files() == ["take.json", "take.png"]
+    found = read_track("take.json")
+    with open_recording("takes/take.npz") as recording:
+        tracker = load_tracker(recording.camera)
+        told = list(tracker.follow(recording))
+    assert not found.cut and found.header.smoothed and found.header.camera == ICVL
+    assert len(found.frames) == COUNT
+    for one, other in zip(found.frames, told):
+        assert (one.number, [hand.id for hand in one.hands]) == (other.number, [hand.id for hand in other.hands])
+        for own, same in zip(one.hands, other.hands):
+            np.testing.assert_allclose(own.xyz, same.xyz, atol=0.006)
+    assert cv2.imread("take.png") is not None
+    said, error = capsys.readouterr()
+    assert error == ""
+    lines = said.splitlines()
+    assert lines[0] == f"takes/take.npz: {COUNT} frames, 320 x 240 pixels, 15 frames/s"
+    assert [line for line in lines if line.startswith(f"{COUNT} frames of 0.5 s, ")]
+    assert [line for line in lines if line.split()[:2] == ["0", "right"]]
+    assert sorted(lines[-2:]) == ["wrote take.json", "wrote take.png"]
+
+
+def test_lines_for_another_program(capsys: pytest.CaptureFixture[str]) -> None:
+    """A header and a line for each frame, and nothing else, on standard output; what is said goes to stderr."""
+    assert track.main(["takes/take.npz", "--json", "-"]) == 0
+    out, said = capsys.readouterr()
+    header, *frames = (json.loads(line) for line in out.splitlines())
+    assert header["format"] == "handpose track" and header["source"] == "takes/take.npz"
+    assert [frame["number"] for frame in frames] == list(range(COUNT)) and "hands" in frames[0]
+    assert said.startswith("takes/take.npz: ") and "frames/s" in said and "0 right" in said
+    assert files() == []
+
+
+def test_options() -> None:
+    """Go to the tracker: the size, no smoothing; so many frames."""
+    assert track.main(["takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3"]) == 0
+    found = read_track("a.json")
+    assert not found.header.smoothed and len(found.frames) == 3 and not found.cut and files() == ["a.json"]
+    bones = found.frames[-1].hands[0].bones
+    np.testing.assert_allclose(bones, 1.1 * found.header.skeleton.bones, rtol=0.01, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [("takes/wave.mkv", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
+     ("takes/left_*.png", "left"), ("realsense", "realsense"), ("takes/a b;c.npz", "a_b_c"),
+     ("camera.npz", "camera_track"), (".", "here"), ("../here", "here")],
+)  # fmt: skip
+def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of the source; never that of a camera's file."""
+    seen: list[argparse.Namespace] = []
+    monkeypatch.setattr(track, "guarded", lambda run, args: seen.append(args) or 0)
+    Path("here").mkdir()
+    monkeypatch.chdir("here")
+    assert track.main([source]) == 0
+    assert (seen[0].json, seen[0].sheet) == (f"{name}.json", f"{name}.png")
+
+
+def test_a_first_look(capsys: pytest.CaptureFixture[str]) -> None:
+    """Shows the first hand, and tracks nothing."""
+    assert track.main(["takes/take.npz", "--look", "look.png"]) == 0
+    assert files() == ["look.png"] and cv2.imread("look.png") is not None
+    assert "frame 0: right hand, " in capsys.readouterr().out
+
+
+# ------------------------------------------------------------------------------------------------ what goes wrong
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [["--json", "a.txt"], ["--csv", "a.json"], ["--bvh", "a.fbx"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
+     ["--rerun", "a.json"], ["--hands", "0"], ["--frames", "0"], ["--size", "0"], ["--fit", "no"]],
+    ids=lambda argv: " ".join(argv),
+)  # fmt: skip
+def test_wrong_usage(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Ends with 2 before anything is done."""
+    with pytest.raises(SystemExit) as ended:
+        track.main(["takes/take.npz", *argv])
+    assert ended.value.code == 2 and argv[0] in capsys.readouterr().err and files() == []
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_leaves_whole_files(
+    number: int, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of what was done, with the frame that it came in; what was found is said all the same."""
+    stopped_at(monkeypatch, 3, lambda: signal.raise_signal(number))
+    assert track.main(["takes/take.npz", "--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh"]) == status
+    found = read_track("a.json")
+    assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
+    assert files() == ["a.csv", "a.json", "a_right_0.bvh"] and Path("a.csv").read_text().endswith("\n")
+    assert "Frames: 4" in Path("a_right_0.bvh").read_text()
+    out, error = capsys.readouterr()
+    assert error == "stopped; what was done is kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
+
+
+def test_a_second_signal_leaves_whole_files(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also in the middle of a frame."""
+
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    stopped_at(monkeypatch, 3, stop)
+    assert track.main(["takes/take.npz"]) == 130
+    assert capsys.readouterr().err == "interrupted\n" and files() == ["take.json", "take.png"]
+    found = read_track("take.json")
+    assert found.cut and len(found.frames) == 3 and cv2.imread("take.png") is not None
+
+
+def test_a_source_that_is_cut(capsys: pytest.CaptureFixture[str]) -> None:
+    """All whole frames are tracked, and it is said; the document is complete, for there is no more."""
+    depth = np.stack([frame.depth for frame in open_recording("takes/take.npz")]).astype(np.uint16)
+    np.save("takes/cut.npy", depth[:4])
+    Path("takes/cut.npy").write_bytes(Path("takes/cut.npy").read_bytes()[:-1])
+    assert track.main(["takes/cut.npy", *RAW, "--json", "a.json"]) == 0
+    assert "warning: takes/cut.npy: ends after 3 whole frames, its header tells of 4" in capsys.readouterr().err
+    assert len(read_track("a.json").frames) == 3
+
+
+def test_a_source_that_breaks(capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, and whole files of the frames before."""
+    Path("takes/frames").mkdir()
+    for frame in open_recording("takes/take.npz"):
+        cv2.imwrite(f"takes/frames/{frame.number}.png", frame.depth.astype(np.uint16))
+    for n in range(COUNT, 12):  # behind those of a first look
+        cv2.imwrite(f"takes/frames/{n}.png", np.zeros((5, 6) if n == 11 else (240, 320), np.uint16))
+    assert track.main(["takes/frames", *RAW, "--json", "a.json"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("takes/frames/11.png: 6 x 5 pixels; ")
+    found = read_track("a.json")
+    assert found.cut and len(found.frames) == 11
+
+
+def test_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
+    """Frames without a hand are a track without one; a picture of it cannot be drawn."""
+    np.save("takes/wall.npy", np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16))
+    assert track.main(["takes/wall.npy", *RAW]) == 0
+    assert "no hand was found\n" in capsys.readouterr().out
+    assert [(frame.hands, frame.lost) for frame in read_track("wall.json").frames] == [((), ())] * 3
+    assert cv2.imread("wall.png") is not None
+    np.save("takes/empty.npy", np.zeros((2, 240, 320), np.uint16))
+    assert track.main(["takes/empty.npy", *RAW, "--look", "look.png"]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == "takes/empty.npy: no hand in the first 2 frames"
+    assert not Path("look.png").exists()
+
+
+def test_no_source(capsys: pytest.CaptureFixture[str]) -> None:
+    """Nor a camera: one line, and no files."""
+    np.save("takes/bare.npy", np.ones((2, 240, 320), np.uint16))
+    for source, line in (
+        ("takes/none", "takes/none: no such file"),
+        ("takes/bare.npy", "takes/bare.npy: nothing says"),
+    ):
+        assert track.main([source]) == 1
+        assert capsys.readouterr().err.startswith(line)
+    assert files() == []
