@@ -50,7 +50,7 @@ from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 from tools.sources import add_source_options, opened, positive_number, say_first_look
 from tools.stopper import StoppedError, Stopper
-from tools.track_outputs import Outputs, add_output_options, anything_asked, is_drawn
+from tools.track_outputs import Outputs, add_output_options, anything_asked, is_drawn, name_in
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -58,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     add_source_options(parser)
     add_output_options(parser)
-    parser.add_argument("--look", metavar="FILE.png", type=Path,
+    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="only the first look, and the first hand as a picture")  # fmt: skip
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=("either", "left", "right"), default="either",
@@ -139,7 +139,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
-        findings.draw(args.look, found, predictor)
+        findings.draw(Path(args.look), found, predictor)
         say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
