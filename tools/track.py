@@ -140,7 +140,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
-        findings.draw(args.look, found, predictor)
+        findings.draw(Path(args.look), found, predictor)
         say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)

@@ -109,6 +109,13 @@ def test_options() -> None:
     np.testing.assert_allclose(bones, 1.1 * found.header.skeleton.bones, rtol=0.01, atol=1e-5)
 
 
+@pytest.mark.parametrize("hand", ["left", "right"])
+def test_which_hand_is_known(hand: str) -> None:
+    """Then it is looked for as that one alone, also where it is not."""
+    assert track.main(["takes/take.npz", "--json", "a.json", "--hand", hand, "--frames", "3"]) == 0
+    assert {own.hand for frame in read_track("a.json").frames for own in frame.hands} <= {hand}
+
+
 @pytest.mark.parametrize(
     ("source", "name"),
     [("takes/wave.mkv", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
@@ -138,7 +145,8 @@ def test_a_first_look(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     "argv",
     [["--json", "a.txt"], ["--csv", "a.json"], ["--bvh", "a.fbx"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
-     ["--rerun", "a.json"], ["--hands", "0"], ["--frames", "0"], ["--size", "0"], ["--fit", "no"]],
+     ["--rerun", "a.json"], ["--look", "a.txt"], ["--hand", "both"],
+     ["--hands", "0"], ["--frames", "0"], ["--size", "0"], ["--fit", "no"]],
     ids=lambda argv: " ".join(argv),
 )  # fmt: skip
 def test_wrong_usage(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -203,7 +211,7 @@ def test_a_source_that_breaks(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
-    """Frames without a hand are a track without one; a picture of it cannot be drawn."""
+    """Frames without a hand are a track without one; a first look shows why."""
     np.save("takes/wall.npy", np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16))
     assert track.main(["takes/wall.npy", *RAW]) == 0
     assert "no hand was found\n" in capsys.readouterr().out
@@ -211,8 +219,10 @@ def test_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert cv2.imread("wall.png") is not None
     np.save("takes/empty.npy", np.zeros((2, 240, 320), np.uint16))
     assert track.main(["takes/empty.npy", *RAW, "--look", "look.png"]) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == "takes/empty.npy: no hand in the first 2 frames"
-    assert not Path("look.png").exists()
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "takes/empty.npy: no hand in the first 2 frames; look.png shows the first of them"
+    )
+    assert cv2.imread("look.png") is not None
 
 
 def test_no_source(capsys: pytest.CaptureFixture[str]) -> None:
