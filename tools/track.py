@@ -36,13 +36,15 @@ import tools
 
 tools.begin(__name__)
 
+from handpose.drawing.tracks import Painter
 from handpose.predicting.packaged import load_predictor
 from handpose.recordings.first_look import FirstLook, look
 from handpose.recordings.recording import Recording
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import Tracker
+from handpose.tracks.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError, NetlibError
-from tools import findings
+from tools import findings, pictures
 from tools.arguments import add_engine, parser_of, positive
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
@@ -59,6 +61,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--look", metavar="FILE.png", type=Path,
                         help="only the first look, and the first hand as a picture")  # fmt: skip
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
+    parser.add_argument("--hand", choices=("either", "left", "right"), default="either",
+                        help="which there are, where that is known (default: either, told from the depth)")  # fmt: skip
     parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
     parser.add_argument("--size", type=positive_number, metavar="S",
                         help="of the hands, relative to the skeleton's (default: found in the first seconds)")  # fmt: skip
@@ -79,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         say_first_look(seen, talk)
         if args.look is not None:
             return _draw_first(args, seen)
-        predictor = load_predictor(recording.camera, fit=args.fit, engine=args.engine)
+        predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, flesh=is_drawn(args))
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
@@ -128,8 +132,8 @@ def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextI
 
 
 def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
-    """The first hand of the frames that were looked at."""
-    predictor = load_predictor(seen.camera, fit=args.fit, engine=args.engine)
+    """The first hand of the frames that were looked at; without one the first frame, which may show why."""
+    predictor = load_predictor(seen.camera, fit=args.fit, hand=args.hand, engine=args.engine)
     for frame in seen.frames:
         try:
             found = predictor.in_frame(frame.depth)
@@ -138,7 +142,9 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
         findings.draw(args.look, found, predictor)
         say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
         return DONE
-    raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames")
+    first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
+    pictures.write_image(args.look, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
+    raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames; {args.look} shows the first of them")
 
 
 def _stem(source: str) -> str:

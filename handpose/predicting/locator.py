@@ -60,12 +60,12 @@ class Locator:
             raise DataError(f"nothing as large as a hand is seen nearer than {FAR_MM:.0f} mm")
         chance, where = self.look(crops)
         for _ in range(TIMES):
-            likeliest = np.argsort(-_odds(chance, centers), kind="stable")[:AGAIN]
+            likeliest = np.argsort(-odds_of(chance, centers), kind="stable")[:AGAIN]
             crops, centers = place_crops(image, (centers + where)[likeliest], camera)
             if not len(centers):
                 raise DataError("what may be a hand is out of sight")
             chance, where = self.look(crops)
-        odds, centers = _odds(chance, centers), centers + where
+        odds, centers = odds_of(chance, centers), centers + where
         shown = _in_sight(centers, camera)
         if not shown.any():
             raise DataError("what may be a hand is out of sight")
@@ -76,7 +76,7 @@ class Locator:
             return found
         crops, nearest = place_crops(image, nearest, camera)
         if len(nearest) and np.linalg.norm(found.center - nearest, axis=1).min() > APART_MM:
-            odds = _odds(self.look(crops)[0], nearest)
+            odds = odds_of(self.look(crops)[0], nearest)
             found = Located(np.concatenate([found.center, nearest]), np.concatenate([found.odds, odds]))
         return found
 
@@ -96,7 +96,7 @@ class Locator:
         return np.concatenate(chance), np.concatenate(where)
 
 
-def _odds(chance: Array, center: Array) -> Array:
+def odds_of(chance: Array, center: Array) -> Array:
     """Logarithms (N,) of the odds of places (N, 3) with these chances (N,)."""
     sure = np.clip(chance, SURE, 1 - SURE)
     return np.asarray(np.log(sure / (1 - sure)) - center[:, 2] / FARTHER_MM)

@@ -5,21 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.tracking.body_pose import Motion, Placed, motion_between, moved
 from handpose.tracking.looking import Aim, Looker, Sight
 from handpose.tracking.smoothing import PoseFilter
 
-ENOUGH = 0.4  # confidence: less is no hand
-SURE = 0.95  # with less, the hand is looked for anew, from where it was and from where the network sees it ...
-ANEW = 0.25  # s ... so often at most
+ENOUGH = 0.3  # confidence: less is no hand
+SURE = 0.985  # with less, the hand is looked at anew, with all that a fit can try ...
+PAUSE, LONGEST_PAUSE = 0.25, 1.0  # ... s apart at least, and twice as long whenever that found nothing better, ...
+SOON = 0.06  # ... unless the hand is in trouble: then s apart
+TROUBLE, ALARM = 1.4, 2.0  # badness, relative to the usual one of this hand: the network is asked; looked at anew
+HABIT = 0.1  # how much of the usual badness is that of the last frame
+BETTER = 0.9  # of the badness: so much is better
 ASK = 0.2  # s between frames in which the network's pose competes with the one that is followed
 COAST = 0.4  # s that a hand is looked for where it was before it is given up
 KEPT = 0.7  # of the speed, from frame to frame
 NEW = 0.6  # how much of a speed is that of the last two frames
-DECIDED = 4.0  # logarithm of the ratio of doubts, summed up, that decides between left and right
-MOST = 1.0  # of it that one frame may say
-LONG = 20  # frames after which more of them decide
+COMPARE = 0.1  # s between looks that compare left and right, until it is decided
+DECIDED = 3.0  # logarithm of the ratio of doubts, summed up over such looks, that decides between left and right
+MOST = 1.2  # of it that one look may say
+LOOKS = 6  # after so many the sum decides, whatever it is
 
 
 class Seen:
@@ -57,21 +63,24 @@ class Follower:
     size     relative to the skeleton, once it is known
     """
 
-    def __init__(self, id: int, looker: Looker, sights: Sequence[Sight], time: float, size: float | None) -> None:
+    def __init__(
+        self, id: int, looker: Looker, sights: Sequence[Sight], time: float, size: float | None, leaning: float = 0.0
+    ) -> None:
+        """``leaning``: what speaks for a right hand (above 0) or a left one beside its picture."""
         self.id, self.time, self.size = id, time, size
         self.strikes, self.checked = 0, time
         self._looker = looker
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
-        self._anew = self._asked = time
-        self._evidence, self._frames = 0.0, 0
+        self._asked = self._looked = time
+        self._pause = PAUSE
+        self._usual = min(sight.badness for sight in sights)
+        self._evidence, self._looks = leaning, 0
         self._weigh(sights)
 
     @property
     def best(self) -> Seen:
         """The side that it most likely is."""
-        if len(self.sides) == 1:
-            return next(iter(self.sides.values()))
-        return self.sides["right" if self._evidence >= 0 else "left"]
+        return self.sides[self._likely]
 
     @property
     def is_decided(self) -> bool:
@@ -83,43 +92,57 @@ class Follower:
         """Was it seen well, and is it known which hand it is?"""
         return self.is_decided and self.best.sight.confidence >= SURE
 
+    @property
+    def _likely(self) -> str:
+        if self.is_decided:
+            return next(iter(self.sides))
+        return "right" if self._evidence >= 0 else "left"
+
     def aims(self, time: float) -> list[Aim]:
         """Where to look for it in a frame; while it is sure, the network is asked only now and then."""
-        asked = not self.is_sure or time - self._asked >= ASK
+        troubled = self.best.sight.badness > TROUBLE * self._usual
+        asked = troubled or not self.is_sure or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         aims = [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
         return aims if asked else [aim._replace(moved_mm=self._moved(aim.side)) for aim in aims]
 
-    def other_aims(self, sights: Sequence[Sight | None], time: float) -> list[Aim]:
-        """Where else, if what was seen is not sure: where it was, and where the network sees a palm near."""
+    def other_aims(self, depth: NDArray[np.float32], sights: Sequence[Sight | None], time: float) -> list[Aim]:
+        """Where else to look, with all that a fit can try, if what was seen is not sure, or not which hand it is.
+
+        From where it was, and where the locator sees a hand, or else the network a palm; there also as the other hand:
+        who decided in bad light may be wrong.
+        """
         sure = max((sight.confidence for sight in sights if sight is not None), default=0.0)
-        if sure >= SURE or time - self._anew < ANEW:
+        alarmed = min((sight.badness for sight in sights if sight is not None), default=np.inf) > ALARM * self._usual
+        pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
+        if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
-        self._anew = time
+        self._looked = time
         aims = [self._aim(side, seen.sight.body) for side, seen in self.sides.items()]
         for sight in sights:
             if sight is not None:
-                center = self._looker.palm_seen(sight)
-                aims.append(Aim(center, sight.aim.side, self.sides[sight.aim.side].sight.body, self.size))
+                center = self._looker.hand_near(depth, sight)
+                sides = ("right", "left") if self.is_decided else (sight.aim.side,)
+                aims += [Aim(center, side, None, self.size) for side in sides if side in self._looker.sides]
         return aims
 
-    def take(self, sights: Sequence[Sight | None], time: float) -> bool:
-        """What was seen of it; is it the hand? Of each side the best of several sights counts."""
-        best: dict[str, Sight] = {}
-        for sight in sights:
-            if sight is not None and (sight.aim.side not in best or sight.badness < best[sight.aim.side].badness):
-                best[sight.aim.side] = sight
-        if not best or max(sight.confidence for sight in best.values()) < ENOUGH:
+    def take(self, sights: Sequence[Sight | None], others: Sequence[Sight | None], time: float) -> bool:
+        """What was seen of it, and seen elsewhere; is it the hand? Of each side the best of several sights counts."""
+        first, second = _best(sights), _best(others)
+        self._weigh(list(second.values()))
+        before = min((sight.badness for sight in first.values()), default=np.inf)
+        best = _best([*first.values(), *second.values()])
+        own = [best[side] for side in self.sides if side in best]
+        if second:
+            better = min((sight.badness for sight in own), default=np.inf) < BETTER * before
+            self._pause = PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
+        if not own or max(sight.confidence for sight in own) < ENOUGH:
             return False
-        for side, sight in best.items():
-            self.sides[side].take(sight, time)
+        for sight in own:
+            self.sides[sight.aim.side].take(sight, time)
         self.time = time
-        self._weigh(sights[: len(self.sides)])
+        self._usual += HABIT * (self.best.sight.badness - self._usual)
         return True
-
-    def _moved(self, side: str) -> float:
-        """How far the last fit is said to be from the network's joints, mm."""
-        return float(self.sides[side].sight.fit.signs[0, -1])
 
     def given_up(self, time: float) -> bool:
         """Was it lost for too long?"""
@@ -128,14 +151,41 @@ class Follower:
     def _aim(self, side: str, body: Placed) -> Aim:
         return Aim(self._looker.center_of(body, side), side, body, self.size)
 
-    def _weigh(self, sights: Sequence[Sight | None]) -> None:
-        """Left or right, by one look at both: decided by the sum of what the frames say, and then kept."""
-        doubt = {sight.aim.side: sight.doubt for sight in sights if sight is not None}
-        if len(doubt) < 2 or self.is_decided:
+    def _moved(self, side: str) -> float:
+        """How far the last fit is said to be from the network's joints, mm."""
+        return float(self.sides[side].sight.fit.signs[0, -1])
+
+    def _weigh(self, sights: Sequence[Sight]) -> None:
+        """Left or right: decided by the sum of what looks at both say, and then kept, unless all that is seen later
+        says the other."""
+        doubt = {sight.aim.side: sight.doubt for sight in sights}
+        if len(doubt) < 2:
             return
-        says = np.log(max(doubt["left"], 1e-9)) - np.log(max(doubt["right"], 1e-9))
-        self._evidence += float(np.clip(np.nan_to_num(says), -MOST, MOST))
-        self._frames += 1
-        if abs(self._evidence) > DECIDED or self._frames >= LONG:
-            side = "right" if self._evidence >= 0 else "left"
-            self.sides = {side: self.sides[side]}
+        left, right = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in ("left", "right"))
+        says = float(np.clip(left - right, -MOST, MOST))
+        if self.is_decided:
+            self._reconsider(says, sights)
+            return
+        self._evidence += says
+        self._looks += 1
+        if abs(self._evidence) > DECIDED or self._looks >= LOOKS:
+            self.sides = {self._likely: self.best}
+            self._evidence = 0.0
+
+    def _reconsider(self, says: float, sights: Sequence[Sight]) -> None:
+        """Sum up what speaks for the other hand; whatever speaks for this one ends that."""
+        side = self._likely
+        against = -says if side == "right" else says
+        self._evidence = max(self._evidence + against, 0.0) if against > 0 else 0.0
+        if self._evidence > DECIDED:
+            self.sides = {sight.aim.side: Seen(sight, self.time) for sight in sights if sight.aim.side != side}
+            self._evidence = 0.0
+
+
+def _best(sights: Sequence[Sight | None]) -> dict[str, Sight]:
+    """The best of each side."""
+    best: dict[str, Sight] = {}
+    for sight in sights:
+        if sight is not None and (sight.aim.side not in best or sight.badness < best[sight.aim.side].badness):
+            best[sight.aim.side] = sight
+    return best

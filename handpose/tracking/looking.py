@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import crop
+from handpose.data.places import place_crops
 from handpose.facts.cameras import Camera
 from handpose.fitting.depth.fit import DepthFit
 from handpose.fitting.depth.observation import observe
@@ -25,6 +26,9 @@ from handpose.tracking.body_pose import Placed, Placer
 from handpose.tracks.track import MIRROR
 from netlib.blob import Array
 from netlib.errors import DataError
+
+LIKELY = 0.5  # chance of a hand, says the locator
+TIMES = 2  # that it looks, each time from where it saw the hand
 
 
 class Aim(NamedTuple):
@@ -83,7 +87,9 @@ class Looker:
     def __init__(self, predictor: Predictor, camera: Camera) -> None:
         assert predictor.fitter is not None
         self.net, self.fitter, self.camera = predictor.net, predictor.fitter, camera
-        self.cube_mm, self.plan = predictor.cube_mm, predictor.fit
+        self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.fit, predictor.sides
+        assert predictor.locator is not None
+        self.locator = predictor.locator
         self.placer = Placer(self.fitter.model)
         self._middle = self._middle_of_crops()
 
@@ -114,9 +120,17 @@ class Looker:
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * MIRROR if side == "left" else center)
 
-    def palm_seen(self, sight: Sight) -> Array:
-        """Where the network alone would have the crop's centre (3,), px, px, mm."""
-        side = sight.aim.side
+    def hand_near(self, depth: NDArray[np.float32], sight: Sight) -> Array:
+        """Where the locator, or else the network alone, would have the crop's centre (3,), px, px, mm."""
+        middle, side = self.camera.unproject(sight.aim.center_uvd)[None], sight.aim.side
+        for _ in range(TIMES):
+            crops, kept = place_crops(depth, middle, self.camera)
+            chance, where = self.locator.look(crops)
+            if not len(chance) or chance[0] < LIKELY:
+                break
+            middle = kept + where
+        else:
+            return self.camera.project(middle[0])
         joints = sight.fit.network[0] * (MIRROR if side == "left" else 1.0) / (self.cube_mm / 2)
         return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera,
                         side == "left")  # fmt: skip

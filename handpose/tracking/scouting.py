@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from handpose.data.places import place_crops, surface_places
 from handpose.facts.cameras import Camera
-from handpose.predicting.locator import Locator
+from handpose.predicting.locator import Locator, odds_of
+from handpose.tracking.looking import LIKELY
 from netlib.blob import Array
 
-FEW, MANY = 3, 24  # places looked at in a frame while a hand is followed, and while none is
+FEW, MANY = 3, 24  # places looked at in a frame while a hand is followed, and while none is ...
+USUAL_RATE = 30.0  # ... at so many frames a second; at fewer, more
 ROUND = 0.5  # s that a round takes at least, while a hand is followed
-LIKELY = 0.5  # chance that there is a hand
 APART_MM = 170.0  # from the middles of hands that are followed
 AGAIN = 2  # times that a likely place is looked at again, from where the hand was said to be
 
@@ -27,7 +28,7 @@ class Scout:
     def __init__(self, locator: Locator, camera: Camera) -> None:
         self.locator, self.camera = locator, camera
         self._left = np.zeros((0, 3))
-        self._begun = -np.inf
+        self._begun = self._last = -np.inf
 
     def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The chance that there is a hand about a place (3,) in mm."""
@@ -40,8 +41,9 @@ class Scout:
             if len(followed) and time - self._begun < ROUND:
                 return None
             self._left, self._begun = self._places(depth), time
-        count = FEW if len(followed) else MANY
-        some, self._left = self._left[:count], self._left[count:]
+        seconds = time - self._last if np.isfinite(self._last) else np.inf
+        count = int(min((FEW if len(followed) else MANY) * max(seconds * USUAL_RATE, 1.0), len(self._left)))
+        some, self._left, self._last = self._left[:count], self._left[count:], time
         if len(followed) and len(some):
             some = some[np.linalg.norm(some[:, None] - followed, axis=2).min(axis=1) > APART_MM]
         chance, middle = self._seen(depth, some)
@@ -53,7 +55,7 @@ class Scout:
             good &= np.linalg.norm(middle[:, None] - followed, axis=2).min(axis=1) > APART_MM
         if not good.any():
             return None
-        return np.asarray(middle[good][np.argmax(chance[good])])
+        return np.asarray(middle[good][np.argmax(odds_of(chance[good], middle[good]))])
 
     def _places(self, depth: NDArray[np.float32]) -> Array:
         """All places, the nearest first: a hand is held towards the camera."""

@@ -10,9 +10,10 @@ from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.size_calibration import calibrate_size
 from handpose.tracking.looking import Looker, Sight
 
-FRAMES = 16  # that the size is told from
+FRAMES = 32  # that are collected ...
+BEST = 16  # ... and so many of them, with the least doubt, tell the size: a hand is often seen badly at first
 EVERY = 0.1  # s between them: poses must differ
-CONFIDENT = 0.9
+CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits
 
 
@@ -32,7 +33,8 @@ class SizeKeeper:
         self._time = time
         if len(self._sights) < FRAMES:
             return None
-        sights, looker = self._sights, self._looker
+        sights, looker = sorted(self._sights, key=lambda one: one.doubt)[:BEST], self._looker
+        self._sights = []
         crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.aim.center_uvd) for s in sights)))
         seen = observe(crops, uvd, looker.camera, looker.cube_mm, PLANS["fast"].points)
         seen = seen.mirrored() if sight.aim.side == "left" else seen

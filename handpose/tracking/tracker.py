@@ -17,25 +17,24 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data.crops import check_size
 from handpose.facts.cameras import Camera
-from handpose.fitting.depth.body import SIZE
-from handpose.flesh.render import Capsules
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Fit, Predictor
 from handpose.recordings.recording import DepthFrame
-from handpose.tracking.following import ENOUGH, Follower
-from handpose.tracking.looking import Aim, Looker, Sight
+from handpose.tracking.following import COAST, ENOUGH, Follower
+from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
 from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import Scout
 from handpose.tracking.sizing import SizeKeeper
-from handpose.tracks.track import MIRROR, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.telling import told
+from handpose.tracks.track import MIRROR, LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-STRANGE_NEW_MM, STRANGE_MM = 115.0, 140.0  # a new hand is no stranger than this, one that is followed than that
-LIKELY = 0.5  # chance of a hand, says the locator, where one is followed
-CHECK = 0.2  # s between such looks ...
+STRANGE_NEW_MM, STRANGE_MM = 140.0, 150.0  # a new hand is no stranger than this, one that is followed than that
+CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
 STRIKES = 2  # ... of which so many in a row end it
 
 
@@ -77,6 +76,7 @@ class Tracker:
         self.scout = Scout(predictor.locator, self.camera)
         self.followers: list[Follower] = []
         self.known: dict[int, Known] = {}
+        self._time = -np.inf
 
     def header(self, source: str) -> TrackHeader:
         """What holds for all frames."""
@@ -88,9 +88,13 @@ class Tracker:
             yield self.step(frame)
 
     def step(self, frame: DepthFrame) -> TrackedFrame:
-        """What is told of the next frame. Raises DataError for one of another size, NetlibError."""
+        """What is told of the next frame. Raises DataError for one of another size, or not later, NetlibError."""
         depth, time = frame.depth, frame.time
+        check_size(depth, self.camera)
+        if not time > self._time:
+            raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
         self._follow(depth, time)
+        self._time = time
         self._drop_doubles()
         self._drop_strange(depth, time)
         if len(self.followers) < self.limit:
@@ -99,7 +103,7 @@ class Tracker:
         for follower in sorted(self.followers, key=lambda one: one.id):
             if follower.time == time:
                 self._measure(follower, time)
-                hands.append(self._told(follower))
+                hands.append(told(follower, self.looker, smooth=self.smooth, flesh=self.flesh))
         lost = tuple(
             LostHand(id, known.hand, known.since, known.reason)
             for id, known in sorted(self.known.items())
@@ -108,21 +112,23 @@ class Tracker:
         return TrackedFrame(frame.number, time, tuple(hands), lost)
 
     def _follow(self, depth: NDArray[np.float32], time: float) -> None:
-        """Look for every hand where it should be."""
+        """Look for every hand where it should be; after a gap in time nobody knows where that is."""
+        for follower in list(self.followers):
+            if follower.given_up(time):
+                self.followers.remove(follower)
+                if time - self._time > COAST:
+                    self.known[follower.id].reason = f"no frame for {time - self._time:.1f} s, and not found again"
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
-        others = {follower.id: follower.other_aims(sights[follower.id], time) for follower in self.followers}
+        others = {follower.id: follower.other_aims(depth, sights[follower.id], time) for follower in self.followers}
         again = self._looks(depth, others, "accurate")
         for follower in list(self.followers):
-            seen = [*sights[follower.id], *again[follower.id]]
-            known = self.known[follower.id]
-            if follower.take(seen, time):
+            known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
+            if follower.take(sights[follower.id], again[follower.id], time):
                 known.since, known.hand = time, follower.best.sight.aim.side
                 continue
             best = min((s for s in seen if s is not None), key=lambda s: s.badness, default=None)
             known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
-            if follower.given_up(time):
-                self.followers.remove(follower)
 
     def _looks(
         self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: str | None = None
@@ -144,7 +150,8 @@ class Tracker:
     def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
         """End what is followed but is no hand: the network and the fit make a hand of anything."""
         for follower in list(self.followers):
-            if follower.time < time or time - follower.checked < CHECK:
+            pause = CHECK if follower.is_sure else SUSPECT
+            if follower.time < time or time - follower.checked < pause:
                 continue
             follower.checked = time
             good = self._looks_like_a_hand(depth, follower.best.sight, STRANGE_MM)
@@ -177,11 +184,17 @@ class Tracker:
         best = min(seen, key=lambda s: s.doubt)
         if not self._looks_like_a_hand(depth, best, STRANGE_NEW_MM):
             return
-        id = self._id_of(best.aim.side)
+        id, leaning = self._id_of(best.aim.side), self._leaning()
         if id not in self.known:
             self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
         self.known[id].since = time
-        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size))
+        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size, leaning))
+
+    def _leaning(self) -> float:
+        """What speaks for a right hand (1) or a left one (-1): hands that were lost return."""
+        followed = {follower.id for follower in self.followers}
+        sides = [known.hand for id, known in self.known.items() if id not in followed]
+        return float("right" in sides) - float("left" in sides)
 
     def _id_of(self, side: str) -> int:
         """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
@@ -199,28 +212,3 @@ class Tracker:
         """Where the hand is (3,) in mm, camera axes."""
         sight = follower.best.sight
         return self.camera.unproject(self.looker.center_of(sight.body, sight.aim.side))
-
-    def _told(self, follower: Follower) -> TrackedHand:
-        """What is told of a hand that was seen in this frame."""
-        seen, model = follower.best, self.looker.fitter.model
-        sight, side = seen.sight, seen.sight.aim.side
-        body = seen.smooth if self.smooth else sight.body
-        mirror = MIRROR if side == "left" else np.ones(3)
-        x = self.looker.placer.variables(body, sight.center_mm)[None]
-        capsules = None
-        if self.flesh:
-            own = model.capsules(x, sight.center_mm[None])
-            capsules = Capsules(own.a * mirror, own.b * mirror, own.radius_a, own.radius_b)
-        return TrackedHand(
-            id=follower.id,
-            hand=side,
-            confidence=float(sight.fit.confidence[0]),
-            error_mm=float(sight.fit.error_mm[0]),
-            inputs=model.inputs_of(x)[0],
-            bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
-            origin_mm=sight.center_mm * mirror,
-            xyz=(model.joints(x)[0] + sight.center_mm) * mirror,
-            center_uvd=sight.aim.center_uvd,
-            cube_mm=self.looker.cube_mm,
-            capsules=capsules,
-        )

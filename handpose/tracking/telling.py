@@ -1,0 +1,42 @@
+"""What is told of a hand that is followed: its pose in the words of ``handpose.tracks``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.fitting.depth.body import SIZE
+from handpose.flesh.render import Capsules
+from handpose.tracking.following import Follower
+from handpose.tracking.looking import Looker
+from handpose.tracks.track import MIRROR, TrackedHand
+
+
+def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> TrackedHand:
+    """A hand as it was seen last.
+
+    smooth  tell the smoothed pose
+    flesh   tell the flesh, too
+    """
+    seen, model = follower.best, looker.fitter.model
+    sight, side = seen.sight, seen.sight.aim.side
+    mirror = MIRROR if side == "left" else np.ones(3)
+    x = looker.placer.variables(seen.smooth if smooth else sight.body, sight.center_mm)[None]
+    if follower.size is not None:
+        x[0, SIZE] = np.log(follower.size)  # known, so no filter has to get there
+    capsules = None
+    if flesh:
+        own = model.capsules(x, sight.center_mm[None])
+        capsules = Capsules(own.a * mirror, own.b * mirror, own.radius_a, own.radius_b)
+    return TrackedHand(
+        id=follower.id,
+        hand=side,
+        confidence=float(sight.fit.confidence[0]),
+        error_mm=float(sight.fit.error_mm[0]),
+        inputs=model.inputs_of(x)[0],
+        bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
+        origin_mm=sight.center_mm * mirror,
+        xyz=(model.joints(x)[0] + sight.center_mm) * mirror,
+        center_uvd=sight.aim.center_uvd,
+        cube_mm=looker.cube_mm,
+        capsules=capsules,
+    )
