@@ -24,7 +24,6 @@ recording that is cut leave whole files of what was done.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import time
 from itertools import islice
@@ -38,10 +37,10 @@ import tools
 tools.begin(__name__)
 
 from handpose.drawing.tracks import Painter
-from handpose.fitting.depth.body import SIZE_LIMIT
 from handpose.predicting.packaged import load_predictor
 from handpose.recordings.first_look import FirstLook, look
 from handpose.recordings.recording import Recording
+from handpose.tracking import sizing
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import Tracker
 from handpose.tracks.track import TrackedFrame, TrackHeader
@@ -150,11 +149,10 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
 
 def _size(text: str) -> float:
     """Of hands, as the fit can make them."""
-    least, most = math.exp(-SIZE_LIMIT), math.exp(SIZE_LIMIT)
-    size = positive_number(text)
-    if not least <= size <= most:
-        raise argparse.ArgumentTypeError(f"expected {least:.2f} to {most:.2f}, found {text!r}")
-    return size
+    try:
+        return sizing.checked(positive_number(text))
+    except DataError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 if __name__ == "__main__":

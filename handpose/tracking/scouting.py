@@ -15,9 +15,8 @@ from handpose.predicting.locator import Locator, odds_of
 from handpose.tracking.looking import LIKELY
 from netlib.blob import Array
 
-FEW, MANY = 3, 24  # places looked at in a frame while a hand is followed, and while none is ...
-USUAL_RATE = 30.0  # ... at so many frames a second; at fewer, more
-ROUND = 0.5  # s that a round takes at least, while a hand is followed
+ROUND, ROUND_ALONE = 0.5, 0.2  # s that a round takes, while a hand is followed, and while none is ...
+MOST, MOST_ALONE = 200.0, 1500.0  # ... but for so many places a second, which is what there is time for
 APART_MM = 170.0  # from the middles of hands that are followed
 AGAIN = 2  # times that a likely place is looked at again, from where the hand was said to be
 
@@ -29,6 +28,7 @@ class Scout:
         self.locator, self.camera = locator, camera
         self._left = np.zeros((0, 3))
         self._begun = self._last = -np.inf
+        self._a_second = 0.0
 
     def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The chance that there is a hand about a place (3,) in mm."""
@@ -37,13 +37,15 @@ class Scout:
 
     def look(self, depth: NDArray[np.float32], followed: Array, time: float) -> Array | None:
         """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
-        seconds = time - self._last if np.isfinite(self._last) else np.inf
-        self._last = time  # of frames without a look, too: the time of a pause is not made up for
+        seconds, self._last = time - self._last, time
+        lasts, most = (ROUND, MOST) if len(followed) else (ROUND_ALONE, MOST_ALONE)
         if not len(self._left):
             if len(followed) and time - self._begun < ROUND:
                 return None
             self._left, self._begun = self._places(depth), time
-        count = int(min((FEW if len(followed) else MANY) * max(seconds * USUAL_RATE, 1.0), len(self._left)))
+            self._a_second = len(self._left) / lasts
+        count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
+        count = int(min(max(np.ceil(count), 1), len(self._left)))
         some, self._left = self._left[:count], self._left[count:]
         if len(followed) and len(some):
             some = some[np.linalg.norm(some[:, None] - followed, axis=2).min(axis=1) > APART_MM]

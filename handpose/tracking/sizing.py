@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.fitting.depth.body import SIZE
+from handpose.fitting.depth.body import SIZE, SIZE_LIMIT
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.size_calibration import calibrate_size
 from handpose.tracking.looking import Looker, Sight
+from netlib.errors import DataError
 
 FRAMES = 32  # that are collected ...
 BEST = 16  # ... and so many of them, with the least doubt, tell the size: a hand is often seen badly at first
 EVERY = 0.1  # s between them: poses must differ
 CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits
+
+
+def checked(size: float) -> float:
+    """A size relative to the skeleton, if hands can be fitted with it. Raises DataError."""
+    least, most = np.exp([-SIZE_LIMIT, SIZE_LIMIT])
+    if not least <= size <= most:
+        raise DataError(f"size {size:g}, expected {least:.2f} to {most:.2f} times the skeleton's")
+    return size
 
 
 class SizeKeeper:

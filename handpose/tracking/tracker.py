@@ -26,7 +26,7 @@ from handpose.tracking.following import COAST, ENOUGH, Follower
 from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
 from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import Scout
-from handpose.tracking.sizing import SizeKeeper
+from handpose.tracking.sizing import SizeKeeper, checked
 from handpose.tracking.telling import told
 from handpose.tracks.track import MIRROR, LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
@@ -62,6 +62,8 @@ class Tracker:
     smooth     smooth poses over time
     size       of all hands, relative to the skeleton; without it, each one's is told from its first seconds
     flesh      tell each hand's flesh, too
+
+    Raises NetlibError for a predictor without these, DataError for a size that no hand is fitted with.
     """
 
     def __init__(
@@ -71,7 +73,8 @@ class Tracker:
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
         self.predictor, self.camera = predictor, predictor.camera
-        self.limit, self.smooth, self.size, self.flesh = hands, smooth, size, flesh
+        self.limit, self.smooth, self.flesh = hands, smooth, flesh
+        self.size = None if size is None else checked(size)
         self.looker = Looker(predictor, self.camera)
         self.scout = Scout(predictor.locator, self.camera)
         self.followers: list[Follower] = []

@@ -168,7 +168,7 @@ def test_a_signal_leaves_whole_files(
     assert files() == ["a.csv", "a.json", "a_right_0.bvh"] and Path("a.csv").read_text().endswith("\n")
     assert "Frames: 4" in Path("a_right_0.bvh").read_text()
     out, error = capsys.readouterr()
-    assert error == "stopped; what was done is kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
+    assert error == "stopped; 4 frames are kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
 
 
 def test_a_second_signal_leaves_whole_files(
