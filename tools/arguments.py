@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from handpose.facts.cameras import CAMERAS, Camera
 from netlib import engine
 
+LARGEST_PX = 1e6  # of focal lengths and principal points, as in a camera.json
+
 
 def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
     """A parser whose help is the docstring of the tool. One that runs ``nets`` has --no-python-layers.
@@ -93,7 +95,7 @@ def camera(text: str) -> Camera:
     if text in CAMERAS:
         return CAMERAS[text]
     numbers = _numbers(text)
-    if len(numbers) != 4 or min(numbers[:2]) <= 0:
+    if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > LARGEST_PX:
         raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, found {text!r}")
     return Camera("own", *numbers, width=0, height=0)
 

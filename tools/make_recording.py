@@ -65,6 +65,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Make the recording that the parsed arguments ask for."""
+    if not args.out.name:
+        raise NetlibError(f"{args.out}: expected the name of a new folder, FILE.npz or FILE.mkv")
     truth = args.out.with_name(f"{args.out.stem if args.out.suffix in ('.npz', '.mkv') else args.out.name}.truth.json")
     if truth.exists() and not args.force:
         raise NetlibError(f"{truth}: is there already; name another --out or replace it by --force")

@@ -15,6 +15,8 @@ Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
 from __future__ import annotations
 
 import argparse
+import functools
+import os
 import sys
 from pathlib import Path
 
@@ -35,6 +37,7 @@ from tools.sources import add_source_options, opened, positive_number, say_first
 from tools.stopper import StoppedError, Stopper
 
 COARSEST_MM = 1.0  # unit of what is written, unless --out-unit says another: sources in metres have fractions
+MOST_MM = 10.0  # of --out-unit: hands are lost in what is rounded to more
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -44,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
     parser.add_argument("--seconds", type=positive_number, metavar="S", help="stop after so many")
     parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
-    parser.add_argument("--out-unit", type=positive_number, metavar="MM",
+    parser.add_argument("--out-unit", type=functools.partial(positive_number, most=MOST_MM), metavar="MM",
                         help=f"of what is written (default: the source's, at most {COARSEST_MM:g})")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace what --out names")
     args = parser.parse_args(argv)
@@ -54,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Write the recording that the parsed arguments name."""
     source, out = Path(args.source).absolute(), args.out.absolute()
-    if out.resolve() in (source.resolve(), source.parent.resolve()):
+    if os.path.realpath(out) in (os.path.realpath(source), os.path.realpath(source.parent)):
         raise NetlibError(f"{args.out}: is where the source lies; write to another place")
     with opened(args) as recording:
         unit = args.out_unit or min(recording.unit_mm, COARSEST_MM)

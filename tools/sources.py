@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TextIO
 
 from handpose.facts.cameras import CAMERAS, Camera
 from handpose.recordings import camera_file
+from handpose.recordings.camera_file import RANGES
 from handpose.recordings.first_look import FirstLook
 from handpose.recordings.given import Given
 from handpose.recordings.lens import Lens
@@ -26,8 +28,9 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
                         help=f"which saw the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
                              "(default: what the source says, or a camera.json beside it)")  # fmt: skip
-    parser.add_argument("--unit", type=positive_number, metavar="MM", help="what a stored value of 1 stands for")
-    parser.add_argument("--rate", type=positive_number, metavar="HZ", help="frames per second of frames without times")
+    unit, rate = (functools.partial(positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
+    parser.add_argument("--unit", type=unit, metavar="MM", help="what a stored value of 1 stands for")
+    parser.add_argument("--rate", type=rate, metavar="HZ", help="frames per second of frames without times")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
                         help="of the lens, in OpenCV's order; before a minus write --distortion=")  # fmt: skip
 
@@ -63,14 +66,15 @@ def _camera(text: str) -> Camera | Path:
     return Path(text) if text.lower().endswith(".json") else arguments.camera(text)
 
 
-def positive_number(text: str) -> float:
-    """A command-line number of more than 0."""
+def positive_number(text: str, most: float = math.inf) -> float:
+    """A command-line number of more than 0, and at most ``most``."""
     try:
         number = float(text)
     except ValueError:
         number = 0.0
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number of more than 0, found {text!r}")
+    if not 0 < number <= most or number == math.inf:
+        limit = f" and at most {most:g}" if most < math.inf else ""
+        raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
     return number
 
 

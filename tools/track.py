@@ -24,6 +24,7 @@ recording that is cut leave whole files of what was done.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from itertools import islice
@@ -37,6 +38,7 @@ import tools
 tools.begin(__name__)
 
 from handpose.drawing.tracks import Painter
+from handpose.fitting.depth.body import SIZE_LIMIT
 from handpose.predicting.packaged import load_predictor
 from handpose.recordings.first_look import FirstLook, look
 from handpose.recordings.recording import Recording
@@ -50,7 +52,7 @@ from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 from tools.sources import add_source_options, opened, positive_number, say_first_look
 from tools.stopper import StoppedError, Stopper
-from tools.track_outputs import Outputs, add_output_options, anything_asked, is_drawn, name_in
+from tools.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -58,20 +60,17 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     add_source_options(parser)
     add_output_options(parser)
-    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="only the first look, and the first hand as a picture")  # fmt: skip
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=("either", "left", "right"), default="either",
                         help="which there are, where that is known (default: either, told from the depth)")  # fmt: skip
     parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
-    parser.add_argument("--size", type=positive_number, metavar="S",
-                        help="of all hands, relative to the skeleton's (default: by their first seconds)")  # fmt: skip
+    parser.add_argument("--size", type=_size, metavar="S",
+                        help="of hands, relative to the skeleton's (default: found in the first seconds)")  # fmt: skip
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=positive, metavar="N", help="stop after so many")
     add_engine(parser)
     args = parser.parse_args(argv)
-    if args.look is None and not anything_asked(args):
-        args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
+    settle_outputs(args, parser)
     return guarded(run, args)
 
 
@@ -79,6 +78,7 @@ def run(args: argparse.Namespace) -> int:
     """Track as the parsed arguments say."""
     talk = sys.stderr if args.json == "-" else sys.stdout
     with opened(args) as recording:
+        refuse_inputs(args, recording)
         seen = look(recording)
         say_first_look(seen, talk)
         if args.look is not None:
@@ -139,7 +139,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
-        findings.draw(Path(args.look), found, predictor)
+        findings.draw(args.look, found, predictor)
         say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
@@ -147,12 +147,15 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
     raise DataError(f"{seen.name}: no hand in the first {len(seen.frames)} frames; {args.look} shows the first of them")
 
 
-def _stem(source: str) -> str:
-    """What outputs are called that nobody named; never camera.json, by which a camera is known."""
-    path = Path(source).absolute()  # also "." has a name
-    name = path.stem.strip("*_-.") or path.parent.name
-    name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
-    return f"{name}_track" if name == "camera" else name
+def _size(text: str) -> float:
+    """Of hands, as the fit can make them."""
+    least, most = math.exp(-SIZE_LIMIT), math.exp(SIZE_LIMIT)
+    size = positive_number(text)
+    if not least <= size <= most:
+        raise argparse.ArgumentTypeError(
+            f"expected {least:.2f} to {most:.2f} times the skeleton's size, found {text!r}"
+        )
+    return size
 
 
 if __name__ == "__main__":

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 from collections.abc import Callable
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +16,13 @@ from handpose.drawing.contact_sheets import ContactSheet
 from handpose.drawing.rerun_view import RerunView
 from handpose.drawing.tracks import Painter
 from handpose.drawing.video_file import VideoFile
+from handpose.recordings import camera_file
+from handpose.recordings.folder import PICTURES, FolderRecording
+from handpose.recordings.recording import Recording
 from handpose.tracks.track import TrackedFrame, TrackHeader
 from handpose.tracks.writing import TrackWriter, open_writer
+from netlib import atomic
+from netlib.errors import NetlibError
 from tools import pictures
 
 FILES = ("json", "csv", "bvh")
@@ -24,34 +31,60 @@ DRAWN = ("video", "sheet", "rerun")
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """The options that name what is to be written."""
-    parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
+    parser.add_argument("--json", metavar="FILE|-", type=_name_in(".json", ".jsonl", "-"),
                         help="joints, angles, crops: .json, .jsonl (a line per frame, as it comes), or - for such "
                              "lines on standard output")  # fmt: skip
-    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="a row per frame and hand, for tables")
-    parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
+    parser.add_argument("--csv", metavar="FILE.csv", type=_name_in(".csv"), help="a row per frame and hand, for tables")
+    parser.add_argument("--bvh", metavar="FILE.bvh", type=_name_in(".bvh"),
                         help="bones and angles for Blender and others; a file for each hand")  # fmt: skip
-    parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
+    parser.add_argument("--video", metavar="FILE.mp4", type=_name_in(".mp4"),
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
-    parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
+    parser.add_argument("--sheet", metavar="FILE.png", type=_name_in(".png", ".jpg"),
                         help="the whole track on one page")  # fmt: skip
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=_name_in(".rrd"),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
+    parser.add_argument("--look", metavar="FILE.png", type=_name_in(".png", ".jpg"),
+                        help="only the first look, and the first hand as a picture")  # fmt: skip
 
 
-def name_in(*endings: str) -> Callable[[str], str]:
+def _name_in(*endings: str) -> Callable[[str], str]:
     """Checks a name on the command line: it ends in one of these."""
 
     def checked(text: str) -> str:
-        if Path(text).suffix.lower() not in endings and text not in endings:
+        if Path(text).suffix.lower() not in endings and not text == "-" in endings:
             raise argparse.ArgumentTypeError(f"expected a name in {', '.join(endings)}, found {text!r}")
         return text
 
     return checked
 
 
-def anything_asked(args: argparse.Namespace) -> bool:
-    """Is any output named?"""
-    return any(getattr(args, name) is not None for name in (*FILES, *DRAWN))
+def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
+    """Name those that are always there, if none is named; --look stands alone."""
+    asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN))
+    if args.look is not None and asked:
+        parser.error("--look stops after the first look; write all else in another run")
+    if args.look is None and not asked:
+        args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
+
+
+def _stem(source: str) -> str:
+    """What outputs are called that nobody named."""
+    path = Path(source).absolute()
+    name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
+    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+
+
+def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
+    """No output replaces what is read, and no picture lies among frames, as one of them. Raises NetlibError."""
+    source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
+    frames = recording.folder if isinstance(recording, FolderRecording) else None
+    taken = set(map(os.path.realpath, [source, *camera_file.places_beside(frames or source), *own]))
+    for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
+        place = Path(os.path.realpath(name))
+        if str(place) in taken:
+            raise NetlibError(f"{name}: is read for this track; write to another file")
+        if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
+            raise NetlibError(f"{name}: lies among the frames, and would be taken for one; write it elsewhere")
 
 
 def is_drawn(args: argparse.Namespace) -> bool:
@@ -64,6 +97,7 @@ class Outputs:
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
         self._args = args
+        self._open = contextlib.ExitStack()
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
         # What is missing for a video or for Rerun is said here, before any file is begun.
@@ -71,12 +105,14 @@ class Outputs:
         self._view: RerunView | None = None
         if args.rerun is not None:
             self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
-        paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
+        paths = filter(None, (getattr(args, name) for name in FILES))
         self._writers: list[TrackWriter] = [open_writer(path, header, rate) for path in paths]
-        self._open = contextlib.ExitStack()
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
+        args = self._args
+        for name in filter(None, (args.video, args.sheet)):  # which are made later: say at once if they cannot be
+            _refuse_place(Path(name))
         with contextlib.ExitStack() as stack:
             for output in (*self._writers, self._video, self._view):
                 if output is not None:
@@ -99,11 +135,17 @@ class Outputs:
         if self._view:
             self._view.log(depth, frame)
 
-    def __exit__(self, *ended: object) -> None:
-        self._open.__exit__(*ended)  # type: ignore[arg-type]
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._open.__exit__(kind, error, where)
         if self._sheet and self._sheet.times():
-            pictures.write_image(self._args.sheet, self._sheet.page())
-            self.written.append(self._args.sheet)
+            try:
+                pictures.write_image(self._args.sheet, self._sheet.page())
+                self.written.append(self._args.sheet)
+            except NetlibError:
+                if not isinstance(error, (NetlibError, OSError)):  # else it is the first failure that is told
+                    raise
         self.written += [str(path) for writer in self._writers for path in writer.files]
         if self._video and self._video.note:
             self.written.append(self._video.note)
@@ -111,3 +153,9 @@ class Outputs:
             self.written.append(self._args.video)
         if self._args.rerun:
             self.written.append(self._args.rerun)
+
+
+def _refuse_place(path: Path) -> None:
+    """Raises OSError where no file can be written."""
+    with atomic.naming(path), atomic.temporary(path):
+        atomic.refuse_what_is_no_file(path)

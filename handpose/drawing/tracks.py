@@ -43,7 +43,7 @@ class Painter:
         camera = header.camera
         self.header = header
         self._zoom = min(LARGEST_HEIGHT * width / camera.height, LARGEST_WIDTH * width / camera.width)
-        size = round(camera.width * self._zoom), round(camera.height * self._zoom) // 2 * 2
+        size = max(round(camera.width * self._zoom), 1), max(round(camera.height * self._zoom) // 2 * 2, 2)
         self._seen_by = Camera(
             camera.name, camera.fx * self._zoom, camera.fy * self._zoom, self._along(camera.u0),
             self._along(camera.v0), *size,

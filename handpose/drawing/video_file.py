@@ -20,6 +20,8 @@ from netlib import atomic
 from netlib.errors import DataError, NetlibError
 
 TICKS = 60000  # of a second: 30 and 29.97 frames/s fall on them; MPEG-4 part 2 takes no more than 65535
+RATES = (0.1, 1000.0)  # of pictures per second, that players can do something with
+LONGEST_S = 1e8
 EVERYWHERE = "mpeg4"  # the encoder that no PyAV lacks
 # With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
 ENCODERS = {
@@ -37,7 +39,7 @@ class VideoFile:
     there is no file.
 
     path  ends in ".mp4"
-    rate  pictures per second: how long the last one stands; all others stand until the next
+    rate  pictures per second: how long the last one stands, at most 10 s; all others stand until the next
     note  what is unusual about the file, one line, or empty
 
     Raises NetlibError without PyAV, and for another ending.
@@ -46,7 +48,7 @@ class VideoFile:
     def __init__(self, path: Path, rate: float = 30.0) -> None:
         if path.suffix.lower() != ".mp4":
             raise NetlibError(f"{path}: a video is written as .mp4; expected such a name")
-        self.path, self.rate, self.note = path, rate, ""
+        self.path, self.rate, self.note = path, min(max(rate, RATES[0]), RATES[1]), ""
         self._av = _package()
         self._encoder = next(name for name in ENCODERS if name in self._av.codecs_available)
         if self._encoder == EVERYWHERE:
@@ -68,8 +70,9 @@ class VideoFile:
         """
         if self._stream is None:
             self._begin(image, time)
-        elif not time > self._last:
-            raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later one")
+        elif not 1 <= (time - self._last) * TICKS <= LONGEST_S * TICKS:
+            raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
+                            f"one, by 1/{TICKS} s at least and {LONGEST_S:g} s at most")  # fmt: skip
         if image.shape[:2] != self._size:
             raise DataError(f"{self.path}: a picture of {_pixels(image.shape)} after some of {_pixels(self._size)}; "
                             "expected one size")  # fmt: skip
@@ -77,7 +80,7 @@ class VideoFile:
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
-            frame.pts, frame.time_base = round((time - self._first) * TICKS), Fraction(1, TICKS)
+            frame.pts, frame.time_base = int((time - self._first) * TICKS + 0.5), Fraction(1, TICKS)
             self._mux(frame)
         self._last = time
 

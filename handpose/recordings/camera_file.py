@@ -49,8 +49,12 @@ def beside(source: Path) -> Given:
 
     Raises DataError.
     """
-    places = [source / NAME] if source.is_dir() else [source.with_suffix(f".{NAME}"), source.with_name(NAME)]
-    return next((read(place) for place in places if exists(place)), Given())
+    return next((read(place) for place in places_beside(source) if exists(place)), Given())
+
+
+def places_beside(source: Path) -> list[Path]:
+    """Where a camera.json may be, the nearest first."""
+    return [source / NAME] if source.is_dir() else [source.with_suffix(f".{NAME}"), source.with_name(NAME)]
 
 
 def read(path: Path) -> Given:

@@ -22,6 +22,7 @@ NEAR_MM, FAR_MM = 120.0, 2500.0  # between which the hands of all depth cameras 
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shoulder behind it
 USUAL_MM = (300.0, 1200.0)  # where a hand is held
 UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
+RATES = (1.0, 1000.0)  # frames per second of depth cameras
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
 
@@ -67,6 +68,7 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
     warnings = [
         *_of_camera(camera, view),
         *_of_values(seen, bool(len(values))),
+        *_of_times(seen),
         *(_of_unit(near, recording.unit_mm) if near else ()),
     ]
     return FirstLook(
@@ -127,6 +129,14 @@ def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
     elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
         yield (f"the first {len(seen)} frames are the same to the last value; is it one frame again and again, or a "
                "camera that hangs?")  # fmt: skip
+
+
+def _of_times(seen: tuple[DepthFrame, ...]) -> Iterator[str]:
+    if len(seen) < 2:
+        return
+    step = float(np.median(np.diff([frame.time for frame in seen])))
+    if not 1 / RATES[1] <= step <= 1 / RATES[0]:
+        yield f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:

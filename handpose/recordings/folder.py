@@ -50,7 +50,10 @@ def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
 
 
 class FolderRecording(Recording):
-    """One picture a frame. A damaged one is left out, and ``remarks`` counts them."""
+    """One picture a frame. A damaged one is left out, and ``remarks`` counts them.
+
+    folder  in which they are
+    """
 
     def __init__(
         self, source: Path, folder: Path, frames: NamedFrames, settled: Settled, packed: bool, data_set: DataSet | None
@@ -65,7 +68,7 @@ class FolderRecording(Recording):
             self.rate, assumed = settled.paced()
             told += assumed
         self.remarks = self._told = tuple(told)
-        self._folder, self._frames, self._packed = folder, frames, packed
+        self.folder, self._frames, self._packed = folder, frames, packed
         self._develop = settled.developer(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
@@ -73,7 +76,7 @@ class FolderRecording(Recording):
         damaged, first = 0, ""
         ticks = self._frames.ticks or self.rate or 1.0
         for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
-            path = self._folder / name
+            path = self.folder / name
             try:
                 image = _read(path)
             except DataError as error:

@@ -17,18 +17,16 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from handpose.recordings import camera_file
+from handpose.recordings import camera_file, ros_limits
 from handpose.recordings import ros_messages as messages
 from handpose.recordings.contained import Contained
 from handpose.recordings.given import Given
 from handpose.recordings.raw import Settled, settle
 from handpose.recordings.recording import Recording
-from netlib import files
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
 from netlib.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
-LARGEST_YAML = 1 << 20  # bytes; of a bag with hundreds of topics it has a tenth of them
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` mends it"
 
 
@@ -91,10 +89,8 @@ def _opened(path: Path) -> Iterator[Bag]:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
         raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
-    if path.is_dir():
-        files.read_bytes(path / "metadata.yaml", "the bag", limit=LARGEST_YAML)
-    else:
-        files.opened(path, "the bag").close()  # it is a file, which rosbags opens by its name
+    ros_limits.check_files(path)
+    ros_limits.limit_unpacking()
     is_ros1 = path.suffix.lower() == ".bag"
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)

@@ -91,7 +91,7 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        with self._stack, atomic.naming(self._path):
+        with atomic.naming(self._path), self._stack:
             if self._last is None or self._failed:
                 return
             self._container.mux(self._stream.encode(None))

@@ -17,6 +17,7 @@ from handpose.recordings.folder_writer import FolderWriter
 from handpose.recordings.opening import BAGS, PICTURES, STACKS, VIDEOS
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.stack_writer import StackWriter
+from netlib import atomic
 from netlib.errors import DataError, NetlibError
 
 
@@ -59,6 +60,8 @@ class RecordingWriter:
         else:
             from handpose.recordings.video import VideoWriter
 
+            with atomic.naming(self.path):
+                self.path.parent.mkdir(parents=True, exist_ok=True)
             self._writer = self._stack.enter_context(VideoWriter(*arguments))
         return self
 

@@ -31,7 +31,8 @@ from netlib.errors import DataError
 
 TOWARDS = np.array([1.0, 1.0, -1.0])  # from camera axes, whose z is away
 METRE = 1000.0
-MOST_FRAMES = 10_000_000
+MOST_FRAMES = 10_000  # without another word, and more of those that ...
+MOST_EACH = 10  # ... stand for one of the recording: where that has gaps of hours, a pose would be kept for millions
 RATE = 30.0  # of a track of one frame
 
 
@@ -96,9 +97,10 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
         step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         rate = 1 / step if step > 0 else RATE
     length = (times[-1] - times[0]) * rate
-    if not length < MOST_FRAMES:
-        raise DataError(f"frames from {times[0]:g} s to {times[-1]:g} s, {rate:g} a second, are too many for BVH; "
-                        f"at most {MOST_FRAMES} are written")  # fmt: skip
+    most = max(MOST_FRAMES, MOST_EACH * len(times))
+    if not length < most:
+        raise DataError(f"{len(times)} frames from {times[0]:g} s to {times[-1]:g} s, {rate:g} a second, would be "
+                        f"{length:.3g} frames of BVH; at most {most} are written")  # fmt: skip
     moments = times[0] + np.arange(round(length) + 1) / rate
     return np.searchsorted((times[1:] + times[:-1]) / 2, moments), rate
 

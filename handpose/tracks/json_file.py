@@ -38,6 +38,7 @@ A frame:
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import sys
 from pathlib import Path
@@ -90,7 +91,7 @@ class JsonLinesWriter:
     def __init__(self, path: Path | None, header: TrackHeader) -> None:
         self.files = [path] if path else []
         self._values, self._header = FrameValues(header), header
-        self._stream: TextIO = sys.stdout
+        self._stream: TextIO | None = sys.stdout
 
     def __enter__(self) -> JsonLinesWriter:
         with contextlib.ExitStack() as stack:
@@ -114,6 +115,8 @@ class JsonLinesWriter:
         self._stack.close()
 
     def _put(self, values: dict[str, Any]) -> None:
+        if self._stream is None:  # so it is where a shell has closed it
+            raise OSError(errno.EBADF, "is closed", "standard output")
         self._stream.write(_text(values) + "\n")
         self._stream.flush()
 

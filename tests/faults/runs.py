@@ -7,8 +7,10 @@ A run is forked from a process that has done nothing yet but import, so hundreds
 
 from __future__ import annotations
 
+import argparse
 import functools
 import importlib
+import itertools
 import json
 import os
 import re
@@ -182,31 +184,43 @@ def fit_companions() -> Any:
     return inputs
 
 
+TRACK_FILES = {"json": "json", "csv": "csv", "bvh": "bvh", "video": "mp4", "sheet": "png"}  # options and endings
+
+
 def make_old_tracks() -> None:
-    """Of five frames."""
-    write_tracks(5)
+    """Of three frames."""
+    write_tracks(3)
 
 
-def write_tracks(frames: int = 3) -> Any:
-    """A track as JSON, CSV and BVH, over older ones."""
+def write_tracks(frames: int = 2) -> Any:
+    """A track as JSON, CSV, BVH, video and sheet, over older ones, all at once as tools/track.py does."""
     from made_tracks import any_track, header_of
 
-    from handpose.tracks.writing import open_writer
     from layers.hand import skeleton
+    from tools.track_outputs import Outputs, add_output_options
 
+    parser = argparse.ArgumentParser()
+    add_output_options(parser)
+    names = {f"--{kind}": f"a.{ending}" for kind, ending in TRACK_FILES.items()}
     header = header_of(skeleton.load())
-    for name in ("a.json", "a.csv", "a.bvh"):
-        with open_writer(name, header) as writer:
-            for frame in any_track(header, 1, frames):
-                writer.write(frame)
-    return [Path(name).read_bytes() for name in ("a.json", "a.csv", "a_right_0.bvh", "a_left_1.bvh")]
+    outputs = Outputs(parser.parse_args(list(itertools.chain(*names.items()))), header, 30.0)
+    with outputs:
+        for frame in any_track(header, 1, frames):
+            outputs.write(np.full((header.camera.height, header.camera.width), 900, np.float32), frame)
+    return [Path(name).read_bytes() for name in sorted(outputs.written)]
 
 
 def check_tracks(result: str) -> None:
     """Each is a whole one: the old one, the new one, or as much of that as there was room for."""
+    import av
+
     from handpose.tracks.json_file import read_track
 
     read_track("a.json")
+    readers.read_image(Path("a.png"))
+    with av.open("a.mp4") as video:
+        if not any(True for _ in video.decode(video=0)):
+            raise BrokenPromise("LOST", "a.mp4 shows nothing")
     if not Path("a.csv").read_text().endswith("\n"):
         raise BrokenPromise("LOST", "a.csv ends within a row")
     for path in Path().glob("a_*.bvh"):

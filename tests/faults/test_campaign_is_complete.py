@@ -26,6 +26,7 @@ NO_READERS = {
     "tools/record.py": "opens recordings by handpose.recordings.opening",
     "tools/track.py": "opens recordings by handpose.recordings.opening",
     "tools/package_model.py": "reads back what it has just written",
+    "tools/track.py": "opens recordings by handpose.recordings.opening",
 }
 # What opens a file, by the name that is called; of those that also write, the mode decides.
 BY_NAME = {

@@ -30,6 +30,7 @@ EXTRAS: dict[str, set[str]] = {
     "drawing/video_file.py": {"av"},
     "recordings/ffmpeg.py": {"av"},
     "recordings/ros_bag.py": {"rosbags"},
+    "recordings/ros_limits.py": {"lz4", "rosbags"},
     "recordings/realsense.py": {"pyrealsense2"},
 }
 FILES = sorted((ROOT / "handpose").rglob("*.py"))

@@ -82,3 +82,6 @@ def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
         assert ended.value.code == 2
     assert make_recording.main(["rest", "--out", "a.bag"]) == 1
     assert "expected a folder, FILE.npz or FILE.mkv" in capsys.readouterr().err
+    for place in (".", "/", ""):
+        assert make_recording.main(["rest", "--out", place]) == 1
+        assert "expected the name of a new folder, FILE.npz or FILE.mkv" in capsys.readouterr().err

@@ -104,11 +104,33 @@ def test_ctrl_c_keeps_what_was_done(
         (["frames", *CAMERA, "--out", "."], ".: is where the source lies"),
         (["frames", *CAMERA, "--out", "a.bag"], "a.bag: cannot write .bag; expected a folder"),
         (["frames", "--camera", "none.json", "--out", "a"], "none.json: cannot read the camera"),
+        (["loop", *CAMERA, "--out", "a"], "loop: no such file or folder"),
+        (["frames", *CAMERA, "--out", "loop"], "loop: "),
     ],
 )
 def test_what_cannot_be_done(frames: Path, argv: list[str], what: str, capsys: pytest.CaptureFixture[str]) -> None:
     """One line, and nothing is written."""
+    Path("loop").symlink_to("loop")
     before = sorted(Path().rglob("*"))
     assert record.main(argv) == 1
     assert capsys.readouterr().err.startswith(what)
     assert sorted(Path().rglob("*")) == before
+
+
+def test_a_unit_that_would_round_all_depth_to_nothing(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Is wrong usage."""
+    with pytest.raises(SystemExit) as stopped:
+        record.main(["frames", *CAMERA, "--out", "a", "--out-unit", "1e5"])
+    assert (
+        stopped.value.code == 2
+        and "--out-unit: expected a number of more than 0 and at most 10" in capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz", "a/b/c.mkv"])
+def test_folders_on_the_way_are_made(frames: Path, name: str) -> None:
+    """Of every kind."""
+    if name.endswith(".mkv"):
+        pytest.importorskip("av", reason="PyAV is missing: pip install av")
+    assert record.main(["frames", *CAMERA, "--out", name]) == 0
+    assert Path(name).exists()

@@ -50,8 +50,10 @@ def test_distortion(frames: Path) -> None:
     ("argv", "what"),
     [
         (("--camera", "sr306"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
-        (("--unit", "0"), "expected a number of more than 0, found '0'"),
-        (("--rate", "inf"), "expected a number of more than 0, found 'inf'"),
+        (("--unit", "0"), "expected a number of more than 0 and at most 10000, found '0'"),
+        (("--rate", "inf"), "expected a number of more than 0 and at most 10000, found 'inf'"),
+        (("--unit", "1e300"), "at most 10000, found '1e300'"),
+        (("--camera", "588,588,1e300,240"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
         (("--distortion", "1,2,3"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
         (("--distortion", "a,b,c,d"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
     ],

@@ -33,10 +33,10 @@ def imported_from_tools(path: Path) -> set[str]:
 
 
 def examples(doc: str, name: str) -> list[list[str]]:
-    """The arguments of each command that a docstring shows, without what its output is led to."""
+    """The arguments of each command that a docstring shows."""
     lines = doc.replace("\\\n", " ").splitlines()
-    found = [re.search(rf"python tools/{name}\.py(.*)", line) for line in lines]
-    return [shlex.split(match[1].split(" | ")[0]) for match in found if match]
+    found = [re.search(rf"python tools/{name}\.py([^|]*)", line) for line in lines]
+    return [shlex.split(match[1]) for match in found if match]
 
 
 def test_the_commands_are_found() -> None:

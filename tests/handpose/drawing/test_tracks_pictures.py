@@ -100,6 +100,13 @@ def test_sizes(camera: Camera) -> None:
     assert annotated(depth, of(), header, width=640).shape[1] == 640
 
 
+@pytest.mark.parametrize("size", [(640, 1), (1, 480), (1, 1)])
+def test_images_of_a_single_row_or_column(size: tuple[int, int]) -> None:
+    """Are drawn, too."""
+    header = replace(HEADER, camera=Camera("narrow", 500, 500, 0, 0, *size))
+    assert annotated(np.full(size[::-1], 900, np.float32), of(), header).shape[1] == 1280
+
+
 def test_a_depth_image_of_another_size_is_named() -> None:
     """It would be drawn at the wrong place."""
     with pytest.raises(DataError, match="640"):

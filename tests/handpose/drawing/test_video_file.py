@@ -113,11 +113,23 @@ def test_mistakes(tmp_path: Path) -> None:
         video.write(picture(1), 1.0)
         with pytest.raises(DataError, match="a picture at 1 s after one at 1 s; expected a later one"):
             video.write(picture(1), 1.0)
+        for time in (1.000001, 1e300):
+            with pytest.raises(DataError, match="by 1/60000 s at least and 1e\\+08 s at most"):
+                video.write(picture(1), time)
         with pytest.raises(DataError, match="95 x 64 pixels after some of 96 x 64 pixels"):
             video.write(picture(1, 64, 95), 2.0)
     assert len(read(tmp_path / "a.mp4")) == 1
     with pytest.raises(NetlibError, match=r"a\.avi: a video is written as \.mp4"):
         VideoFile(tmp_path / "a.avi")
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e-9, 1e5, 1e300])
+def test_rates_that_no_player_knows(tmp_path: Path, rate: float) -> None:
+    """Decide how long the last picture stands, and nothing else: they are taken for the nearest that make sense."""
+    with VideoFile(tmp_path / "a.mp4", rate) as video:
+        video.write(picture(1), 0.0)
+        video.write(picture(2), 0.5)
+    assert len(read(tmp_path / "a.mp4")) == 2
 
 
 def test_without_an_encoder_of_h264_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,18 +19,28 @@ from tests.handpose.recordings.conftest import CAMERA, hand_sized
 class Taken(Recording):
     """Images that are there already."""
 
-    def __init__(self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0) -> None:
+    def __init__(
+        self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0, step: float = 1 / 30
+    ) -> None:
+        self.step = step
         self.name, self.images, self.camera, self.unit_mm, self.count = "take", images, camera, unit_mm, len(images)
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         for i, image in enumerate(self.images):
-            yield DepthFrame(i, i / 30, image.astype(np.float32))
+            yield DepthFrame(i, i * self.step, image.astype(np.float32))
 
 
 def moving(factor: float = 1.0) -> list[np.ndarray]:
     """A thing 500 mm away and 100 mm wide, if the factor is right."""
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
+
+
+@pytest.mark.parametrize("step", [33.3, 1e-9])
+def test_times_that_are_no_seconds(step: float) -> None:
+    """Milliseconds, or hours."""
+    (warning,) = look(Taken(moving(), step=step)).warnings
+    assert warning == f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
 
 
 def test_what_is_seen() -> None:

@@ -156,6 +156,9 @@ def test_what_cannot_be_recorded() -> None:
     """One line, with what was expected."""
     with pytest.raises(DataError, match=r"script 'wawe'.*expected one of rest, gestures"):
         SyntheticRecording("wawe")
-    for wrong in ({"rate": 0.0}, {"seconds": -1.0}, {"seconds": float("nan")}, {"seed": -1}):
-        with pytest.raises(DataError, match="expected more than 0"):
+    for wrong in ({"rate": 0.0}, {"seconds": -1.0}, {"seconds": float("nan")}, {"seconds": 1e300}, {"seed": -1}):
+        with pytest.raises(DataError, match="expected more than 0 and at most 36000 s"):
             SyntheticRecording("rest", **wrong)
+    for middle in (-3.0, 0.0, 1e6):
+        with pytest.raises(DataError, match=r"camera own: images of .* pixels; expected 1 to 16384 each way"):
+            SyntheticRecording("rest", Camera("own", 500, 500, middle, 240, 0, 0))

@@ -208,5 +208,7 @@ def test_nearest_frames() -> None:
     assert numbers.tolist() == [0, 1, 2, 3, 4]
     assert rate == pytest.approx(10)
     assert nearest_frames(np.array([5.0]))[0].tolist() == [0]
-    with pytest.raises(DataError, match="frames from 0 s to 1e\\+09 s, 10 a second, are too many for BVH"):
+    with pytest.raises(DataError, match="4 frames from 0 s to 1e\\+09 s, 10 a second, would be 1e\\+10 frames"):
         nearest_frames(np.array([0, 0.1, 0.2, 1e9]))
+    with pytest.raises(DataError, match="at most 10000 are written"):  # a camera that paused for hours
+        nearest_frames(np.array([0, 0.03, 0.06, 18000, 18000.03]))

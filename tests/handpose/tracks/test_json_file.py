@@ -182,3 +182,10 @@ def test_what_is_no_track(tmp_path: Path, old: str, new: str, message: str) -> N
     with pytest.raises(Exception, match=message) as caught:
         read_track(path)
     assert str(caught.value).isprintable()
+
+
+def test_a_standard_output_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by >&- in a shell: said as of a disk that is full."""
+    monkeypatch.setattr("sys.stdout", None)
+    with pytest.raises(OSError, match="is closed: 'standard output'"), JsonLinesWriter(None, HAND):
+        pytest.fail("began all the same")

@@ -1,0 +1,114 @@
+"""What tools/track.py refuses: one line, and every file is as it was."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.drawing.contact_sheets import ContactSheet
+from handpose.tracks.json_file import JsonWriter
+from netlib.errors import NetlibError
+from tools import track
+
+CAMERA = '{"fx": 60, "fy": 60, "u0": 31.5, "v0": 23.5, "unit_mm": 1}'
+
+
+@pytest.fixture(autouse=True)
+def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three frames without a hand, in a folder with a camera.json."""
+    monkeypatch.chdir(tmp_path)
+    Path("frames").mkdir()
+    for i in range(3):
+        cv2.imwrite(f"frames/{i}.png", np.full((48, 64), 900 + i, np.uint16))
+    Path("frames/camera.json").write_text(CAMERA)
+    return Path("frames")
+
+
+def contents() -> dict[str, bytes | None]:
+    """Of all files here."""
+    return {str(path): path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["frames", "--sheet", "frames/0.png"], "frames/0.png: lies among the frames"),
+        (["frames", "--look", "frames/x.png"], "frames/x.png: lies among the frames"),
+        (["frames/*.png", "--sheet", "frames/x.png"], "frames/x.png: lies among the frames"),
+        (["frames", "--json", "frames/camera.json"], "frames/camera.json: is read"),
+        (["frames/1.png", "--sheet", "frames/1.png"], "frames/1.png: is read"),
+        (["frames", "--camera", "own.json", "--json", "own.json"], "own.json: is read"),
+        (["take.npy", "--json", "take.camera.json"], "take.camera.json: is read"),
+        (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
+        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: No such file or directory"),
+        (["frames", "--json", "a.json", "--csv", "none/a.csv"], "none/a.csv: No such file or directory"),
+        (["frames", "--json", "a.json", "--sheet", "folder.png"], "folder.png: Is a directory"),
+        (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
+    ],
+)
+def test_what_cannot_be_written(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Because it is read, would be read in the next run, or has no place; said before anything is tracked."""
+    np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
+    for name in ("own.json", "take.camera.json"):
+        Path(name).write_text(CAMERA)
+    Path("link.jsonl").symlink_to("frames/camera.json")
+    for name in ("folder.png", "folder.mp4"):
+        Path(name).mkdir()
+    before = contents()
+    assert track.main(argv) == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning")]
+    assert line.startswith(said) and contents() == before
+
+
+def test_the_default_names_do_not_replace_frames(
+    frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the folder of the frames itself."""
+    monkeypatch.chdir(frames)
+    before = contents()
+    for source in (".", "*.png", "1.png"):
+        assert track.main([source]) == 1
+        assert capsys.readouterr().err.splitlines()[-1].startswith(("frames.png: lies among", "1.png: is read"))
+    assert contents() == before
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["--look", "a.txt"], "--look: expected a name in .png, .jpg, found 'a.txt'"),
+        (["--look", "a.png", "--json", "a.json"], "--look stops after the first look"),
+        (["--json", ".json"], "expected a name in .json, .jsonl, -, found '.json'"),
+        (["--size", "100"], "--size: expected 0.74 to 1.35 times the skeleton's size, found '100'"),
+        (["--size", "0.01"], "--size: expected 0.74 to 1.35 times the skeleton's size, found '0.01'"),
+    ],
+)
+def test_wrong_usage(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        track.main(["frames", *argv])
+    assert stopped.value.code == 2 and said in capsys.readouterr().err
+
+
+def test_of_two_failures_the_first_is_told(
+    frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A disk that is full at a frame is still full when the sheet is to be written."""
+
+    def full(self: JsonWriter, frame: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.files[0]))
+
+    def refused(*anything: object) -> None:
+        raise NetlibError("a.png: cannot write the picture")
+
+    monkeypatch.setattr("tools.pictures.write_image", refused)
+    assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
+    assert capsys.readouterr().err.endswith("a.png: cannot write the picture\n")
+    monkeypatch.setattr(ContactSheet, "page", lambda self: None)
+    monkeypatch.setattr(ContactSheet, "times", lambda self: [0.0])
+    monkeypatch.setattr(JsonWriter, "write", full)
+    assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
+    assert capsys.readouterr().err.endswith("a.json: No space left on device\n")
