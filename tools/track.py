@@ -45,7 +45,7 @@ from handpose.recordings.recording import Recording
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import Tracker
 from handpose.tracks.track import TrackedFrame, TrackHeader
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError
 from tools import findings, pictures
 from tools.arguments import add_engine, parser_of, positive
 from tools.console import DONE, aligned, guarded, say
@@ -91,12 +91,15 @@ def run(args: argparse.Namespace) -> int:
             with Stopper() as stopper:
                 _track(recording, tracker, outputs, summary, stopper, args.frames)
         except StoppedError:
-            say("stopped; what was done is kept", file=sys.stderr)
+            say(f"stopped; {summary.frames} frames are kept" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
         for line in (*recording.remarks, recording.cut):  # what was found on the way
             if line and line not in seen.remarks:
                 say(f"warning: {line}", file=sys.stderr)
-        _say_summary(summary, time.perf_counter() - begun, outputs, talk)
+        if summary.frames:
+            _say_summary(summary, time.perf_counter() - begun, outputs, talk)
+        elif status == DONE:
+            raise DataError(f"{recording.name}: no frames were tracked")
     return status
 
 
@@ -116,8 +119,6 @@ def _track(
 
 def _say_summary(summary: Summary, seconds: float, outputs: Outputs, talk: TextIO) -> None:
     """What was found, a line per hand, and where it is."""
-    if summary.frames == 0:
-        raise NetlibError("no frames were tracked")
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
         say("no hand was found", file=talk)
@@ -139,7 +140,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
             found = predictor.in_frame(frame.depth)
         except DataError:
             continue
-        findings.draw(args.look, found, predictor)
+        findings.draw(Path(args.look), found, predictor)
         say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
@@ -152,9 +153,7 @@ def _size(text: str) -> float:
     least, most = math.exp(-SIZE_LIMIT), math.exp(SIZE_LIMIT)
     size = positive_number(text)
     if not least <= size <= most:
-        raise argparse.ArgumentTypeError(
-            f"expected {least:.2f} to {most:.2f} times the skeleton's size, found {text!r}"
-        )
+        raise argparse.ArgumentTypeError(f"expected {least:.2f} to {most:.2f}, found {text!r}")
     return size
 
 

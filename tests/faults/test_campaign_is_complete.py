@@ -24,7 +24,6 @@ NO_READERS = {
     "tools/databases.py": "opens the database that it makes",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.recordings.opening",
-    "tools/track.py": "opens recordings by handpose.recordings.opening",
     "tools/package_model.py": "reads back what it has just written",
     "tools/track.py": "opens recordings by handpose.recordings.opening",
 }
