@@ -150,8 +150,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
 
 def _size(text: str) -> float:
     """Of hands, as the fit can make them."""
-    least, most = math.exp(-SIZE_LIMIT), math.exp(SIZE_LIMIT)
-    size = positive_number(text)
+    least, most, size = math.exp(-SIZE_LIMIT), math.exp(SIZE_LIMIT), positive_number(text)
     if not least <= size <= most:
         raise argparse.ArgumentTypeError(f"expected {least:.2f} to {most:.2f}, found {text!r}")
     return size

@@ -68,10 +68,11 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
 
 
 def _stem(source: str) -> str:
-    """What outputs are called that nobody named."""
+    """What outputs are called that nobody named; never camera.json, by which a camera is known."""
     path = Path(source).absolute()
     name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
-    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    return f"{name}_track" if name == "camera" else name
 
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
@@ -97,7 +98,6 @@ class Outputs:
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
         self._args = args
-        self._open = contextlib.ExitStack()
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
         # What is missing for a video or for Rerun is said here, before any file is begun.
@@ -105,13 +105,13 @@ class Outputs:
         self._view: RerunView | None = None
         if args.rerun is not None:
             self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
-        paths = filter(None, (getattr(args, name) for name in FILES))
+        paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
         self._writers: list[TrackWriter] = [open_writer(path, header, rate) for path in paths]
+        self._open = contextlib.ExitStack()
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
-        args = self._args
-        for name in filter(None, (args.video, args.sheet)):  # which are made later: say at once if they cannot be
+        for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
             _refuse_place(Path(name))
         with contextlib.ExitStack() as stack:
             for output in (*self._writers, self._video, self._view):

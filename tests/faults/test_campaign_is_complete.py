@@ -24,8 +24,8 @@ NO_READERS = {
     "tools/databases.py": "opens the database that it makes",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.recordings.opening",
-    "tools/package_model.py": "reads back what it has just written",
     "tools/track.py": "opens recordings by handpose.recordings.opening",
+    "tools/package_model.py": "reads back what it has just written",
 }
 # What opens a file, by the name that is called; of those that also write, the mode decides.
 BY_NAME = {

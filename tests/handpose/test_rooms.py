@@ -22,7 +22,7 @@ MAY_IMPORT = {  # besides itself
     "tracking": {"facts", "data", "flesh", "fitting", "predicting", "recordings", "tracks"},
     "drawing": {"facts", "data", "flesh", "tracks"},
     "scoring": {"facts", "data", "fitting", "predicting", "tracks"},
-    "experiments": {"facts", "data", "fitting", "scoring", "synthetic", "predicting"},
+    "experiments": {"facts", "data", "fitting", "scoring", "synthetic", "predicting", "tracking", "tracks"},
 }
 # A file that needs an extra, and which: it imports it when it is used.
 EXTRAS: dict[str, set[str]] = {

@@ -33,7 +33,7 @@ def imported_from_tools(path: Path) -> set[str]:
 
 
 def examples(doc: str, name: str) -> list[list[str]]:
-    """The arguments of each command that a docstring shows."""
+    """The arguments of each command that a docstring shows, without what its output is led to."""
     lines = doc.replace("\\\n", " ").splitlines()
     found = [re.search(rf"python tools/{name}\.py([^|]*)", line) for line in lines]
     return [shlex.split(match[1]) for match in found if match]

@@ -120,10 +120,10 @@ def test_which_hand_is_known(hand: str) -> None:
     ("source", "name"),
     [("takes/wave.mkv", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
      ("takes/left_*.png", "left"), ("realsense", "realsense"), ("takes/a b;c.npz", "a_b_c"),
-     (".", "here")],
+     ("camera.npz", "camera_track"), (".", "here"), ("../here", "here")],
 )  # fmt: skip
 def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """That of the source, or of the folder that it lies in."""
+    """Those of the source; never that of a camera's file."""
     seen: list[argparse.Namespace] = []
     monkeypatch.setattr(track, "guarded", lambda run, args: seen.append(args) or 0)
     Path("here").mkdir()
@@ -168,7 +168,7 @@ def test_a_signal_leaves_whole_files(
     assert files() == ["a.csv", "a.json", "a_right_0.bvh"] and Path("a.csv").read_text().endswith("\n")
     assert "Frames: 4" in Path("a_right_0.bvh").read_text()
     out, error = capsys.readouterr()
-    assert error == "stopped; what was done is kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
+    assert error == "stopped; 4 frames are kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
 
 
 def test_a_second_signal_leaves_whole_files(

@@ -82,8 +82,8 @@ def test_the_default_names_do_not_replace_frames(
         (["--look", "a.txt"], "--look: expected a name in .png, .jpg, found 'a.txt'"),
         (["--look", "a.png", "--json", "a.json"], "--look stops after the first look"),
         (["--json", ".json"], "expected a name in .json, .jsonl, -, found '.json'"),
-        (["--size", "100"], "--size: expected 0.74 to 1.35 times the skeleton's size, found '100'"),
-        (["--size", "0.01"], "--size: expected 0.74 to 1.35 times the skeleton's size, found '0.01'"),
+        (["--size", "100"], "--size: expected 0.74 to 1.35, found '100'"),
+        (["--size", "0.01"], "--size: expected 0.74 to 1.35, found '0.01'"),
     ],
 )
 def test_wrong_usage(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

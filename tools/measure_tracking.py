@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""What the tracker is worth on synthetic recordings: errors, hands lost and invented, sides, jitter, lag, speed.
+
+    python tools/measure_tracking.py
+    python tools/measure_tracking.py --scripts minute two_hands --cameras nyu kinect2 --seeds 0 1 --frame-by-frame
+    python tools/measure_tracking.py --scripts moving --rate 60 --seconds 5 --raw --fit accurate --json
+
+The scripts are those of tools/make_recording.py; a row for each of their hands, and one for all of them. Joints' errors
+are in mm, over frames in which the hand is in sight and "found": told with a mean error of at most 100 mm; "mean 14"
+and "median 14" are of NYU's 14 joints. Of other frames in sight it is "missed"; "invented" counts hands told where none
+is, over frames. "ids" and "flips" count changes of its number and of the hand that it is told to be, "wrong side" the
+frames in which that is the other one. "jitter" is in mm, while it rests, "lag" in ms, while it moves, "bone" the most
+in mm that the length of a bone changes. "frames/s" are those of the tracker, without making frames.
+
+--frame-by-frame fits each frame alone, too, by the same plan, with no history, but told what only the truth knows: the
+middle of the crop and which hand it is. "same" and "alone" are the mean errors of the track and of that, in frames in
+which both find the hand, "same md" and "alone md" the medians; "found alone" is what that finds of the hands in sight.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+from handpose.experiments.tracking_figures import Alone, HandFigures, Tracked, follow, summary
+from handpose.facts.cameras import CAMERAS, Camera
+from handpose.predicting.packaged import load_predictor
+from handpose.synthetic.recordings import SyntheticRecording
+from handpose.synthetic.scripts import SCRIPTS
+from handpose.tracking.tracker import Tracker
+from tools.arguments import add_engine, natural, parser_of, positive
+from tools.console import DONE, aligned, guarded, say
+from tools.progress import ProgressBar
+from tools.sources import positive_number
+
+Row = dict[str, str | float | None]
+TITLES = {  # of the columns, and how they are written
+    "in_sight": ("in sight", "d"), "found": ("found", ".1%"), "mean": ("mean", ".1f"), "median": ("median", ".1f"),
+    "mean_14": ("mean 14", ".1f"), "median_14": ("median 14", ".1f"), "same": ("same", ".1f"),
+    "alone": ("alone", ".1f"), "same_median": ("same md", ".1f"), "alone_median": ("alone md", ".1f"),
+    "alone_found": ("found alone", ".1%"), "missed": ("missed", "d"), "invented": ("invented", "d"),
+    "id_switches": ("ids", "d"), "wrong_side": ("wrong side", "d"), "side_switches": ("flips", "d"),
+    "jitter": ("jitter", ".2f"), "lag": ("lag", ".0f"), "bone_change": ("bone", ".2f"), "rate": ("frames/s", ".0f"),
+}  # fmt: skip
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__, nets=True)
+    parser.add_argument("--scripts", choices=SCRIPTS, nargs="+", default=list(SCRIPTS), metavar="NAME",
+                        help=f"some of {', '.join(SCRIPTS)} (default: all)")  # fmt: skip
+    parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
+                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
+    parser.add_argument("--seeds", type=natural, nargs="+", default=[0], metavar="N",
+                        help="of the recordings (default: 0)")  # fmt: skip
+    parser.add_argument("--rate", type=positive_number, default=30.0, metavar="HZ",
+                        help="frames per second (default: %(default)g)")  # fmt: skip
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="of each (default: the scripts')")
+    parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
+    parser.add_argument("--raw", action="store_true", help="do not smooth")
+    parser.add_argument("--frame-by-frame", type=positive, nargs="?", const=1, metavar="N",
+                        help="look at every frame alone, too, or at every N-th")  # fmt: skip
+    add_engine(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    return guarded(run, parser.parse_args(argv))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure as the parsed arguments say. Raises NetlibError."""
+    recordings = [
+        (script, camera, seed, SyntheticRecording(script, CAMERAS[camera], rate=args.rate, seconds=args.seconds,
+                                                  seed=seed))
+        for camera in args.cameras for script in args.scripts for seed in args.seeds
+    ]  # fmt: skip
+    rows: list[Row] = []
+    hands: list[HandFigures] = []
+    invented, frames, seconds = 0, 0, 0.0
+    with ProgressBar(sum(recording.count for *_, recording in recordings), what="tracking") as progress:
+        for script, camera, seed, recording in recordings:
+            tracker = Tracker(load_predictor(recording.camera, fit=args.fit, engine=args.engine), smooth=not args.raw)
+            alone = _alone(recording.camera, args) if args.frame_by_frame else None
+            tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
+            rows += _rows({"script": script, "camera": camera, "seed": str(seed)}, tracked)
+            hands += tracked.hands
+            invented, frames, seconds = invented + tracked.invented, frames + tracked.frames, seconds + tracked.seconds
+    total: Row = {**summary(hands), "invented": invented, "rate": frames / seconds}
+    rows.append({"script": "all", "camera": "", "seed": "", "hand": "", **total})
+    if args.json:
+        facts = {"fit": args.fit, "hz": args.rate, "smoothed": not args.raw, "frames": frames}
+        print(json.dumps({**facts, "rows": rows}, indent=2))
+    else:
+        how = "not smoothed" if args.raw else "smoothed"
+        say(f"{frames} frames, {args.rate:g} a second, {args.fit} fit, {how}; mm, lag in ms")
+        print(_table(rows))
+    return DONE
+
+
+def _alone(camera: Camera, args: argparse.Namespace) -> Alone:
+    """What looks at frames of a camera alone, by the tracker's plan."""
+    right, left = (
+        load_predictor(camera, hand=side, refine=0, fit=args.fit, engine=args.engine) for side in ("right", "left")
+    )
+    return Alone(right, left)
+
+
+def _rows(names: dict[str, str], tracked: Tracked) -> list[Row]:
+    """A row for each hand of a recording; what is of the recording is in the first."""
+    rows: list[Row] = [
+        {**names, "hand": f"{hand.scores.id} {hand.scores.hand}", **summary([hand])} for hand in tracked.hands
+    ] or [{**names, "hand": "none", **summary([])}]
+    rows[0] |= {"invented": tracked.invented, "rate": tracked.frames / tracked.seconds}
+    return rows
+
+
+def _table(rows: list[Row]) -> str:
+    """Without columns in which there is nothing."""
+    filled = {name for row in rows for name, value in row.items() if value is not None}
+    names = ["script", "camera", "seed", "hand", *(name for name in TITLES if name in filled)]
+
+    def cell(row: Row, name: str) -> str:
+        value = row.get(name)
+        return value if isinstance(value, str) else "" if value is None else format(value, TITLES[name][1])
+
+    return aligned([[TITLES.get(name, (name,))[0] for name in names], *([cell(row, n) for n in names] for row in rows)])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
