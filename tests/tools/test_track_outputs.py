@@ -16,7 +16,7 @@ from tracked_hands import HEADER, seen, tracked
 from handpose.tracks.json_file import read_track
 from handpose.tracks.track import TrackedFrame
 from netlib.errors import NetlibError
-from tools.track_outputs import Outputs, add_output_options, is_drawn
+from tools.track_outputs import Outputs, add_output_options, is_drawn, settle_outputs
 
 ALL = ["--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh", "--sheet", "a.png"]
 
@@ -61,8 +61,15 @@ def test_everything_at_once() -> None:
 
 
 def test_nothing_is_asked() -> None:
-    """Then nothing is written."""
+    """Then nothing is written, unless names are given to what is always there."""
     assert written() == [] and list(Path().iterdir()) == []
+    parser = argparse.ArgumentParser()
+    args = argparse.Namespace(**vars(parsed()), source="takes/wave.mkv")
+    settle_outputs(args, parser)
+    assert (args.json, args.sheet, args.csv, args.video) == ("wave.json", "wave.png", None, None)
+    named = argparse.Namespace(**vars(parsed("--rerun")), source="takes/wave.mkv")
+    settle_outputs(named, parser)
+    assert named.json is None and named.sheet is None
 
 
 @pytest.mark.parametrize(
