@@ -72,15 +72,22 @@ class Follower:
         self._looker = looker
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
         self._asked = self._looked = time
-        self._pause = PAUSE
+        self._pause, self._missed = PAUSE, False
         self._usual = min(sight.badness for sight in sights)
         self._evidence, self._looks = leaning, 0
         self._weigh(sights)
 
     @property
+    def hand(self) -> str:
+        """Which hand it most likely is."""
+        if self.is_decided:
+            return next(iter(self.sides))
+        return "right" if self._evidence >= 0 else "left"
+
+    @property
     def best(self) -> Seen:
-        """The side that it most likely is."""
-        return self.sides[self._likely]
+        """That side."""
+        return self.sides[self.hand]
 
     @property
     def is_decided(self) -> bool:
@@ -92,15 +99,9 @@ class Follower:
         """Was it seen well, and is it known which hand it is?"""
         return self.is_decided and self.best.sight.confidence >= SURE
 
-    @property
-    def _likely(self) -> str:
-        if self.is_decided:
-            return next(iter(self.sides))
-        return "right" if self._evidence >= 0 else "left"
-
     def aims(self, time: float) -> list[Aim]:
-        """Where to look for it in a frame; while it is sure, the network is asked only now and then."""
-        troubled = self.best.sight.badness > TROUBLE * self._usual
+        """Where to look for it in a frame; while it is sure, the network is asked only now and then, which is noted."""
+        troubled = self._missed or self.best.sight.badness > TROUBLE * self._usual
         asked = troubled or not self.is_sure or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         aims = [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
@@ -129,19 +130,23 @@ class Follower:
     def take(self, sights: Sequence[Sight | None], others: Sequence[Sight | None], time: float) -> bool:
         """What was seen of it, and seen elsewhere; is it the hand? Of each side the best of several sights counts."""
         first, second = _best(sights), _best(others)
-        self._weigh(list(second.values()))
+        if max((sight.confidence for sight in second.values()), default=0.0) >= ENOUGH:
+            self._weigh(list(second.values()))
         before = min((sight.badness for sight in first.values()), default=np.inf)
         best = _best([*first.values(), *second.values()])
         own = [best[side] for side in self.sides if side in best]
-        if second:
+        if second and self.is_decided:
             better = min((sight.badness for sight in own), default=np.inf) < BETTER * before
             self._pause = PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
-        if not own or max(sight.confidence for sight in own) < ENOUGH:
+        self._missed = not own or max(sight.confidence for sight in own) < ENOUGH
+        if self._missed:
             return False
         for sight in own:
             self.sides[sight.aim.side].take(sight, time)
         self.time = time
         self._usual += HABIT * (self.best.sight.badness - self._usual)
+        if self.is_sure:
+            self._pause = PAUSE
         return True
 
     def given_up(self, time: float) -> bool:
@@ -159,7 +164,7 @@ class Follower:
         """Left or right: decided by the sum of what looks at both say, and then kept, unless all that is seen later
         says the other."""
         doubt = {sight.aim.side: sight.doubt for sight in sights}
-        if len(doubt) < 2 or not np.isfinite(min(doubt.values())):  # where nothing is seen, nothing is said
+        if len(doubt) < 2 or not np.isfinite(list(doubt.values())).all():  # where nothing is seen, nothing is said
             return
         left, right = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in ("left", "right"))
         says = float(np.clip(left - right, -MOST, MOST))
@@ -169,14 +174,14 @@ class Follower:
         self._evidence += says
         self._looks += 1
         if abs(self._evidence) > DECIDED or self._looks >= LOOKS:
-            self.sides = {self._likely: self.best}
+            self.sides = {self.hand: self.best}
             self._evidence = 0.0
 
     def _reconsider(self, says: float, sights: Sequence[Sight]) -> None:
         """Sum up what speaks for the other hand; whatever speaks for this one ends that."""
-        side = self._likely
+        side = self.hand
         against = -says if side == "right" else says
-        self._evidence = max(self._evidence + against, 0.0) if against > 0 else 0.0
+        self._evidence = self._evidence + against if against > 0 else 0.0
         if self._evidence > DECIDED:
             self.sides = {sight.aim.side: Seen(sight, self.time) for sight in sights if sight.aim.side != side}
             self._evidence = 0.0

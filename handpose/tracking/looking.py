@@ -121,7 +121,7 @@ class Looker:
         return self.camera.project(center * MIRROR if side == "left" else center)
 
     def hand_near(self, depth: NDArray[np.float32], sight: Sight) -> Array:
-        """Where the locator, or else the network alone, would have the crop's centre (3,), px, px, mm."""
+        """Where the locator would have the crop's centre (3,), px, px, mm; or else the network, if it was asked."""
         middle, side = self.camera.unproject(sight.aim.center_uvd)[None], sight.aim.side
         for _ in range(TIMES):
             crops, kept = place_crops(depth, middle, self.camera)
@@ -131,6 +131,8 @@ class Looker:
             middle = kept + where
         else:
             return self.camera.project(middle[0])
+        if sight.aim.moved_mm is not None:
+            return sight.aim.center_uvd
         joints = sight.fit.network[0] * (MIRROR if side == "left" else 1.0) / (self.cube_mm / 2)
         return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera,
                         side == "left")  # fmt: skip
@@ -160,7 +162,9 @@ class Looker:
             seen = seen.mirrored(left)
         centers = self.camera.unproject(uvd) * np.where(left[:, None], MIRROR, 1.0)
         placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]
-        before = np.stack([self.placer.variables(*one) for one in placed]) if placed else None
+        before, model = None, self.fitter.model
+        if placed:
+            before = np.clip(np.stack([self.placer.variables(*one) for one in placed]), model.lower, model.upper)
         sizes = np.array([aim.size for aim in aims]) if aims[0].size is not None else None
         if before is not None and aims[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)

@@ -38,6 +38,8 @@ class Scout:
     def look(self, depth: NDArray[np.float32], followed: Array, time: float) -> Array | None:
         """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
         seconds, self._last = time - self._last, time
+        if seconds > ROUND:  # places of long ago
+            self._left = self._left[:0]
         lasts, most = (ROUND, MOST) if len(followed) else (ROUND_ALONE, MOST_ALONE)
         if not len(self._left):
             if len(followed) and time - self._begun < ROUND:

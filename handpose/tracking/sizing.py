@@ -48,5 +48,6 @@ class SizeKeeper:
         seen = observe(crops, uvd, looker.camera, looker.cube_mm, PLANS["fast"].points)
         seen = seen.mirrored() if sight.aim.side == "left" else seen
         x = np.concatenate([s.fit.x for s in sights])
-        near = np.exp(np.median(x[:, SIZE]) + NEAR)
+        middle = np.clip(np.median(x[:, SIZE]), -SIZE_LIMIT - NEAR[0], SIZE_LIMIT - NEAR[-1])
+        near = np.exp(middle + NEAR)
         return calibrate_size(looker.fitter, seen, x, sizes=near).size

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.tracks.track import TrackedFrame
 from layers.hand.skeleton import Skeleton
@@ -19,6 +20,7 @@ class HandSummary:
     size     of its bones, relative to the skeleton's, in its last frame
     losses   how often it was lost
     longest  s, that it was lost at a time
+    confidences  how often each whole per cent was told
     """
 
     hand: str
@@ -26,14 +28,14 @@ class HandSummary:
     size: float = 1.0
     losses: int = 0
     longest: float = 0.0
-    confidences: list[float] = field(default_factory=list)
+    confidences: NDArray[np.int_] = field(default_factory=lambda: np.zeros(101, np.int_))
     is_lost: bool = False
 
     @property
     def sure(self) -> str:
         """The median confidence, in words."""
-        known = [c for c in self.confidences if np.isfinite(c)]
-        return f"{np.median(known):.0%}" if known else "unknown"
+        below = np.cumsum(self.confidences)
+        return f"{np.searchsorted(below, below[-1] / 2)}%" if below[-1] else "unknown"
 
 
 class Summary:
@@ -60,7 +62,8 @@ class Summary:
             own = self.hands.setdefault(hand.id, HandSummary(hand.hand))
             own.hand, own.frames, own.is_lost = hand.hand, own.frames + 1, False
             own.size = float(np.median(hand.bones[self._has_bone] / self._bones))
-            own.confidences.append(hand.confidence)
+            if np.isfinite(hand.confidence):
+                own.confidences[round(100 * hand.confidence)] += 1
         for lost in frame.lost:
             own = self.hands.setdefault(lost.id, HandSummary(lost.hand))
             own.losses += not own.is_lost

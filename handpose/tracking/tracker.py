@@ -102,6 +102,7 @@ class Tracker:
         self._drop_strange(depth, time)
         if len(self.followers) < self.limit:
             self._scout(depth, time)
+            self._drop_doubles()
         hands = []
         for follower in sorted(self.followers, key=lambda one: one.id):
             if follower.time == time:
@@ -142,8 +143,8 @@ class Tracker:
         return {id: [next(sights) for _ in own] for id, own in aims.items()}
 
     def _drop_doubles(self) -> None:
-        """Of two followers of one hand the one with less doubt stays."""
-        for follower in sorted(self.followers, key=lambda one: one.best.sight.doubt):
+        """Of two followers of one hand the one that was seen last stays, or the better one."""
+        for follower in sorted(self.followers, key=lambda one: (-one.time, one.best.sight.badness)):
             if follower not in self.followers:
                 continue
             for other in list(self.followers):
@@ -190,22 +191,25 @@ class Tracker:
         best = min(seen, key=lambda s: s.doubt)
         if not self._looks_like_a_hand(depth, best, STRANGE_NEW_MM):
             return
-        id, leaning = self._id_of(best.aim.side), self._leaning()
-        if id not in self.known:
-            self.known[id] = Known(best.aim.side, time, "", SizeKeeper(self.looker), self.size)
-        self.known[id].since = time
-        self.followers.append(Follower(id, self.looker, seen, time, self.known[id].size, leaning))
+        follower = Follower(-1, self.looker, seen, time, self.size, self._leaning(time))
+        follower.id = self._id_of(follower.hand, time)
+        known = self.known.setdefault(follower.id, Known(follower.hand, time, "", SizeKeeper(self.looker), self.size))
+        known.since, known.hand, follower.size = time, follower.hand, known.size
+        self.followers = [other for other in self.followers if other.id != follower.id] + [follower]
 
-    def _leaning(self) -> float:
+    def _missing(self, time: float) -> list[int]:
+        """The hands that are known and not seen in this frame."""
+        seen = {follower.id for follower in self.followers if follower.time == time}
+        return [id for id in self.known if id not in seen]
+
+    def _leaning(self, time: float) -> float:
         """What speaks for a right hand (1) or a left one (-1): hands that were lost return."""
-        followed = {follower.id for follower in self.followers}
-        sides = [known.hand for id, known in self.known.items() if id not in followed]
+        sides = [self.known[id].hand for id in self._missing(time)]
         return float("right" in sides) - float("left" in sides)
 
-    def _id_of(self, side: str) -> int:
+    def _id_of(self, side: str, time: float) -> int:
         """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
-        followed = {follower.id for follower in self.followers}
-        lost = [id for id, known in self.known.items() if id not in followed and known.hand == side]
+        lost = [id for id in self._missing(time) if self.known[id].hand == side]
         return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
 
     def _measure(self, follower: Follower, time: float) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.fitting.depth.body import SIZE, FleshModel
+from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel
 from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
@@ -24,6 +24,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
+STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good
 STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
 
 
@@ -34,7 +35,7 @@ class DepthFit:
     inputs      (N, D) of the skeleton: radians and units of the bones
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
-    network     (N, K, 3) the same as the first prediction has them
+    network     (N, K, 3) the same as the first prediction has them, of fits that follow as they were expected
     misfit      (N,) how badly the flesh explains the picture, from where it started: what is left of all terms
     doubt       (N,) how much speaks against the fit (``network_errors``)
     error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
@@ -97,11 +98,14 @@ class DepthFitter:
         if own.shape[1] != len(seen):
             raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
         network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
-        starts, priors = [own], [own]
+        starts, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
         if how.draws:
             starts.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
             priors.append(np.tile(own[:1], (how.draws, 1, 1)))
-        found = self._searched(seen, np.concatenate(starts), np.concatenate(priors), how, size)
+        handicap = np.ones(len(own) + how.draws)
+        if before is not None:
+            handicap[len(own) - 1] = STAY
+        found = self._searched(seen, np.concatenate(starts), np.concatenate(priors), how, size, handicap)
         return self._told(found, seen, network, plan)
 
     def follow(
@@ -111,13 +115,20 @@ class DepthFitter:
 
         moved_mm  (N,) how far a fit was from the network's joints when that was asked last: a sign of doubt, still
         """
-        x = before[None].copy()
         network = self.model.joints(before)
-        found = self._searched(seen, x, x, PLANS[plan].near(), size)
+        priors = self._expected(before)[None]
+        found = self._searched(seen, before[None].copy(), priors, PLANS[plan].near(), size, np.ones(1))
         return self._told(found, seen, network, plan, moved_mm)
 
+    def _expected(self, before: Array) -> Array:
+        """The prior of x (N, V): about itself, but for what only the flesh has, size and girth, about their means."""
+        prior = before.copy()
+        prior[:, self.model.own] = 0
+        prior[:, [SIZE, GIRTH]] = 0
+        return prior
+
     def _searched(
-        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None
+        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None, handicap: Array
     ) -> Found:
         """The best of starts (K, N, V) with these priors, in pieces that suit the cache."""
         objective, (K, N, V) = self.objective, starts.shape
@@ -127,7 +138,7 @@ class DepthFitter:
         found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
-            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], self.precision, how)
+            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], self.precision, how, handicap)
             for whole, values in zip(found, part):
                 whole[rows] = values
 

@@ -62,20 +62,25 @@ class Found(NamedTuple):
 
 
 def search(
-    objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan
-) -> Found:
-    """The best of K starts (K, N, V), each with the prediction (K, N, V) that its prior is about."""
+    objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan,
+    handicap: Array | float = 1.0,
+) -> Found:  # fmt: skip
+    """The best of K starts (K, N, V), each with the prediction (K, N, V) that its prior is about.
+
+    handicap  (K,) factors of the misfits that are compared
+    """
     K, N, _ = starts.shape
-    every = np.tile(np.arange(N), K)
+    every, handicaps = np.tile(np.arange(N), K), np.broadcast_to(handicap, K)
     x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
     chosen = np.arange(K * N)
     if plan.first and K > 1:
         x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
-        order = misfit(cost.parts).reshape(K, N).argsort(axis=0)[: plan.keep]
+        order = (handicaps[:, None] * misfit(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
         chosen = (order * N + np.arange(N)).reshape(-1)
     own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
     x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
-    best = misfit(cost.parts).reshape(-1, N).argmin(axis=0) * N + np.arange(N)
+    compared = handicaps[chosen // N] * misfit(cost.parts)
+    best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
     return Found(x[best], cost.parts[best], chosen[best] // N)
 
 
