@@ -164,7 +164,8 @@ class Follower:
         """Left or right: decided by the sum of what looks at both say, and then kept, unless all that is seen later
         says the other."""
         doubt = {sight.aim.side: sight.doubt for sight in sights}
-        if len(doubt) < 2 or not np.isfinite(list(doubt.values())).all():  # where nothing is seen, nothing is said
+        known = np.array(list(doubt.values()))
+        if len(doubt) < 2 or np.isnan(known).any() or np.isinf(known).all():  # where nothing is seen, nothing is said
             return
         left, right = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in ("left", "right"))
         says = float(np.clip(left - right, -MOST, MOST))

@@ -47,8 +47,8 @@ def strangeness(
     hand = _rendered(Capsules(*(a[:, own] for a in capsules)), uvd, 2 * model.unit_mm, camera, crops.shape[1])
     apart = np.minimum(np.abs(whole - crops) * model.unit_mm, CAP_MM)
     shown = (hand < BACKGROUND) & (hand <= whole)
-    joints_moved = np.linalg.norm(fit.joints - fit.network, axis=2).mean(axis=1)
-    moved = np.where(np.isfinite(fit.signs[:, -1]), fit.signs[:, -1], joints_moved)
+    moved = np.linalg.norm(fit.joints - fit.network, axis=2).mean(axis=1)
+    moved = np.maximum(moved, np.nan_to_num(fit.signs[:, -1], posinf=0))  # of a fit that follows, as the network said
     u, v, _ = np.moveaxis(camera.project(fit.joints + center[:, None]), -1, 0)
     outside = ((u < 0) | (u >= camera.width) | (v < 0) | (v >= camera.height)).mean(axis=1)
     told = crops > -BACKGROUND  # at the near face anything may be
