@@ -12,7 +12,7 @@ from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation
 # Chosen on synthetic movements that no reported figure is of.
 PLACE = Cutoff(least=0.5, slope=0.15, speed=4.0)  # per mm/s
 ROTATION = Cutoff(least=0.5, slope=10.0, speed=3.0)  # per rad/s
-OTHERS = Cutoff(least=0.3, slope=4.0, speed=1.5)  # per rad/s
+OTHERS = Cutoff(least=0.3, slope=4.0, speed=1.5)  # per rad/s, and of sizes their logarithm
 
 
 class PoseFilter:

@@ -5,8 +5,9 @@ with open_recording("frames") as recording:
     for frame in tracker.follow(recording):
         print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
 
-A hand is looked for where it should be by its motion; the fit starts from that pose, and from what the network sees
-there, and the one that explains the depth better is taken. Only where no hand is followed the image is searched.
+A hand is looked for where it should be by its motion; the fit starts from that pose, now and then also from what the
+network sees there, and the one that explains the depth better is taken. While fewer hands are followed than there may
+be, the image is searched for more.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class HandSize:
     size       relative to the skeleton
     girth      radii relative to those of a skeleton of this size
     deviation  of the size: from halves of the frames
-    sizes, misfits  the grid, and the mean misfit of a frame with each
+    sizes, misfits  those that were tried, and the mean misfit of a frame with each
     """
 
     size: float
