@@ -12,10 +12,10 @@ also of an Azure Kinect), a bag of ROS, or realsense. Camera, unit and distortio
 beside it, or from the options; a first look says what they are, and what is likely wrong. --look stops after it, with
 a picture of the first hand.
 
-Every hand is followed from its last pose; while fewer than --hands are, the image is searched for more. Whether it is a left one or a right one
-is decided over its first frames, its size over its first seconds, and both are kept. Angles and the palm's pose are
-smoothed, so that bones keep their length; --raw leaves them as they were found. --fit accurate takes three times as
-long as fast.
+Every hand is followed from its last pose; while fewer than --hands are, the image is searched for more. Whether it is
+a left one or a right one is decided over its first frames, its size over its first seconds, and both are kept. Angles
+and the palm's pose are smoothed, so that bones keep their length; --raw leaves them as they were found. --fit
+accurate takes three times as long as fast.
 
 Without any output named, FILE.json and FILE.png, a sheet, are written here, called like the source. Ctrl-C and a
 recording that is cut leave whole files of what was done.
