@@ -35,7 +35,10 @@ class Developer:
     def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str) -> None:
         self.camera, self.unit_mm, self.where = camera, unit_mm, where
         self._unit = np.float32(unit_mm)
-        self._straighten = None if lens is None or lens.is_straight else Straightener(camera, lens)
+        try:
+            self._straighten = None if lens is None or lens.is_straight else Straightener(camera, lens)
+        except DataError as error:
+            raise DataError(f"{where}: {error}") from None
 
     def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
         """Depth (height, width) in mm of stored values of the same shape; 0 where nothing was read, or no number.

@@ -96,7 +96,7 @@ def test_places_of_all_kinds_together(looker: Looker, depth: np.ndarray, center:
     for aim, sight in zip(aims[1:-1], together[1:-1]):
         (alone,) = looker.look(depth, [aim])
         assert sight is not None and sight.aim is aim
-        np.testing.assert_allclose(joints(looker, sight), joints(looker, alone), atol=1)
+        np.testing.assert_allclose(joints(looker, sight), joints(looker, alone), atol=3)
     assert looker.look(depth, []) == [] and looker.look(depth, aims[:1]) == [None]
 
 
