@@ -65,8 +65,8 @@ def test_a_solver_trains(bare: Path) -> None:
     shutil.rmtree(bare / "data")
 
 
-# What knows no engine (files of recordings and tracks, what the campaign damages), and whole trackings, whose every part
-# is tested: on the plain engine they take minutes.
+# What knows no engine (files of recordings and tracks, what the campaign damages), and whole trackings, all parts of
+# which are tested: on the plain engine they take minutes.
 ELSEWHERE = ("faults", "handpose/recordings", "handpose/tracks", "handpose/tracking/test_tracker.py",
              "handpose/experiments/test_tracking_figures.py", "tools/test_track.py", "tools/test_track_refusals.py",
              "tools/test_measure_tracking.py", "tools/test_record.py", "tools/test_make_recording.py")  # fmt: skip
