@@ -122,10 +122,10 @@ class Straightener:
 
     def __init__(self, camera: Camera, lens: Lens) -> None:
         self.shape = (camera.height, camera.width)
-        x = (np.arange(camera.width) - camera.u0) / camera.fx
-        y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy
-        u, v = lens.distorted(*np.broadcast_arrays(x, y))
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # a camera may have any numbers
+            x = (np.arange(camera.width) - camera.u0) / camera.fx
+            y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy
+            u, v = lens.distorted(*np.broadcast_arrays(x, y))
             column, row = np.rint(u * camera.fx + camera.u0), np.rint(v * camera.fy + camera.v0)
             inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
             self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
