@@ -12,7 +12,7 @@ from handpose.fitting.depth.fit import DepthFit, DepthFitter
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.fitting.parallel import blocks
-from handpose.predicting.nets import hand_inputs
+from handpose.predicting.nets import turned_inputs
 from netlib.net import Net
 
 TOGETHER = 128  # crops that are worked on together
@@ -41,8 +41,7 @@ def fit_crops(
     found = []
     for rows in blocks(len(crops), TOGETHER):
         some = crops[rows, :, ::-1] if left else crops[rows]
-        turned = np.concatenate([np.rot90(some, quarter, (1, 2)) for quarter in how.quarters])
-        predictions = np.split(hand_inputs(net, turned), len(how.quarters))
+        predictions = turned_inputs(net, some, how.quarters)
         seen = observe(crops[rows], uvd[rows], camera, 2 * fitter.model.unit_mm, how.points)
         found.append(fitter.fit(seen.mirrored() if left else seen, predictions, plan, size=size))
         progress(len(some))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -76,3 +76,9 @@ def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
         raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
     found[:, hand.skeleton.fixed] = 0
     return found
+
+
+def turned_inputs(net: Net, crops: NDArray[np.floating], quarters: Sequence[int]) -> list[Array]:
+    """``hand_inputs`` (N, D) of crops (N, size, size) turned counter-clockwise by each of the quarters."""
+    turned = np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])
+    return np.split(hand_inputs(net, turned), len(quarters))

@@ -239,7 +239,7 @@ class Predictor:
         flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
         if left:  # as the mirror shows it
             crops, uvd = crops[:, :, ::-1], np.array([camera.width - 1, 0, 0]) + uvd * flip
-            camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
+            camera = camera.mirrored()
         strange = strangeness(model, fit, crops, uvd, camera)
         hands = []
         for n, place in enumerate(places):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from handpose.synthetic.movements import posed
 from handpose.synthetic.person import Person
 from handpose.synthetic.pose_prior import HandSampler
-from handpose.tracks.track import MIRROR
+from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 
 MOST_TURN = np.deg2rad(80)  # of a palm in one stroke
@@ -70,7 +70,7 @@ class Choices:
             none = np.zeros((count, len(self.sampler.skeleton.initial)))
             ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
             limb = (ends[:, flesh.end[flesh.limbs]] - ends[:, flesh.start[flesh.limbs]])[:, 0]
-            limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * (MIRROR if self.side == "left" else 1.0)
+            limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
             over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))

@@ -11,7 +11,7 @@ from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import Capsules
 from handpose.synthetic.flesh_prior import ANYBODY, FleshPrior
 from handpose.synthetic.pose_prior import HandSampler, cut_normal
-from handpose.tracks.track import MIRROR
+from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 
 WHOLE_ARM = replace(ANYBODY, cut=0.0)  # nobody's arm ends in thin air
@@ -71,7 +71,7 @@ class Person:
 
     def capsules(self, inputs: Array, origin_mm: Array, hand: str) -> Capsules:
         """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their origin at (3,)."""
-        side = MIRROR if hand == "left" else np.ones(3)
+        side = mirror_of(hand)
         ends = self.ends(inputs[None]) * self.unit_mm * side + origin_mm
         radii = self.radii[None] * self.unit_mm
         return Capsules(ends[:, self.flesh.start], ends[:, self.flesh.end], radii[..., 0], radii[..., 1])

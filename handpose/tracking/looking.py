@@ -20,10 +20,10 @@ from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.strangeness import strangeness
 from handpose.predicting.finding import recenter
-from handpose.predicting.nets import hand_inputs
+from handpose.predicting.nets import turned_inputs
 from handpose.predicting.predictor import Predictor
 from handpose.tracking.body_pose import Placed, Placer
-from handpose.tracks.track import MIRROR
+from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -118,7 +118,7 @@ class Looker:
     def center_of(self, body: Placed, side: str) -> Array:
         """Where a crop of a body has its centre (3,), px, px, mm."""
         center = body.place + body.rotation @ self._middle
-        return self.camera.project(center * MIRROR if side == "left" else center)
+        return self.camera.project(center * mirror_of(side))
 
     def hand_near(self, depth: NDArray[np.float32], sight: Sight) -> Array:
         """Where the locator would have the crop's centre (3,), px, px, mm; or else the network, if it was asked."""
@@ -133,7 +133,7 @@ class Looker:
             return self.camera.project(middle[0])
         if sight.aim.moved_mm is not None:
             return sight.aim.center_uvd
-        joints = sight.fit.network[0] * (MIRROR if side == "left" else 1.0) / (self.cube_mm / 2)
+        joints = sight.fit.network[0] * mirror_of(side) / (self.cube_mm / 2)
         return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera,
                         side == "left")  # fmt: skip
 
@@ -141,7 +141,7 @@ class Looker:
         """How little there is a hand, in mm."""
         camera, uvd, seen = self.camera, sight.aim.center_uvd, sight.crop
         if sight.aim.side == "left":
-            camera = mirrored_camera(camera)
+            camera = camera.mirrored()
             uvd, seen = np.array([self.camera.width - 1 - uvd[0], *uvd[1:]]), seen[:, ::-1]
         return float(strangeness(self.fitter.model, sight.fit, seen[None], uvd[None], camera)[0])
 
@@ -160,7 +160,7 @@ class Looker:
         seen = observe(crops, uvd, self.camera, self.cube_mm, PLANS[plan].points)
         if left.any():
             seen = seen.mirrored(left)
-        centers = self.camera.unproject(uvd) * np.where(left[:, None], MIRROR, 1.0)
+        centers = self.camera.unproject(uvd) * np.stack([mirror_of(aim.side) for aim in aims])
         placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]
         before, model = None, self.fitter.model
         if placed:
@@ -180,12 +180,4 @@ class Looker:
         """The network's inputs (N, D) for crops (N, S, S), turned by each quarter of the plan; left hands mirrored."""
         shown = crops.copy()
         shown[left] = crops[left][:, :, ::-1]
-        quarters = PLANS[plan].quarters
-        turned = np.concatenate([np.rot90(shown, quarter, (1, 2)) for quarter in quarters])
-        return np.split(hand_inputs(self.net, turned), len(quarters))
-
-
-def mirrored_camera(camera: Camera) -> Camera:
-    """The camera that sees what a mirror shows."""
-    return Camera(camera.name, camera.fx, camera.fy, camera.width - 1 - camera.u0, camera.v0, camera.width,
-                  camera.height)  # fmt: skip
+        return turned_inputs(self.net, shown, PLANS[plan].quarters)

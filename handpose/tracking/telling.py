@@ -8,7 +8,7 @@ from handpose.fitting.depth.body import SIZE
 from handpose.flesh.render import Capsules
 from handpose.tracking.following import Follower
 from handpose.tracking.looking import Looker
-from handpose.tracks.track import MIRROR, TrackedHand
+from handpose.tracks.track import TrackedHand, mirror_of
 
 
 def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> TrackedHand:
@@ -19,7 +19,7 @@ def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> Tr
     """
     seen, model = follower.best, looker.fitter.model
     sight, side = seen.sight, seen.sight.aim.side
-    mirror = MIRROR if side == "left" else np.ones(3)
+    mirror = mirror_of(side)
     x = looker.placer.variables(seen.smooth if smooth else sight.body, sight.center_mm)[None]
     if follower.size is not None:
         x[0, SIZE] = np.log(follower.size)  # known, so no filter has to get there

@@ -29,7 +29,7 @@ from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import Scout
 from handpose.tracking.sizing import SizeKeeper, checked
 from handpose.tracking.telling import told
-from handpose.tracks.track import MIRROR, LostHand, TrackedFrame, TrackHeader
+from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader, mirror_of
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
@@ -170,8 +170,7 @@ class Tracker:
 
     def _looks_like_a_hand(self, depth: NDArray[np.float32], sight: Sight, strange_mm: float) -> bool:
         """To the locator, and beside the picture of the body that was fitted."""
-        mirror = MIRROR if sight.aim.side == "left" else np.ones(3)
-        if self.scout.chance(depth, sight.center_mm * mirror) < LIKELY:
+        if self.scout.chance(depth, sight.center_mm * mirror_of(sight.aim.side)) < LIKELY:
             return False
         return self.looker.strangeness(sight) < strange_mm
 

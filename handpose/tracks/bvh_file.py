@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.tracks.bvh_joints import AXES, BvhJoint, bone_of, bvh_joints, channels_of, offset_of
-from handpose.tracks.track import MIRROR, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader, mirror_of
 from layers.hand.skeleton import Skeleton
 from netlib import atomic
 from netlib.blob import Array
@@ -118,7 +118,7 @@ def bvh_text(
     unit_mm     of lengths in the file
     """
     joints, sk, scale = bvh_joints(header.skeleton), header.skeleton, header.unit_mm / unit_mm
-    signs = TOWARDS * (MIRROR if hand == "left" else 1.0)
+    signs = TOWARDS * mirror_of(hand)
     theta, columns = sk.theta(inputs), []
     for joint in joints:
         position, angles = channels_of(sk, joint, theta, bones, signs)

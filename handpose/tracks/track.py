@@ -22,6 +22,11 @@ from netlib.blob import Array
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
+def mirror_of(hand: str) -> Array:
+    """What (3,) turns places of a hand's own space, where it is a right one, to those of the camera, and back."""
+    return MIRROR if hand == "left" else np.ones(3)
+
+
 @dataclass(frozen=True)
 class TrackHeader:
     """What holds for all frames.
@@ -103,5 +108,4 @@ def joints_of(
 ) -> Array:
     """Joints (K, 3) in mm, camera axes, of a hand with the fields of ``TrackedHand``."""
     posed = kinematics_of(skeleton).joints(np.asarray(inputs, np.float64)[None], np.asarray(bones, np.float64)[None])[0]
-    side = MIRROR if hand == "left" else 1.0
-    return np.asarray(posed * unit_mm * side + np.asarray(origin_mm, np.float64))
+    return np.asarray(posed * unit_mm * mirror_of(hand) + np.asarray(origin_mm, np.float64))

@@ -17,7 +17,7 @@ from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import Role, Script
 from handpose.tracking import looking
 from handpose.tracking.body_pose import Placed
-from handpose.tracking.looking import Aim, Looker, Sight, mirrored_camera
+from handpose.tracking.looking import Aim, Looker, Sight
 from handpose.tracks.track import MIRROR
 from tests.handpose.tracking.conftest import Take
 
@@ -112,7 +112,7 @@ def test_from_the_pose_before(
     """Also about another centre; without asking the network, if its last answer is given, which counts as before."""
     (first,) = looker.look(depth, [Aim(center, "right")])
     assert first is not None
-    monkeypatch.setattr(looking, "hand_inputs", None)  # whoever calls it fails
+    monkeypatch.setattr(looking, "turned_inputs", None)  # whoever calls it fails
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     aims = [Aim(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))]
     near, far, aside = looker.look(depth, aims)
@@ -130,7 +130,7 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     """
     recording = SyntheticRecording(Script(3, (Role("right", (Act("gestures", 3),)),)), ASIDE, rate=15, seed=2)
     depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
-    right, left = (Looker(load_predictor(own, fit="accurate"), own) for own in (ASIDE, mirrored_camera(ASIDE)))
+    right, left = (Looker(load_predictor(own, fit="accurate"), own) for own in (ASIDE, ASIDE.mirrored()))
     place = np.array([ASIDE.width - 1 - center[0], *center[1:]])
     (one,) = right.look(depth, [Aim(center, "right")])
     (other,) = left.look(np.ascontiguousarray(depth[:, ::-1]), [Aim(place, "left")])
@@ -186,4 +186,4 @@ def test_what_nobody_measured(looker: Looker, depth: np.ndarray, center: np.ndar
 def test_the_camera_in_the_mirror(x: float, y: float, z: float) -> None:
     """Sees what is mirrored in the mirrored column."""
     u, v, d = ASIDE.project(np.array([x, y, z]))
-    np.testing.assert_allclose(mirrored_camera(ASIDE).project(np.array([-x, y, z])), (319 - u, v, d), atol=1e-9)
+    np.testing.assert_allclose(ASIDE.mirrored().project(np.array([-x, y, z])), (319 - u, v, d), atol=1e-9)
