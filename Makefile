@@ -6,6 +6,7 @@
 # make table1  the paper's Table 1: trains five networks (hours; ITERATIONS=1000 for a look), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make twins   what each part of fast/ is worth, by switching it off (minutes)
+# make docs    what documents show of the code: code, figures, exercises, made anew
 # make lint    the style and type checks of the continuous integration
 PYTHON ?= python3
 ITERATIONS ?= 1000
@@ -15,7 +16,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test faults lint table1 bench twins clean
+.PHONY: help demo train test docs faults lint table1 bench twins clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -47,6 +48,9 @@ test: .venv/test
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
+
+docs: .venv/tools
+	$(RUN) -m docs.making
 
 lint: .venv/dev
 	$(BIN)/ruff check .

@@ -1,0 +1,73 @@
+"""The code that documents show, taken from its file: a comment names it, ``make docs`` puts it under the comment.
+
+    <!-- code: layers/common/inner_product.py InnerProduct.forward InnerProduct.backward -->
+    ```python
+    ...
+    ```
+
+Names are functions, classes, methods or constants of the file, in the order in which they are shown; ``docstring`` is
+that of the module. No name: the whole file. Methods lose their indentation.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+from docs.making.made import ROOT, Made
+
+MARK = re.compile(r"^<!-- code: (\S+\.\w+)((?: [\w.]+)*) -->\n(```(\w*)\n.*?^```\n)?", re.MULTILINE | re.DOTALL)
+LANGUAGES = {".py": "python", ".prototxt": "prototxt", ".js": "js"}
+
+
+def made() -> Iterator[Made]:
+    """Every document that shows code of a file, with that code as it is now."""
+    for path in sorted((ROOT / "docs").rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        if MARK.search(text):
+            yield Made(path, MARK.sub(_shown, text).encode())
+
+
+def _shown(match: re.Match[str]) -> str:
+    name, wanted = match[1], match[2].split()
+    path = ROOT / name
+    text = path.read_text(encoding="utf-8")
+    pieces = [piece_of(text, one, name) for one in wanted] or [text]
+    language = LANGUAGES.get(path.suffix, "")
+    body = "\n\n".join(piece.rstrip("\n") for piece in pieces)
+    return f"<!-- code: {name}{match[2]} -->\n```{language}\n{body}\n```\n"
+
+
+def piece_of(text: str, wanted: str, name: str) -> str:
+    """The lines of one function, class, method or constant of a Python file, with decorators, dedented.
+
+    Raises ValueError if the file has no such name.
+    """
+    tree = ast.parse(text)
+    if wanted == "docstring":
+        return f'"""{ast.get_docstring(tree, clean=False)}"""'
+    nodes: list[ast.stmt] = tree.body
+    for part in wanted.split("."):
+        found = next((node for node in nodes if part in _names(node)), None)
+        if found is None:
+            raise ValueError(f"{name} has no {wanted}")
+        nodes = found.body if isinstance(found, ast.ClassDef) else []
+    assert found is not None
+    decorators = found.decorator_list if isinstance(found, (ast.FunctionDef, ast.ClassDef)) else []
+    first = min([found.lineno, *(decorator.lineno for decorator in decorators)])
+    return textwrap.dedent("\n".join(text.splitlines()[first - 1 : found.end_lineno]))
+
+
+def _names(node: ast.stmt) -> list[str]:
+    if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return [target.id for target in targets if isinstance(target, ast.Name)]
+
+
+def shown_files(path: Path) -> set[str]:
+    """The files whose code a document shows."""
+    return {match[1] for match in MARK.finditer(path.read_text(encoding="utf-8"))}
