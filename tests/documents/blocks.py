@@ -1,0 +1,254 @@
+"""The blocks of a document, as sybil's examples: each is run, parsed or compared by its tag, or says why it is not.
+
+    ```pycon      >>> and its output, which is compared
+    ```python     run in the same namespace
+    ```bash       run; the arguments of this project's commands are checked also where it is not run
+    ```prototxt   read as a net, a solver, a skeleton or another message
+    ```json       parsed
+    ```text       no code; directly after a python or bash block that is run, what that block printed
+
+A comment directly above a block says what else holds:
+
+    <!-- not run: REASON -->   it cannot run
+    <!-- code: FILE NAME -->   it is taken from a file (docs/making/code_blocks.py), where it is tested
+    <!-- file: NAME -->        it is a file of the reader's, which later blocks use
+
+    <!-- invisible-code-block: python
+    what the reader need not see
+    -->
+"""
+
+from __future__ import annotations
+
+import contextlib
+import doctest
+import io
+import json
+import re
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sybil import Document, Example, Region
+from sybil.evaluators.doctest import DocTestEvaluator, DocTestRunner
+from sybil.evaluators.python import PythonEvaluator
+from sybil.parsers.abstract.doctest import DocTestStringParser
+from sybil.parsers.markdown.lexers import DirectiveInHTMLCommentLexer, RawFencedCodeBlockLexer
+
+from netlib.errors import NetlibError
+from tests.documents import commands, output, prototxts
+
+TAGS = ("pycon", "python", "bash", "prototxt", "json", "text")
+MARKS = ("not run", "code", "file")
+FOLDER, PYTHON = "(folder)", "(python)"  # names in a document's namespace that no block can use
+OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "tqdm")  # of setup.cfg's extra test
+_FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
+_INVISIBLE = DirectiveInHTMLCommentLexer("invisible-code-block", arguments=".*?")
+_ABOVE = re.compile(r"(?:^[ \t]*<!--(?:(?!-->).)*-->[ \t]*\n)+\Z", re.DOTALL | re.MULTILINE)
+_MARK = re.compile(rf"<!--\s*({'|'.join(MARKS)})\b:?\s*((?:(?!-->).)*?)\s*-->", re.DOTALL)
+_INDENTED = re.compile(r"(?<=\n)\n {4,}\S[^\n]*")
+_LIST_ITEM = re.compile(r"\s*([-*+]|\d+[.)])\s")
+
+
+@dataclass
+class Block:
+    """What stands between two fences: its tag, its text, the marks above it, and what it printed when it was run."""
+
+    tag: str
+    source: str
+    marks: dict[str, str] = field(default_factory=dict)
+    after: Block | None = None  # the block directly above, with nothing between
+    printed: str | None = None
+
+
+def parse(document: Document) -> Iterator[Region]:
+    """Sybil's parser for all of that. What is no such block is an example that fails."""
+    last, last_end, marks_seen = None, 0, set()
+    fenced = sorted(_FENCES(document), key=lambda region: region.start)
+    for region in fenced:
+        above = _ABOVE.search(document.text[: region.start])
+        start = above.start() if above else region.start
+        found = list(_MARK.finditer(document.text, start, region.start)) if above else []
+        marks_seen |= {match.start() for match in found}
+        follows = last if not document.text[last_end : region.start].strip() else None
+        last, last_end = Block(region.lexemes["tag"].strip(), region.lexemes["source"],
+                               {match[1]: match[2] for match in found}, follows), region.end  # fmt: skip
+        if not re.search(r"(`{3,}|~{3,})\Z", document.text[region.start : region.end].rstrip()):
+            yield _failing(region, "no fence ends this block")
+        else:
+            yield from _examples(document, region, last)
+    for region in _INVISIBLE(document):
+        region.parsed = region.lexemes["source"]
+        tag = region.lexemes["arguments"].strip()
+        region.evaluator = _run_python if tag == "python" else _fails(f"an invisible block of {tag!r} is not run")
+        yield region
+    yield from _strays(document, fenced, marks_seen)
+
+
+def _examples(document: Document, region: Region, block: Block) -> Iterator[Region]:
+    """The examples of one block, or one that fails because of its tag or its marks."""
+    marks = block.marks
+    region.parsed, region.lexemes["block"] = region.lexemes["source"], block
+    if block.tag not in TAGS:
+        known = ", ".join(TAGS)
+        yield _failing(region, f"a block of {block.tag!r}: expected one of {known}" if block.tag else
+                       f"a block without a tag: expected one of {known}")  # fmt: skip
+    elif any(not words for words in marks.values()):
+        yield _failing(region, f"{next(iter(marks))!r} above this block says nothing: <!-- not run: REASON -->")
+    elif "not run" in marks or "code" in marks:
+        region.evaluator = _check_commands if block.tag == "bash" else _nothing
+        yield region
+    elif "file" in marks:
+        used = re.search(rf"\b{re.escape(Path(marks['file']).stem)}\b", document.text[region.end :])
+        region.evaluator = _write if used else _fails(f"no later block uses the file {marks['file']}")
+        yield region
+    elif block.tag == "pycon":
+        found = list(_PYCON(block.source, document.path))
+        if not found or not block.source.lstrip().startswith(">>>"):
+            yield _failing(region, "a pycon block begins with >>>")
+        for example in found:
+            example.adjust(region, region.lexemes["source"])
+            yield example
+    else:
+        region.evaluator = _EVALUATORS[block.tag]
+        yield region
+
+
+def _strays(document: Document, fenced: list[Region], marks_seen: set[int]) -> Iterator[Region]:
+    """Marks that stand above no block, and code that is only indented."""
+
+    def is_fenced(place: int) -> bool:
+        return any(region.start <= place < region.end for region in fenced)
+
+    for match in _MARK.finditer(document.text):
+        if match.start() not in marks_seen and not is_fenced(match.start()):
+            yield _failing(Region(match.start(), match.end()), f"{match[1]!r} stands directly above no block")
+    comments = [(match.start(), match.end()) for match in re.finditer(r"<!--.*?-->", document.text, re.DOTALL)]
+    for match in _INDENTED.finditer(document.text):
+        before = document.text[: match.start()].rstrip("\n").splitlines()
+        paragraph = next((line for line in reversed(before) if line[:1].strip()), "")
+        in_comment = any(start < match.start() < end for start, end in comments)
+        if not (is_fenced(match.start()) or in_comment or _LIST_ITEM.match(paragraph)):
+            yield _failing(Region(match.start() + 1, match.end()), "a block that is only indented: fence it, with a tag")
+
+
+def failures(path: Path, folder: Path, python: Path, names: dict[str, object]) -> Iterator[str]:
+    """Run a document in the working folder ``folder``: a line and a reason for each block that is not as it says.
+
+    ``python`` is a folder with the program python; ``names`` are there before the first block.
+    Raises ModuleNotFoundError for an optional package.
+    """
+    document = Document.parse(str(path), parse)
+    document.namespace.update(names, **{"__name__": "__main__", FOLDER: folder, PYTHON: python})
+    for example in document.examples():
+        try:
+            assert example.region.evaluator is not None
+            problem = example.region.evaluator(example)
+        except Exception as error:
+            if isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL:
+                raise
+            problem = _told(error, str(path))
+        if problem:
+            yield f"line {example.line}: {problem.rstrip()}"
+
+
+def _told(error: Exception, path: str) -> str:
+    """An error of a block in a few lines: where in the document, and what."""
+    if isinstance(error, (AssertionError, NetlibError, ValueError)) and not _lines_of(error, path):
+        return str(error)
+    return "".join([*_lines_of(error, path), *traceback.format_exception_only(error)])
+
+
+def _lines_of(error: Exception, path: str) -> list[str]:
+    return [f"in line {frame.lineno}\n" for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+
+
+# How a block of each kind is judged: a sybil evaluator returns why it is not as it says, or nothing.
+
+
+def _nothing(example: Example) -> None:
+    """There is nothing to check."""
+
+
+def _fails(reason: str) -> Callable[[Example], str]:
+    return lambda example: reason
+
+
+def _failing(region: Region, reason: str) -> Region:
+    return Region(region.start, region.end, evaluator=_fails(reason))
+
+
+class _Runner(DocTestRunner):
+    def __init__(self) -> None:
+        super().__init__(0)
+        self._checker = _Checker()
+
+
+class _Checker(doctest.OutputChecker):
+    """What doctest asks: is the output the one that is shown?"""
+
+    def check_output(self, want: str, got: str, optionflags: int) -> bool:
+        return not output.difference(want.replace("<BLANKLINE>", ""), got)
+
+    def output_difference(self, example: doctest.Example, got: str, optionflags: int) -> str:
+        return output.difference(example.want.replace("<BLANKLINE>", ""), got)
+
+
+class _Pycon(DocTestEvaluator):
+    def __init__(self) -> None:
+        self.runner = _Runner()
+
+
+_PYCON = DocTestStringParser(_Pycon())
+
+
+def _block(example: Example) -> Block:
+    block: Block = example.region.lexemes["block"]
+    return block
+
+
+def _run_python(example: Example) -> None:
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        PythonEvaluator()(example)
+    if "block" in example.region.lexemes:  # else it is invisible
+        _block(example).printed = printed.getvalue()
+
+
+def _check_commands(example: Example) -> str:
+    return "\n".join(commands.mistakes(example.parsed, example.namespace[FOLDER]))
+
+
+def _run_commands(example: Example) -> str:
+    if wrong := _check_commands(example):
+        return wrong
+    _block(example).printed = commands.run(example.parsed, *(example.namespace[name] for name in (FOLDER, PYTHON)))
+    return ""
+
+
+def _read_prototxt(example: Example) -> None:
+    prototxts.read(example.parsed, "the block")
+
+
+def _read_json(example: Example) -> None:
+    json.loads(example.parsed)
+
+
+def _compare(example: Example) -> str:
+    """Text after a block that was run is what it printed; all other text is text."""
+    after = _block(example).after
+    return "" if after is None or after.printed is None else output.difference(example.parsed, after.printed)
+
+
+def _write(example: Example) -> None:
+    """A file of the reader's; where it is data, it is read as well."""
+    file = example.namespace[FOLDER] / _block(example).marks["file"]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(example.parsed, encoding="utf-8")
+    if _block(example).tag in ("prototxt", "json"):
+        _EVALUATORS[_block(example).tag](example)
+
+
+_EVALUATORS: dict[str, Callable[[Example], str | None]] = {
+    "python": _run_python, "bash": _run_commands, "prototxt": _read_prototxt, "json": _read_json, "text": _compare,
+}  # fmt: skip

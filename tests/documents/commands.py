@@ -1,0 +1,184 @@
+"""The commands of a document's bash block: that those of this project are there and take their arguments, and a run."""
+
+from __future__ import annotations
+
+import argparse
+import configparser
+import contextlib
+import functools
+import importlib
+import importlib.util
+import inspect
+import io
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+ROOT = Path(__file__).resolve().parents[2]
+SECONDS = 60  # for the commands of one block
+_PYTHON = re.compile(r"(.*/)?python3?")
+_ASSIGNMENT = re.compile(r"\w+=.*")
+_BEFORE_COMMANDS = {"time", "exec", "if", "then", "else", "do", "while", "!", "{"}
+_REDIRECTION = re.compile(r"(?<=\s)\d?>&\d|(?<=\s)\d?(?:>>?|<)\s*[^\s&|;]+")
+
+
+class _ParsedError(Exception):
+    """The arguments were taken; the program does not run."""
+
+
+def commands(script: str) -> Iterator[list[str]]:
+    """The words of each simple command, without comments, redirections and assignments before it."""
+    waiting = ""
+    for line in script.replace("\\\n", " ").splitlines():
+        waiting += re.sub(r"(^|\s)#(\s.*)?$", "", line) + "\n"
+        try:
+            lexer = shlex.shlex(_REDIRECTION.sub("", waiting), posix=True, punctuation_chars=";&|()")
+            lexer.whitespace_split, lexer.commenters = True, ""
+            words = list(lexer)
+        except ValueError:  # a quotation goes on in the next line
+            continue
+        waiting = ""
+        found: list[str] = []
+        for word in [*words, ";"]:
+            if word.strip(";&|()"):
+                if found or not (_ASSIGNMENT.fullmatch(word) or word in _BEFORE_COMMANDS):
+                    found.append(word)
+            elif found:
+                yield found
+                found = []
+    if waiting.strip():
+        yield shlex.split(waiting)  # raises: a quotation that nothing ends
+
+
+def mistakes(script: str, folder: Path) -> Iterator[str]:
+    """What a reader could not type: a line for each command of ours that is not there, or takes other arguments.
+
+    ``folder`` is where the document's files are.
+    """
+    try:
+        found = list(commands(script))
+    except ValueError as error:
+        yield f"no shell can read this: {error}"
+        return
+    for words in found:
+        if problem := _mistake(words, folder):
+            yield f"{shlex.join(words)}\n{problem}"
+
+
+def _mistake(words: list[str], folder: Path) -> str:
+    name, *rest = words
+    if name == "make":
+        unknown = [word for word in rest if "=" not in word and not word.startswith("-") and word not in _targets()]
+        return f"no target {', '.join(unknown)} in the Makefile" if unknown else ""
+    if name == "pip" or name.endswith("/pip"):
+        return _unknown_extras(rest)
+    if _PYTHON.fullmatch(name):
+        return _python_mistake(rest, folder)
+    if "/" in name and name[0] not in "/~$" and not name.startswith(".venv/") and not (ROOT / name).exists():
+        return f"there is no {name}"
+    return ""
+
+
+def _python_mistake(words: list[str], folder: Path) -> str:
+    if words[:1] == ["-m"] and words[1:2] == ["pip"]:
+        return _unknown_extras(words[2:])
+    if words[:1] == ["-m"] and len(words) > 1:
+        return _module_mistake(words[1], words[2:])
+    script = next((word for word in words if word.endswith(".py")), None)
+    if script is None or "-c" in words[: words.index(script)]:
+        return ""
+    if re.fullmatch(r"(tools|benchmarks)/\w+\.py", script):
+        return _module_mistake(script[:-3].replace("/", "."), words[words.index(script) + 1 :])
+    return "" if (folder / script).exists() else f"there is no {script}"
+
+
+def _module_mistake(name: str, argv: list[str]) -> str:
+    """Whether a program of this project is there, and its own parser takes the arguments."""
+    try:
+        there = importlib.util.find_spec(name) is not None
+    except ModuleNotFoundError:
+        there = False
+    if not there:
+        return f"there is no {name}"
+    if not (ROOT / name.split(".")[0]).is_dir():
+        return ""  # a program of others
+    try:
+        module = importlib.import_module(name)
+    except ImportError:  # of a package that only this program needs, as torch for the benchmarks
+        return ""
+    main = getattr(module, "main", None)
+    if main is None or not (hasattr(module, "guarded") or "argv" in inspect.signature(main).parameters):
+        return ""
+    if any("$" in word for word in argv):
+        return ""  # only the shell knows what stands there
+    printed = io.StringIO()
+    with _only_parsing(module, name, argv), contextlib.redirect_stderr(printed), contextlib.redirect_stdout(printed):
+        try:
+            main(argv) if inspect.signature(main).parameters else main()
+        except _ParsedError:
+            pass
+        except SystemExit as stopped:
+            if stopped.code:
+                return printed.getvalue().strip().rpartition("\n")[2]
+    return ""
+
+
+@contextlib.contextmanager
+def _only_parsing(module: object, name: str, argv: list[str]) -> Iterator[None]:
+    """Within it a program ends when it has taken its arguments."""
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_and_stop(*args: object, **options: object) -> argparse.Namespace:
+        parse(*args, **options)  # type: ignore[arg-type]
+        raise _ParsedError
+
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(mock.patch.object(sys, "argv", [name, *argv]))
+        if hasattr(module, "guarded"):  # it may check more between its parser and its run
+            stack.enter_context(mock.patch.object(module, "guarded", lambda run, args: 0))
+        else:
+            stack.enter_context(mock.patch.object(argparse.ArgumentParser, "parse_args", parse_and_stop))
+        yield
+
+
+@functools.cache
+def _targets() -> set[str]:
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    return {name for line in re.findall(r"^([\w./ -]+):(?!=)", text, re.MULTILINE) for name in line.split()}
+
+
+def _unknown_extras(words: list[str]) -> str:
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    named = {name for word in words for extras in re.findall(r"^\.\[([^\]]*)\]", word) for name in extras.split(",")}
+    unknown = named - set(setup["options.extras_require"])
+    return f"no extra {', '.join(sorted(unknown))} in setup.cfg" if unknown else ""
+
+
+def run(script: str, folder: Path, python: Path) -> str:
+    """Run a block in the document's folder; what it printed. Raises AssertionError if a command failed.
+
+    ``python`` is a folder with the Python of the tests, which comes first on PATH.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))}
+    environment |= {"PATH": f"{python}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1",
+                    "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}  # fmt: skip
+    bash = ["bash", "-e", "-o", "pipefail", "-c", script]
+    running = subprocess.Popen(bash, cwd=folder, env=environment, text=True, encoding="utf-8", start_new_session=True,
+                               stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
+    try:
+        printed, _ = running.communicate(timeout=SECONDS)
+    except subprocess.TimeoutExpired as stopped:
+        raise AssertionError(f"the commands took more than {SECONDS} s") from stopped
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)  # also what a command left running
+        running.wait()
+    assert running.returncode == 0, f"exit status {running.returncode}:\n{printed[-3000:].rstrip()}"
+    return printed

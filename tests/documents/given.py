@@ -1,0 +1,125 @@
+"""What documents suppose that a reader has: frames of a camera, a crop, trained weights, joints, a data set, a log."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data import crops
+from handpose.facts.cameras import KINECT2, NYU
+from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
+from handpose.recordings.recording import DepthFrame
+from handpose.recordings.writing import RecordingWriter
+from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic.recordings import SyntheticRecording
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
+from tools import make_synthetic
+
+ROOT = Path(__file__).resolve().parents[2]
+Names = dict[str, object]
+Given = Callable[[Path], Names]
+SECONDS = 0.1  # of the hand before the camera
+LARGE_BATCH, SMALL_BATCH = ("batch_size: 512", "batch_size: 250"), "batch_size: 8"
+
+
+@functools.cache
+def _recording() -> tuple[SyntheticRecording, tuple[DepthFrame, ...]]:
+    recording = SyntheticRecording("moving", KINECT2, seconds=SECONDS, seed=1)
+    return recording, tuple(recording)
+
+
+def frames(folder: Path) -> Names:
+    """frames/: what a Kinect v2 saw of a hand that moves, with its camera.json."""
+    recording, seen = _recording()
+    with RecordingWriter(folder / "frames", recording.camera, recording.unit_mm, recording.rate) as writer:
+        for frame in seen:
+            writer.write(frame)
+    return {}
+
+
+def frame(folder: Path) -> Names:
+    """frame.png, the first of them; ``depth``, its mm."""
+    depth = np.rint(_recording()[1][0].depth).astype(np.uint16)
+    cv2.imwrite(str(folder / "frame.png"), depth)
+    return {"depth": depth}
+
+
+def crop(folder: Path) -> Names:
+    """crop.png, the hand in that frame, and ``crop``, the same as a net takes it."""
+    recording, seen = _recording()
+    (hand,) = recording.truth(0).hands
+    cut = crops.crop(seen[0].depth, hand.center_uvd, CUBE_MM, KINECT2)
+    cv2.imwrite(str(folder / "crop.png"), np.rint((cut + 1) * 127.5).astype(np.uint8))
+    return {"crop": cut}
+
+
+def weights(folder: Path) -> Names:
+    """snapshots/nyu_iter_1000.caffemodel.h5: the packaged weights, of the same network."""
+    (folder / "snapshots").mkdir(exist_ok=True)
+    packaged = ROOT / "models" / "synthetic_hand" / "synthetic_hand.caffemodel.h5"
+    shutil.copyfile(packaged, folder / "snapshots" / "nyu_iter_1000.caffemodel.h5")
+    return {}
+
+
+def log(folder: Path) -> Names:
+    """train.log: a log of this network's training, by real Caffe."""
+    shutil.copyfile(ROOT / "tests" / "caffe" / "logs" / "deepmodel_train.log", folder / "train.log")
+    return {}
+
+
+def data(folder: Path) -> Names:
+    """data/nyu: a few synthetic frames, and the nets of prototxt/ with batches as small."""
+    out = folder / "data" / "nyu"
+    assert make_synthetic.main(["--out", str(out), "--train", "16", "--test", "16", "--workers", "1"]) == 0
+    for path in (folder / "prototxt").glob("*.prototxt"):
+        text = path.read_text(encoding="utf-8")
+        for size in LARGE_BATCH:
+            text = text.replace(size, SMALL_BATCH)
+        path.write_text(text, encoding="utf-8")
+    return {}
+
+
+def _joints_mm(count: int) -> NDArray[np.float64]:
+    """(count, 31, 3): hands of the packaged size about the crop's centre."""
+    hands = HandSampler(PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), count)
+    return kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
+
+
+def joints(folder: Path) -> Names:
+    """joints.txt: NYU's 14 joints of a few hands, u v d."""
+    uvd = NYU.project(_joints_mm(3)[:, EVALUATION_JOINTS] + (20, -30, 800))
+    np.savetxt(folder / "joints.txt", uvd.reshape(len(uvd), -1), fmt="%.3f")
+    return {}
+
+
+def person(folder: Path) -> Names:
+    """data/me: annotated frames of one person."""
+    rows = _joints_mm(60).reshape(60, -1) / (CUBE_MM / 2)
+    (folder / "data" / "me").mkdir(parents=True)
+    with h5py.File(folder / "data" / "me" / "train.h5", "w") as file:
+        file["joint"] = rows.clip(-1, 1).astype(np.float32)
+    (folder / "data" / "me" / "train.txt").write_text("data/me/train.h5\n", encoding="utf-8")
+    return {}
+
+
+BY_DOCUMENT: dict[str, tuple[Given, ...]] = {
+    "README.md": (frames, frame, crop, weights, log, data, joints, person),
+    "docs/camera.md": (frames,),
+    "docs/data.md": (frame,),
+    "docs/fit.md": (frames, frame),
+    "docs/onnx.md": (crop,),
+    "models/synthetic_hand/readme.md": (frame,),
+}
+NEEDS = {  # packages that commands of a document need; a Python block that imports one says so itself
+    "README.md": ("matplotlib",),
+    "docs/camera.md": ("av", "matplotlib"),
+    "docs/onnx.md": ("onnx", "onnxruntime"),
+}

@@ -1,0 +1,80 @@
+"""Where a document runs: a folder of its own that looks like the project, and a process that is left as it was."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+import netlib
+
+ROOT = Path(__file__).resolve().parents[2]
+LINKED = ("netlib", "layers", "fast", "handpose", "tools", "benchmarks", "docs", "tests", "setup.cfg")
+COPIED = ("prototxt", "models")  # what documents may write into
+LARGE = 100_000  # bytes; larger files are linked even there, and replaced, as all writers do
+MADE = {"__pycache__", ".git", ".venv", ".hypothesis"}  # of no interest to ``state``, nor are caches of other tools
+
+
+def furnish(folder: Path) -> Path:
+    """Put the project's files into a new folder, by links where nobody writes; where a folder with ``python`` is."""
+    folder.mkdir()
+    for name in LINKED:
+        if (ROOT / name).exists():  # fast/ may be deleted
+            (folder / name).symlink_to(ROOT / name)
+    for name in COPIED:
+        shutil.copytree(ROOT / name, folder / name, copy_function=_small_copy,
+                        ignore=shutil.ignore_patterns("__pycache__"))  # fmt: skip
+    python = folder.with_name(f"{folder.name}_python")
+    python.mkdir()
+    for name in ("python", "python3"):
+        (python / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+        (python / name).chmod(0o755)
+    return python
+
+
+def _small_copy(source: str, target: str) -> None:
+    if Path(source).stat().st_size > LARGE:
+        Path(target).symlink_to(source)
+    else:
+        shutil.copyfile(source, target)
+
+
+def state() -> dict[str, tuple[int, int]]:
+    """When each file of the project was written, and how large it is."""
+    found = {}
+    for place, folders, names in os.walk(ROOT):
+        folders[:] = [name for name in folders if name not in MADE and not name.endswith("_cache")]
+        for name in names:
+            about = (Path(place) / name).lstat()
+            found[f"{place}/{name}"] = (about.st_mtime_ns, about.st_size)
+    return found
+
+
+@contextlib.contextmanager
+def at_work_in(folder: Path) -> Iterator[None]:
+    """The working folder is ``folder``; afterwards the process is as it was: what it imported, set and drew there."""
+    before, modules = Path.cwd(), set(sys.modules)
+    path, finders, argv, threads = list(sys.path), list(sys.meta_path), list(sys.argv), netlib.threads()
+    drawn, numpys = random.getstate(), np.random.get_state()  # noqa: NPY002
+    os.chdir(folder)
+    sys.path.append(str(folder))  # last: the project's own packages stay those of the tests
+    try:
+        with mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate():
+            yield
+    finally:
+        os.chdir(before)
+        sys.path[:], sys.meta_path[:], sys.argv[:] = path, finders, argv
+        for name in set(sys.modules) - modules:
+            file = getattr(sys.modules[name], "__file__", None) or ""
+            if name.split(".")[0] == "caffe" or file.startswith(f"{folder}{os.sep}"):
+                del sys.modules[name]
+        random.setstate(drawn)
+        np.random.set_state(numpys)  # noqa: NPY002
+        netlib.set_threads(threads)
