@@ -65,9 +65,9 @@ def test_a_solver_trains(bare: Path) -> None:
     shutil.rmtree(bare / "data")
 
 
-# What knows no engine (files of recordings and tracks, pictures, what the campaign damages), and tracking, which is
-# made of fits that are tested: on the plain engine it takes minutes.
-ELSEWHERE = ("faults", "handpose/recordings", "handpose/tracks", "handpose/tracking", "handpose/drawing",
+# What knows no engine (files of recordings and tracks, pictures, what the campaign damages), documents, and tracking,
+# which is made of fits that are tested: on the plain engine it takes minutes.
+ELSEWHERE = ("documents", "faults", "handpose/recordings", "handpose/tracks", "handpose/tracking", "handpose/drawing",
              "handpose/experiments/test_tracking_figures.py", "tools/test_track.py", "tools/test_track_refusals.py",
              "tools/test_measure_tracking.py", "tools/test_record.py", "tools/test_make_recording.py")  # fmt: skip
 

@@ -130,7 +130,9 @@ def _strays(document: Document, fenced: list[Region], marks_seen: set[int]) -> I
         paragraph = next((line for line in reversed(before) if line[:1].strip()), "")
         in_comment = any(start < match.start() < end for start, end in comments)
         if not (is_fenced(match.start()) or in_comment or _LIST_ITEM.match(paragraph)):
-            yield _failing(Region(match.start() + 1, match.end()), "a block that is only indented: fence it, with a tag")
+            yield _failing(
+                Region(match.start() + 1, match.end()), "a block that is only indented: fence it, with a tag"
+            )
 
 
 def failures(path: Path, folder: Path, python: Path, names: dict[str, object]) -> Iterator[str]:
@@ -161,7 +163,9 @@ def _told(error: Exception, path: str) -> str:
 
 
 def _lines_of(error: Exception, path: str) -> list[str]:
-    return [f"in line {frame.lineno}\n" for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+    return [
+        f"in line {frame.lineno}\n" for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path
+    ]
 
 
 # How a block of each kind is judged: a sybil evaluator returns why it is not as it says, or nothing.

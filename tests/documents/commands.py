@@ -167,18 +167,18 @@ def run(script: str, folder: Path, python: Path) -> str:
     ``python`` is a folder with the Python of the tests, which comes first on PATH.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))}
-    environment |= {"PATH": f"{python}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1",
-                    "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}  # fmt: skip
+    environment |= {"PATH": f"{python}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
+                    "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}  # fmt: skip
     bash = ["bash", "-e", "-o", "pipefail", "-c", script]
     running = subprocess.Popen(bash, cwd=folder, env=environment, text=True, encoding="utf-8", start_new_session=True,
                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
-    try:
-        printed, _ = running.communicate(timeout=SECONDS)
-    except subprocess.TimeoutExpired as stopped:
-        raise AssertionError(f"the commands took more than {SECONDS} s") from stopped
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(running.pid, signal.SIGKILL)  # also what a command left running
-        running.wait()
+    with running:
+        try:
+            printed, _ = running.communicate(timeout=SECONDS)
+        except subprocess.TimeoutExpired as stopped:
+            raise AssertionError(f"the commands took more than {SECONDS} s") from stopped
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(running.pid, signal.SIGKILL)  # also what a command left running
     assert running.returncode == 0, f"exit status {running.returncode}:\n{printed[-3000:].rstrip()}"
     return printed

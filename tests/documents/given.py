@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+import netlib
 from handpose.data import crops
 from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
@@ -21,6 +23,7 @@ from handpose.synthetic.pose_prior import HandSampler, PosePrior
 from handpose.synthetic.recordings import SyntheticRecording
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from netlib import prototxt
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -110,16 +113,65 @@ def person(folder: Path) -> Names:
     return {}
 
 
+NET = """
+layer { name: "in" type: "DummyData" top: "data" top: "label" dummy_data_param { shape { dim: 3 dim: 2 } } }
+layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
+layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }
+"""
+DEPLOY = """
+layer { name: "in" type: "Input" top: "data" input_param { shape { dim: 1 dim: 2 } } }
+layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
+"""
+OF_PICTURES = """
+layer {
+  name: "data" type: "Data" top: "data" top: "label"
+  data_param { source: "train_lmdb" batch_size: 2 backend: LMDB } transform_param { mean_file: "mean.binaryproto" }
+}
+layer { name: "fc6" type: "InnerProduct" bottom: "data" top: "fc6" inner_product_param { num_output: 2 } }
+layer { name: "fc7" type: "InnerProduct" bottom: "fc6" top: "fc7" inner_product_param { num_output: 2 } }
+layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc7" bottom: "label" top: "loss" }
+"""
+SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
+
+
+def nets(folder: Path) -> Names:
+    """net.prototxt, solver.prototxt, deploy.prototxt and weights net.caffemodel, of a net with one layer."""
+    (folder / "net.prototxt").write_text(NET, encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(DEPLOY, encoding="utf-8")
+    (folder / "solver.prototxt").write_text(SOLVER.format("net.prototxt"), encoding="utf-8")
+    netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net.caffemodel")
+    return {}
+
+
+def pictures(folder: Path) -> Names:
+    """pictures/ and list.txt; train_test.prototxt and solver.prototxt on them, and weights net_iter_1000.caffemodel."""
+    rng = np.random.default_rng(0)
+    (folder / "pictures").mkdir()
+    for n in range(4):
+        cv2.imwrite(str(folder / "pictures" / f"{n}.png"), rng.integers(0, 256, (8, 8, 3), dtype=np.uint8))
+    (folder / "list.txt").write_text("".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8")
+    (folder / "train_test.prototxt").write_text(OF_PICTURES, encoding="utf-8")
+    (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
+    inputs = "input_param { shape { dim: 1 dim: 3 dim: 256 dim: 256 } shape { dim: 1 } } }"
+    untrained = re.sub("data_param.*\n}", inputs, OF_PICTURES.replace('"Data"', '"Input"'))
+    netlib.Net(prototxt.parse(untrained, "net"), netlib.TEST).save(folder / "net_iter_1000.caffemodel")
+    return {}
+
+
 BY_DOCUMENT: dict[str, tuple[Given, ...]] = {
     "README.md": (frames, frame, crop, weights, log, data, joints, person),
+    "docs/caffe.md": (nets,),
+    "docs/caffe_tools.md": (pictures,),
     "docs/camera.md": (frames,),
     "docs/data.md": (frame,),
     "docs/fit.md": (frames, frame),
     "docs/onnx.md": (crop,),
+    "docs/reliability.md": (nets,),
     "models/synthetic_hand/readme.md": (frame,),
 }
 NEEDS = {  # packages that commands of a document need; a Python block that imports one says so itself
     "README.md": ("matplotlib",),
+    "docs/caffe_tools.md": ("lmdb",),
     "docs/camera.md": ("av", "matplotlib"),
     "docs/onnx.md": ("onnx", "onnxruntime"),
 }

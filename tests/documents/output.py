@@ -32,9 +32,9 @@ def difference(shown: str, printed: str) -> str:
 
 
 def _normal(text: str) -> str:
-    """White space as one blank, and none inside of brackets, where NumPy pads for a sign."""
+    """White space as one blank, and none inside of brackets and before commas, where NumPy pads numbers."""
     text = " ".join(text.split())
-    return re.sub(r" (?=[\])])", "", re.sub(r"(?<=[\[(]) ", "", text))
+    return re.sub(r" (?=[\]),])", "", re.sub(r"(?<=[\[(]) ", "", text))
 
 
 def _pattern(wanted: str) -> str:

@@ -62,7 +62,7 @@ def at_work_in(folder: Path) -> Iterator[None]:
     """The working folder is ``folder``; afterwards the process is as it was: what it imported, set and drew there."""
     before, modules = Path.cwd(), set(sys.modules)
     path, finders, argv, threads = list(sys.path), list(sys.meta_path), list(sys.argv), netlib.threads()
-    drawn, numpys = random.getstate(), np.random.get_state()  # noqa: NPY002
+    drawn, numpys = random.getstate(), np.random.get_state()
     os.chdir(folder)
     sys.path.append(str(folder))  # last: the project's own packages stay those of the tests
     try:
@@ -76,5 +76,5 @@ def at_work_in(folder: Path) -> Iterator[None]:
             if name.split(".")[0] == "caffe" or file.startswith(f"{folder}{os.sep}"):
                 del sys.modules[name]
         random.setstate(drawn)
-        np.random.set_state(numpys)  # noqa: NPY002
+        np.random.set_state(numpys)
         netlib.set_threads(threads)
