@@ -47,7 +47,11 @@ _FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
 _INVISIBLE = DirectiveInHTMLCommentLexer("invisible-code-block", arguments=".*?")
 _ABOVE = re.compile(r"(?:^[ \t]*<!--(?:(?!-->).)*-->[ \t]*\n)+\Z", re.DOTALL | re.MULTILINE)
 _MARK = re.compile(rf"<!--\s*({'|'.join(MARKS)})\b:?\s*((?:(?!-->).)*?)\s*-->", re.DOTALL)
-_INDENTED = re.compile(r"(?<=\n)\n {4,}\S[^\n]*")
+# Formulas may be indented, without a fence; what a reader would type may not.
+_INDENTED = re.compile(
+    r"^ {4,}(>>> |\$ |(python3?|pip|make|git|source|cd|bash) \S|import \w|from \S+ import |(def|class) \w|layers? \{).*$",
+    re.MULTILINE,
+)
 _LIST_ITEM = re.compile(r"\s*([-*+]|\d+[.)])\s")
 
 
@@ -130,9 +134,7 @@ def _strays(document: Document, fenced: list[Region], marks_seen: set[int]) -> I
         paragraph = next((line for line in reversed(before) if line[:1].strip()), "")
         in_comment = any(start < match.start() < end for start, end in comments)
         if not (is_fenced(match.start()) or in_comment or _LIST_ITEM.match(paragraph)):
-            yield _failing(
-                Region(match.start() + 1, match.end()), "a block that is only indented: fence it, with a tag"
-            )
+            yield _failing(Region(match.start(), match.end()), "code that is only indented: fence it, with a tag")
 
 
 def failures(path: Path, folder: Path, python: Path, names: dict[str, object]) -> Iterator[str]:

@@ -73,7 +73,8 @@ GOOD = {
     "options alone": block("prototxt", 'num_output: 2 weight_filler { type: "xavier" }'),
     "json": block("json", '{"rate": 30}'),
     "text": block("text", "x = y ²"),
-    "a list": "- one\n\n    more of it\n",
+    "a list": "- one\n\n    make more of it\n",
+    "an indented formula": "So:\n\n    y = w x + b\n\n",
     "no output": block("pycon", ">>> x = 3", ">>> for i in range(2):", "...     x += i", ">>> x", "4"),
 }
 
@@ -108,7 +109,8 @@ BAD = {
     "an unknown tag": (block("pyhton", "x"), "a block of 'pyhton': expected one of pycon, python"),
     "a tag and more": (block("python title=x", "x"), "a block of 'python title=x'"),
     "no end": ("```text\nx\n", "no fence ends this block"),
-    "an indented block": ("So:\n\n    x = 3\n\n", "line 3: a block that is only indented"),
+    "an indented command": ("So:\n\n    python tools/gone.py\n\n", "line 3: code that is only indented"),
+    "an indented prompt": ("So:\n\n    >>> 1\n\n", "line 3: code that is only indented"),
     "no reason": ("<!-- not run: -->\n" + block("python", "1 / 0"), "'not run' above this block says nothing"),
     "no reason at all": ("<!-- not run -->\n" + block("python", "1 / 0"), "'not run' above this block says nothing"),
     "a reason of no block": (
