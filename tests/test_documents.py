@@ -38,7 +38,7 @@ def test_links_lead_somewhere(path: Path) -> None:
 
 
 def is_at(file: Path, number: int, title: str) -> bool:
-    """Whether the line of a file makes this name: a test by ``def``, all else as its language does. No name, no line."""
+    """Whether the line of a file makes this name: a test by ``def``, all else as its language does."""
     lines = file.read_text(encoding="utf-8").splitlines()
     if not title or number > len(lines):
         return False

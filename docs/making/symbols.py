@@ -1,9 +1,9 @@
 """Where a name stands in a file: of Python a function, class, method or constant, of prototxt a layer or a field.
 
-    Kinematics.forward      a method; ``Kinematics`` alone is the class
-    FC1                     the message with ``name: "FC1"``, at any depth
-    base_lr                 the field of that name
-    FC1.num_output          the field within that message, at any depth
+Kinematics.forward      a method; ``Kinematics`` alone is the class
+FC1                     the message with ``name: "FC1"``, at any depth
+base_lr                 the field of that name
+FC1.num_output          the field within that message, at any depth
 """
 
 from __future__ import annotations

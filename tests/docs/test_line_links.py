@@ -20,7 +20,10 @@ def document(tmp_path: Path) -> Path:
     ("text", "made"),
     [
         ('[it](box.py "Box")', '[it](box.py#L4 "Box")'),
-        ('[`it`](box.py#L40 "Box.fill") and [A](box.py#L1 "A").', '[`it`](box.py#L5 "Box.fill") and [A](box.py#L1 "A").'),
+        (
+            '[`it`](box.py#L40 "Box.fill") and [A](box.py#L1 "A").',
+            '[`it`](box.py#L5 "Box.fill") and [A](box.py#L1 "A").',
+        ),
         ("[it](box.py), [it](box.py#L7)", None),
         ('[it](box.py "a box of A")', None),
         ('[it](https://here/box.py#L9 "Box"), [it](none.py "Box"), ![it](box.svg "Box")', None),
