@@ -14,7 +14,7 @@ from netlib.caffe import pycaffe
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/**/*.md")])
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?(?: "([^"]*)")?\)')
-TOOL = re.compile(r"\b((?:tools|benchmarks)/\w+\.py)\b")
+TOOL = re.compile(r"(?<!tests/)\b((?:tools|benchmarks)/\w+\.py)\b")
 
 
 def anchors(path: Path) -> set[str]:

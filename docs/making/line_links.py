@@ -1,6 +1,6 @@
 """Links to a line of the code: the title of a link names what stands there, ``make docs`` writes the line.
 
-    [the gradient](../layers/hand/kinematics.py#L215 "Kinematics.backward")
+    [the gradient](../layers/hand/kinematics.py#L79 "Kinematics.backward")
 
 symbols.py says which names there are. The first time the line may be left out. Code, and titles of several words, stay.
 """

@@ -46,5 +46,5 @@ def test_code_and_links_of_one_document(document: Path) -> None:
     mark = "<!-- code: docs/making/line_links.py docstring -->\n"
     text = documents.current(f'{mark}\n[it](box.py "Box")\n', document)
     assert text.startswith(f'{mark}```python\n"""Links to a line') and text.endswith('[it](box.py#L4 "Box")\n')
-    assert 'kinematics.py#L215 "Kinematics.backward")' in text
+    assert 'kinematics.py#L79 "Kinematics.backward")' in text
     assert documents.current(text, document) == text
