@@ -20,7 +20,7 @@ def files() -> Iterator[Made | ValueError]:
 
 
 @pytest.mark.parametrize(
-    "made", files(), ids=lambda made: str(made.path.relative_to(ROOT)) if isinstance(made, Made) else "error"
+    "made", list(files()), ids=lambda made: str(made.path.relative_to(ROOT)) if isinstance(made, Made) else "error"
 )
 def test_it_is_current(made: Made | ValueError) -> None:
     """The remedy is one command."""
