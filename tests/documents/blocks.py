@@ -49,7 +49,8 @@ _ABOVE = re.compile(r"(?:^[ \t]*<!--(?:(?!-->).)*-->[ \t]*\n)+\Z", re.DOTALL | r
 _MARK = re.compile(rf"<!--\s*({'|'.join(MARKS)})\b:?\s*((?:(?!-->).)*?)\s*-->", re.DOTALL)
 # Formulas may be indented, without a fence; what a reader would type may not.
 _INDENTED = re.compile(
-    r"^ {4,}(>>> |\$ |(python3?|pip|make|git|source|cd|bash) \S|import \w|from \S+ import |(def|class) \w|layers? \{).*$",
+    r"^ {4,}(>>> |\$ |(python3?|pip|make|git|source|cd|bash) \S"
+    r"|import \w|from \S+ import |(def|class) \w|layers? \{).*$",
     re.MULTILINE,
 )
 _LIST_ITEM = re.compile(r"\s*([-*+]|\d+[.)])\s")
