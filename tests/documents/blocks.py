@@ -40,6 +40,7 @@ from netlib.errors import NetlibError
 from tests.documents import commands, output, prototxts
 
 TAGS = ("pycon", "python", "bash", "prototxt", "json", "text")
+OF_FILES = ("js",)  # of code that is taken from a file, besides those
 MARKS = ("not run", "code", "file")
 FOLDER, PYTHON = "(folder)", "(python)"  # names in a document's namespace that no block can use
 OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "tqdm")  # of setup.cfg's extra test
@@ -95,7 +96,7 @@ def _examples(document: Document, region: Region, block: Block) -> Iterator[Regi
     """The examples of one block, or one that fails because of its tag or its marks."""
     marks = block.marks
     region.parsed, region.lexemes["block"] = region.lexemes["source"], block
-    if block.tag not in TAGS:
+    if block.tag not in (*TAGS, *(OF_FILES if "code" in marks else ())):
         known = ", ".join(TAGS)
         yield _failing(region, f"a block of {block.tag!r}: expected one of {known}" if block.tag else
                        f"a block without a tag: expected one of {known}")  # fmt: skip

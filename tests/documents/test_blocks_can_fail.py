@@ -54,6 +54,7 @@ GOOD = {
     + block("bash", "python tools/record.py realsense --out takes/mine"),
     "a reason of two lines": "<!-- not run: there is\nno camera -->\n" + block("python", "raise ValueError"),
     "code of a file": "<!-- code: netlib/blob.py Blob -->\n" + block("python", "raise ValueError"),
+    "JavaScript of a file": "<!-- code: docs/page.js -->\n" + block("js", "const x = 3"),
     "a file": "<!-- file: hello.py -->\n"
     + block("python", "import sys", "print(sys.argv[1])")
     + block("bash", "python hello.py you")
@@ -107,6 +108,7 @@ BAD = {
     ),
     "no tag": (block("", "x"), "a block without a tag"),
     "an unknown tag": (block("pyhton", "x"), "a block of 'pyhton': expected one of pycon, python"),
+    "JavaScript of nobody": (block("js", "const x = 3"), "a block of 'js'"),
     "a tag and more": (block("python title=x", "x"), "a block of 'python title=x'"),
     "no end": ("```text\nx\n", "no fence ends this block"),
     "an indented command": ("So:\n\n    python tools/gone.py\n\n", "line 3: code that is only indented"),

@@ -69,6 +69,8 @@ def at_work_in(folder: Path) -> Iterator[None]:
         with mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate():
             yield
     finally:
+        if "matplotlib.pyplot" in sys.modules:
+            sys.modules["matplotlib.pyplot"].close("all")
         os.chdir(before)
         sys.path[:], sys.meta_path[:], sys.argv[:] = path, finders, argv
         for name in set(sys.modules) - modules:
