@@ -47,7 +47,7 @@ OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags
 _FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
 _INVISIBLE = DirectiveInHTMLCommentLexer("invisible-code-block", arguments=".*?")
 _ABOVE = re.compile(r"(?:^[ \t]*<!--(?:(?!-->).)*-->[ \t]*\n)+\Z", re.DOTALL | re.MULTILINE)
-_MARK = re.compile(rf"<!--\s*({'|'.join(MARKS)})\b:?\s*((?:(?!-->).)*?)\s*-->", re.DOTALL)
+_MARK = re.compile(rf"^[ \t]*<!--\s*({'|'.join(MARKS)})\b:?\s*((?:(?!-->).)*?)\s*-->", re.DOTALL | re.MULTILINE)
 # Formulas may be indented, without a fence; what a reader would type may not.
 _INDENTED = re.compile(
     r"^ {4,}(>>> |\$ |(python3?|pip|make|git|source|cd|bash) \S"
