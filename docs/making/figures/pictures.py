@@ -105,7 +105,7 @@ def _drawn_as(shape: tuple[int, ...]) -> tuple[int, float, float]:
 
 
 def first_maps() -> tuple[Array, Array, Array]:
-    """A rendered hand (128, 128), the packaged network's first kernels (8, 5, 5), what they make of it (8, 124, 124)."""
+    """A rendered hand (128, 128), the packaged network's first kernels (8, 5, 5), its first maps (8, 124, 124)."""
     weights = checked_weights(read_card(SYNTHETIC_HAND))
     net = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", weights, netlib.TEST, engine="plain")
     hand = Generator(seed=0, split="test").block(0).depth[0]
