@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain, graph, pictures
+from docs.making.figures import chain, graph, hand, pictures
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import ROOT, Made
 
@@ -14,6 +14,10 @@ FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/boo
     "stack": pictures.stack,
     "kernels": pictures.kernels,
     "whole_net": graph.whole_net,
+    "arm": hand.arm,
+    "hand_joints": hand.joints,
+    "lever": hand.lever,
+    "reach": hand.reach,
 }
 
 
