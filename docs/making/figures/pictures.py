@@ -54,7 +54,7 @@ def _does(layer: netlib.Layer) -> str:
 def stack() -> Any:
     """The maps of the paper's network to scale, a value one unit of area; below them what each layer costs."""
     found = stages(netlib.Net(ROOT / "prototxt" / "nyu_deploy.prototxt", netlib.TEST, seed=0, engine="plain"))
-    figure = new_figure(10.0, 5.2)
+    figure = new_figure(9.6, 5.2)
     maps, costs = figure.subplots(2, 1, height_ratios=[5, 3])
     _draw_maps(maps, found)
     _draw_costs(costs, [stage for stage in found if stage.parameters])
@@ -73,11 +73,11 @@ def _draw_maps(axes: Any, found: list[Stage]) -> None:
         for i in reversed(range(count)):
             corner = (begin + SHIFT * i, SHIFT * i - height / 2)
             axes.add_patch(Rectangle(corner, width, height, facecolor="#dbe9f6", edgecolor="#08519c", lw=0.7))
-        axes.text(left + room / 2, 102, stage.blob, ha="center", va="bottom", fontsize=8, weight="bold")
-        axes.text(left + room / 2, -70, "×".join(map(str, stage.shape)), ha="center", va="top", fontsize=8)
+        axes.text(left + room / 2, 102, stage.blob, ha="center", va="bottom", fontsize=9, weight="bold")
+        axes.text(left + room / 2, -70, "×".join(map(str, stage.shape)), ha="center", va="top", fontsize=8.5)
         if stage is not found[0]:
             axes.annotate("", (begin - 3, 0), (end + 3, 0), arrowprops={"arrowstyle": "->", "lw": 0.8})
-            axes.text((begin + end) / 2, -5, stage.does, ha="center", va="top", fontsize=6.5)
+            axes.text((begin + end) / 2, -5, stage.does, ha="center", va="top", fontsize=7.5)
         end, left = begin + wide, left + room + GAP
     axes.set(xlim=(-5, left - GAP + 5), ylim=(-88, 116), aspect="equal")
     axes.axis("off")
@@ -89,7 +89,7 @@ def _draw_costs(axes: Any, found: list[Stage]) -> None:
         places, shares = np.arange(len(values)) + aside, 100 * np.array(values) / sum(values)
         axes.bar(places, shares, 0.38, color=colour, label=f"{name}, {sum(values):,} in all")
         for place, share, value in zip(places, shares, values):
-            axes.text(place, share + 1, f"{value:,}", ha="center", fontsize=7, color=colour)
+            axes.text(place, share + 1, f"{value:,}", ha="center", fontsize=8, color=colour)
     axes.set(ylim=(0, 62), ylabel="% of all")
     axes.set_xticks(range(len(found)), [stage.blob for stage in found], fontsize=8)
     axes.legend(fontsize=8, loc="upper right")
@@ -116,7 +116,7 @@ def first_maps() -> tuple[Array, Array, Array]:
 def kernels() -> Any:
     """One hand, the eight kernels of the first convolution, and what each makes of the hand."""
     hand, w, y = first_maps()
-    figure = new_figure(10.5, 2.9)
+    figure = new_figure(9.5, 2.4)
     grid = figure.add_gridspec(2, 10)
     axes = figure.add_subplot(grid[:, :2])
     axes.imshow(hand, cmap="gray", vmin=-1, vmax=1)
