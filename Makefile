@@ -45,7 +45,7 @@ twins: .venv/tools
 	$(RUN) benchmarks/twins.py
 
 test: .venv/test
-	$(RUN) -m pytest -n auto
+	$(RUN) -m pytest -n auto --dist worksteal
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")

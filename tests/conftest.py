@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +25,8 @@ UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_solver", "test_s
               "test_gradcheck", "test_layer", "test_own_layers", "test_resume", "test_train", "test_test",
               "test_time", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory")  # fmt: skip
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it, and tests send it
+
 settings.register_profile("deterministic", derandomize=True, deadline=None, database=None, max_examples=60)
 settings.load_profile("deterministic")
 
@@ -33,6 +36,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
     if {path.stem, path.parts[0]} & set(UNDER_BOTH):
         metafunc.parametrize("engine_in_use", ENGINES, indirect=True, scope="module")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The minutes come first: at the end the other process would have nothing to do meanwhile."""
+    items.sort(key=lambda item: item.path.stem != "test_without_fast")
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,0 +1,24 @@
+"""The figures of the book: one table, a function each, which draws what the code computes now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from docs.making.figures import chain, hand
+from docs.making.figures.drawn import as_svg, shows_the_same
+from docs.making.made import ROOT, Made
+
+FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/book: a function that gives a Figure
+    "differences": chain.differences,
+    "arm": hand.arm,
+    "hand_joints": hand.joints,
+    "lever": hand.lever,
+    "reach": hand.reach,
+}
+
+
+def made() -> Iterator[Made]:
+    """Every figure as SVG; one that shows the same values and words is as good, whatever matplotlib wrote it."""
+    for name, draw in FIGURES.items():
+        yield Made(ROOT / "docs" / "images" / "book" / f"{name}.svg", as_svg(draw()), shows_the_same)

@@ -1,0 +1,42 @@
+"""A figure is compared by what it shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from docs.making.figures.drawn import as_svg, new_figure, shows_the_same
+
+
+def drawn(value: float = 2.0, word: str = "here", pixel: float = 1.0) -> bytes:
+    """A line, a word, a patch, points and an image."""
+    from matplotlib.patches import Circle
+
+    figure: Any = new_figure(2, 2)
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [1, value])
+    axes.text(0.5, 0.5, word)
+    axes.add_patch(Circle((0, 0), 1))
+    axes.scatter([0, 1], [0, 1])
+    axes.imshow(np.full((4, 4), pixel))
+    return as_svg(figure)
+
+
+def test_the_same_figure_is_the_same() -> None:
+    """Also to the last byte, with one version of matplotlib."""
+    assert shows_the_same(drawn(), drawn())
+    assert drawn() == drawn()
+
+
+@pytest.mark.parametrize("change", [{"value": 2.01}, {"word": "there"}, {"pixel": 0.9}], ids=str)
+def test_another_value_or_word_is_another_figure(change: Any) -> None:
+    """A thousandth of the largest value is what may differ."""
+    assert not shows_the_same(drawn(), drawn(**change))
+    assert shows_the_same(drawn(), drawn(value=2.0001))
+
+
+def test_a_file_that_says_nothing_is_another() -> None:
+    """One of another program, or a damaged one."""
+    assert not shows_the_same(b"<svg/>", drawn())
