@@ -55,9 +55,9 @@ docs: .venv/tools
 
 site: .venv/docs
 ifdef SERVE
-	$(BIN)/mkdocs serve
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs serve
 else
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
 	$(RUN) -m docs.making.site.check site
 endif
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import posixpath
+import re
 from collections.abc import Callable
 
 from docs.making.site.published import Published
@@ -35,13 +36,11 @@ def page(folder: str, site: Published, read: Callable[[str], Source]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that is to have no marks, but for code between double backquotes."""
+    """Text that is to have no marks, but for code between backquotes."""
     parts = text.replace("``", "`").split("`")
     plain = [part if index % 2 else _escaped(part) for index, part in enumerate(parts)]
     return "`".join(plain) if len(parts) % 2 else _escaped(text)
 
 
 def _escaped(text: str) -> str:
-    return "".join("\\" + letter if letter in "\\`*_[]|<" and letter != "<" else letter for letter in text).replace(
-        "<", "&lt;"
-    )
+    return re.sub(r"([\\`*_\[\]|])", r"\\\1", text).replace("<", "&lt;")

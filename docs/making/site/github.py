@@ -20,7 +20,8 @@ HEADING = re.compile(r"^(#+) +(.*?)(?: +#+)? *$")
 # A link or an image, after its text: `](target "title")`; a definition: `[name]: target`; or code, which is passed by.
 CODE_OR_LINK = re.compile(
     r"(?P<code>(?<!`)(?P<ticks>`+)(?!`)(?:(?!\n\n).)+?(?<!`)(?P=ticks)(?!`))"
-    r"|(?P<before>\]\(\s*<?|^ {0,3}\[[^\]\n]+\]: +<?)(?P<target>[^\s<>()]+(?:\([^\s()]*\)[^\s<>()]*)?)",
+    r"|(?P<before>\]\(\s*<?|^ {0,3}\[[^\]\n]+\]: +<?)"
+    r"(?P<target>(?<=<)[^<>\n]+(?=>)|[^\s<>()]+(?:\([^\s()]*\)[^\s<>()]*)?)",
     re.MULTILINE | re.DOTALL,
 )
 OUTSIDE = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*:|//")

@@ -51,11 +51,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for asset in sorted((HERE / "assets").iterdir()):
         made.append(File(f"assets/{asset.name}", str(HERE), config.site_dir, config.use_directory_urls))
     for path in sorted(site.sources):
-        text = f"---\ntitle: {path}\nhide: [navigation, toc]\nsource: {path}\n---\n"
+        boost = 0.3 if path.startswith("tests/") else 1
+        text = f"---\ntitle: {path}\nhide: [navigation, toc]\nsource: {path}\nsearch: {{boost: {boost}}}\n---\n"
         made.append(File.generated(config, site.address(path), content=text, inclusion=InclusionLevel.NOT_IN_NAV))
     for path in sorted(site.folders):
         level = InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV
-        text = folders.page(path, site, _source)
+        text = "---\nsearch: {exclude: true}\n---\n" + folders.page(path, site, _source)
         made.append(File.generated(config, site.address(path), content=text, inclusion=level))
     return made
 
@@ -77,7 +78,7 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
-    """Its code. The search has been through the page by now: of code its index would be large, and take long to make."""
+    """Its code. The search has been through the page by now: of code its index would be large and slow to make."""
     path: Any = page.meta.get("source")
     return output if path is None else output.replace(sources.CODE, sources.code(_source(path), SITE["now"]), 1)
 

@@ -13,21 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
 
+from docs.making.code_blocks import shown_files
 from docs.making.made import ROOT
 from docs.making.site import github
 
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/book/*.md", "docs/exercises/**/*.md",
              "docs/results/*.md")  # fmt: skip
 AS_THEY_ARE = ("docs/*.html", "docs/images/**/*")  # besides what documents show
-CODE = (
-    "netlib",
-    "layers",
-    "fast",
-    "handpose",
-    "tools",
-    "prototxt",
-    "docs/exercises",
-)  # folders, all of their source files
+# Folders of which all source files are shown.
+CODE = ("netlib", "layers", "fast", "handpose", "tools", "prototxt", "docs/exercises")
 TESTED = ("layers/", "netlib/", "fast/")  # whose tests are shown too
 SHOWN = {".py", ".prototxt", ".toml", ".cfg", ".txt", ".yml", ".yaml", ".sh", ".js", ".css", ".json"}
 SHOWN_NAMES = {"Makefile", "LICENSE", "run", ".gitignore"}
@@ -36,7 +30,7 @@ TO_BE_READ = 200_000  # bytes; a longer file is there to be downloaded
 
 @dataclass
 class Published:
-    """Paths from the root of the project, with slashes. ``linked[document]``: what it links to, in its order."""
+    """Paths from the root of the project, with slashes. ``linked[document]``: what it links to or shows."""
 
     documents: list[str] = field(default_factory=list)
     sources: set[str] = field(default_factory=set)
@@ -79,7 +73,7 @@ class Published:
         return github.title_of((self.root / document).read_text(encoding="utf-8")) or document
 
     def telling(self, path: str) -> list[str]:
-        """The documents that link to a file."""
+        """The documents that link to a file, or show code of it."""
         return [document for document in self.documents if path in self.linked[document]]
 
     def files_in(self, folder: str) -> list[str]:
@@ -99,7 +93,7 @@ def readme_of(root: Path, path: str) -> str:
     return readme if (root / readme).is_file() else path
 
 
-def tests_of(root: Path, path: str) -> list[str]:
+def its_tests(root: Path, path: str) -> list[str]:
     """The tests of a source file: the file of the same place and name under tests/."""
     folder, name = posixpath.split(path)
     names = (f"test_{name}", f"test_{posixpath.basename(folder)}_{name}")
@@ -113,10 +107,9 @@ def twin_of(root: Path, path: str) -> str | None:
         return None
     text = (root / "fast" / name).read_text(encoding="utf-8")
     if path.startswith("fast/"):
-        plain = [
-            file.relative_to(root).as_posix() for room in ("layers", "netlib") for file in (root / room).rglob(name)
-        ]
-        return next((found for found in plain if _imports(text, found)), None)
+        found = (file for room in ("layers", "netlib") for file in sorted((root / room).rglob(name)))
+        plain = (file.relative_to(root).as_posix() for file in found)
+        return next((file for file in plain if _imports(text, file)), None)
     return f"fast/{name}" if _imports(text, path) else None
 
 
@@ -134,7 +127,7 @@ def published(root: Path = ROOT, code: Iterable[str] = CODE) -> Published:
         site.sources |= sources
         site.folders |= {parent.as_posix() for path in sources for parent in Path(path).parents} - {".", "docs"}
     of_the_net = [path for path in site.sources if path.startswith(TESTED)]
-    site.sources |= {test for path in of_the_net for test in tests_of(root, path)}
+    site.sources |= {test for path in of_the_net for test in its_tests(root, path)}
     waiting = [path.relative_to(root).as_posix() for pattern in DOCUMENTS for path in sorted(root.glob(pattern))]
     while waiting:
         document = waiting.pop(0)
@@ -143,6 +136,7 @@ def published(root: Path = ROOT, code: Iterable[str] = CODE) -> Published:
         site.documents.append(document)
         targets = [target.partition("#")[0] for target in github.links((root / document).read_text(encoding="utf-8"))]
         paths = dict.fromkeys(readme_of(root, resolved(document, target)) for target in targets if target)
+        paths |= dict.fromkeys(sorted(shown_files(root / document)))
         site.linked[document] = [path for path in paths if not path.startswith("../") and (root / path).exists()]
         waiting += [path for path in site.linked[document] if path.endswith(".md")]
         for path in site.linked[document]:

@@ -19,7 +19,7 @@ from pygments.lexers import get_lexer_for_filename
 from pygments.token import STANDARD_TYPES
 from pygments.util import ClassNotFound
 
-from docs.making.site.published import Published, tests_of, twin_of
+from docs.making.site.published import Published, its_tests, twin_of
 
 Piece = tuple[str, str]  # the class that the theme colours it by, and the text
 Linked = Callable[[str], str | None]  # the address of a file's page, seen from this one; None: it has none
@@ -32,6 +32,7 @@ CODE = "<!-- the code of this file -->"
 UNCOLOURED = {"", "n", "p", "w", "err"}  # names and punctuation: they look like plain text
 NEWLINE = "\n"  # Python 3.10 takes no backslash inside an f-string
 FILLED = 88  # columns; a paragraph with no line but its last shorter than this is flowing text
+A_SENTENCE = 60  # columns; a single line that is no formula and longer than this is a sentence
 
 
 @dataclass(frozen=True)
@@ -48,16 +49,13 @@ class Source:
 
     @property
     def told(self) -> list[tuple[int, str]]:
-        """Line numbers and text of what stands on the left."""
-        if self.path.endswith(".prototxt"):
-            return [(number, line.removeprefix("#").removeprefix(" ")) for number, line in self._head()]
-        node = self._docstring()
-        if node is None or node.end_lineno is None:
-            return []
-        lines = self.lines[node.lineno - 1 : node.end_lineno]
-        lines[0] = re.sub(r'^[rR]?("""|\'\'\'|"|\')', "", lines[0])
-        lines[-1] = re.sub(r'("""|\'\'\'|"|\')$', "", lines[-1])
-        return list(enumerate(lines, node.lineno))
+        """Line numbers and text of what stands on the left, with the blank lines after it."""
+        head = list(self._head() if self.path.endswith(".prototxt") else self._docstring())
+        for number in range(head[-1][0] + 1 if head else len(self.lines) + 1, len(self.lines) + 1):
+            if self.lines[number - 1].strip():
+                break
+            head.append((number, ""))
+        return head
 
     @property
     def names(self) -> list[tuple[int, str]]:
@@ -77,18 +75,21 @@ class Source:
         """What the file is, in one line."""
         return next((line for _, line in self.told if line.strip()), "").strip()
 
-    def _docstring(self) -> ast.Constant | None:
-        if not self.path.endswith(".py"):
-            return None
-        body = ast.parse(self.text).body
-        value = body[0].value if body and isinstance(body[0], ast.Expr) else None
-        return value if isinstance(value, ast.Constant) and isinstance(value.value, str) else None
+    def _docstring(self) -> Iterator[tuple[int, str]]:
+        body = ast.parse(self.text).body if self.path.endswith(".py") else []
+        node = body[0].value if body and isinstance(body[0], ast.Expr) else None
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+            return
+        lines = self.lines[node.lineno - 1 : node.end_lineno]
+        lines[0] = re.sub(r'^[rR]?("""|\'\'\'|"|\')', "", lines[0])
+        lines[-1] = re.sub(r'("""|\'\'\'|"|\')$', "", lines[-1])
+        yield from enumerate(lines, node.lineno)
 
     def _head(self) -> Iterator[tuple[int, str]]:
         for number, line in enumerate(self.lines, 1):
             if not line.startswith("#"):
                 return
-            yield number, line
+            yield number, line.removeprefix("#").removeprefix(" ")
 
 
 def pieces(text: str, path: str) -> Iterator[Piece]:
@@ -175,7 +176,7 @@ def _text(source: Source, site: Published) -> str:
         spans = []
         for number, line in run:
             shown = FILE_NAME.sub(link, escape(line, quote=False))
-            shown = re.sub(r"``(.+?)``", r"<code>\1</code>", shown) if flows else shown
+            shown = re.sub(r"(`+)(.+?)\1", r"<code>\2</code>", shown) if flows else shown
             spans.append(f'<span id="L{number}">{shown}{NEWLINE if line else ""}</span>')
         made.append(f"<p>{''.join(spans)}</p>" if flows else f"<pre>{''.join(spans)}</pre>")
     return "\n".join(made)
@@ -185,7 +186,7 @@ def _flows(lines: list[str], alone: bool) -> bool:
     """Whether lines may be broken elsewhere: a paragraph that fills them, or a sentence; no formula, no columns."""
     if not lines or any(re.search(r"^ |\S {2,}\S", line) for line in lines):
         return False
-    sentence = lines[-1][-1] in ".:,;" and " = " not in lines[-1]
+    sentence = " = " not in lines[-1] and (lines[-1][-1] in ".:,;" or len(lines[-1]) >= A_SENTENCE)
     return all(len(line) >= FILLED for line in lines[:-1]) and (len(lines) > 1 or sentence or alone)
 
 
@@ -218,7 +219,7 @@ def _facts(source: Source, site: Published) -> str:
         chapters = [*chapters, "docs/layers.md"]
     rows = {
         "In it": _names(source),
-        "Tests": [link(test) for test in tests_of(site.root, path) if test in site.sources],
+        "Tests": [link(test) for test in its_tests(site.root, path) if test in site.sources],
         "Plain" if path.startswith("fast/") else "Fast twin": [link(twin)] if twin and twin in site.sources else [],
         "Told in": [link(chapter, site.title(chapter)) for chapter in chapters],
     }
@@ -245,7 +246,7 @@ def _path(path: str, site: Published) -> str:
     made = []
     for depth, folder in enumerate(folders):
         whole = "/".join(folders[: depth + 1])
-        address = posixpath.relpath(whole, posixpath.dirname(path)) + "/index.html"
+        address = posixpath.relpath(f"{whole}/index.html", posixpath.dirname(path))
         made.append(f'<a href="{address}">{folder}</a>' if whole in site.folders else folder)
     return " / ".join([*made, escape(name)])
 
