@@ -55,11 +55,12 @@ def test_documents_and_code_have_pages(site: Path) -> None:
     assert not list(site.glob("docs/making/**/*"))
 
 
-def test_lists_and_tables_are_such(site: Path) -> None:
-    """The README's reading order, the table of layers, a list in a list."""
+def test_lists_tables_and_prototxt_are_such(site: Path) -> None:
+    """The README's reading order, the table of layers, a list in a list, a net in its colours."""
     assert "<ol>" in (site / "index.html").read_text(encoding="utf-8")
     assert "<td>vision</td>" in (site / "docs/layers.html").read_text(encoding="utf-8")
     assert "<ul>\n<li><code>case</code>" in (site / "tests/caffe/index.html").read_text(encoding="utf-8")
+    assert '<span class="nt">dof</span>' in (site / "docs/book/6_hand.html").read_text(encoding="utf-8")
 
 
 def test_the_search_works_from_the_disk(site: Path) -> None:
