@@ -9,20 +9,24 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from docs.making import code_blocks, figures
+from docs.making import documents, figures
 from docs.making.made import ROOT, Made
 
-PIECES: tuple[Callable[[], Iterator[Made]], ...] = (code_blocks.made, figures.made)
+PIECES: tuple[Callable[[], Iterator[Made]], ...] = (documents.made, figures.made)
 
 
 def main() -> int:
     """Write what has changed, and say so."""
-    for piece in PIECES:
-        for made in piece():
-            if not made.is_current():
-                made.path.parent.mkdir(parents=True, exist_ok=True)
-                made.path.write_bytes(made.content)
-                print(f"wrote {made.path.relative_to(ROOT)}")
+    try:
+        for piece in PIECES:
+            for made in piece():
+                if not made.is_current():
+                    made.path.parent.mkdir(parents=True, exist_ok=True)
+                    made.path.write_bytes(made.content)
+                    print(f"wrote {made.path.relative_to(ROOT)}")
+    except ValueError as error:  # a document names what is not there
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     return 0
 
 

@@ -14,21 +14,18 @@ from __future__ import annotations
 import ast
 import re
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
-from docs.making.made import ROOT, Made
+from docs.making.made import ROOT
+from docs.making.symbols import statement_of
 
 MARK = re.compile(r"^<!-- code: (\S+\.\w+)((?: [\w.]+)*) -->\n(```(\w*)\n.*?^```\n)?", re.MULTILINE | re.DOTALL)
 LANGUAGES = {".py": "python", ".prototxt": "prototxt", ".js": "js"}
 
 
-def made() -> Iterator[Made]:
-    """Every document that shows code of a file, with that code as it is now."""
-    for path in sorted((ROOT / "docs").rglob("*.md")):
-        text = path.read_text(encoding="utf-8")
-        if MARK.search(text):
-            yield Made(path, MARK.sub(_shown, text).encode())
+def current(text: str, document: Path) -> str:
+    """The text of a document with the code as it is now. Raises ValueError if a file has no such name."""
+    return MARK.sub(_shown, text)
 
 
 def _shown(match: re.Match[str]) -> str:
@@ -49,23 +46,10 @@ def piece_of(text: str, wanted: str, name: str) -> str:
     tree = ast.parse(text)
     if wanted == "docstring":
         return f'"""{ast.get_docstring(tree, clean=False)}"""'
-    nodes: list[ast.stmt] = tree.body
-    for part in wanted.split("."):
-        found = next((node for node in nodes if part in _names(node)), None)
-        if found is None:
-            raise ValueError(f"{name} has no {wanted}")
-        nodes = found.body if isinstance(found, ast.ClassDef) else []
-    assert found is not None
+    found = statement_of(tree, wanted, name)
     decorators = found.decorator_list if isinstance(found, (ast.FunctionDef, ast.ClassDef)) else []
     first = min([found.lineno, *(decorator.lineno for decorator in decorators)])
     return textwrap.dedent("\n".join(text.splitlines()[first - 1 : found.end_lineno]))
-
-
-def _names(node: ast.stmt) -> list[str]:
-    if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-        return [node.name]
-    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
-    return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
 def shown_files(path: Path) -> set[str]:

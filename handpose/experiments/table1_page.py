@@ -20,19 +20,21 @@ def page_of(
     made_from  what the data are: "NYU" or another origin
     """
     rows = [
-        "| network | joint error, mm | angle error | out of limits | max ≤ 40 mm | angle error in the paper, NYU |",
-        "|---|---|---|---|---|---|",
+        "| network | joint error, mm | angle error | out of limits | max ≤ 40 mm "
+        "| the paper on NYU: joint error, mm | angle error |",
+        "|---|---|---|---|---|---|---|",
     ]
     for network in networks:
         r = results[network.name]
         broken = "–" if r.out_of_limits is None else f"{r.out_of_limits:.1%}"
+        paper = "– | –" if network.paper is None else f"{network.paper[0]:.1f} | {network.paper[1]:.1f}°"
         rows.append(f"| {network.title} | {r.error_14_mm:.2f} | {r.angle_deg:.2f}° | {broken} | "
-                    f"{r.within_40_mm:.1%} | {network.paper} |")  # fmt: skip
+                    f"{r.within_40_mm:.1%} | {paper} |")  # fmt: skip
     comparable = (
         "The data are the paper's, so joint errors, angle errors and the order of the networks are comparable with its "
-        "column, up to the number of iterations."
+        "columns, up to the number of iterations."
         if made_from == "NYU"
-        else "The data are not the paper's, so its column tells the order to expect and not the size of the errors."
+        else "The data are not the paper's, so its columns tell the order to expect and not the size of the errors."
     )
     return "\n".join([
         "# Table 1: does a hand model in the network help?",

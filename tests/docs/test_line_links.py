@@ -1,0 +1,50 @@
+"""docs/making/line_links.py, and that it composes with what else is made in the same text"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from docs.making import documents, line_links
+
+
+@pytest.fixture()
+def document(tmp_path: Path) -> Path:
+    """A place for a document, with a module beside it."""
+    (tmp_path / "box.py").write_text("A = 1\n\n\nclass Box:\n    def fill(self) -> None: ...\n")
+    return tmp_path / "page.md"
+
+
+@pytest.mark.parametrize(
+    ("text", "made"),
+    [
+        ('[it](box.py "Box")', '[it](box.py#L4 "Box")'),
+        (
+            '[`it`](box.py#L40 "Box.fill") and [A](box.py#L1 "A").',
+            '[`it`](box.py#L5 "Box.fill") and [A](box.py#L1 "A").',
+        ),
+        ("[it](box.py), [it](box.py#L7)", None),
+        ('[it](box.py "a box of A")', None),
+        ('[it](https://here/box.py#L9 "Box"), [it](none.py "Box"), ![it](box.svg "Box")', None),
+        ('`[it](box.py "Box")`\n```text\n[it](box.py "Box")\n```\n', None),
+    ],
+)
+def test_lines_are_put(document: Path, text: str, made: str | None) -> None:
+    """Where a title names something of a file that is there, and not in code."""
+    assert line_links.current(text, document) == (made or text)
+
+
+def test_a_name_that_is_gone(document: Path) -> None:
+    """The document and the file are told."""
+    with pytest.raises(ValueError, match=r"page\.md: box\.py has no Bag, which a link names"):
+        line_links.current('[it](box.py#L4 "Bag")', document)
+
+
+def test_code_and_links_of_one_document(document: Path) -> None:
+    """Both are made; a second time nothing changes; links in the code that is shown stay."""
+    mark = "<!-- code: docs/making/line_links.py docstring -->\n"
+    text = documents.current(f'{mark}\n[it](box.py "Box")\n', document)
+    assert text.startswith(f'{mark}```python\n"""Links to a line') and text.endswith('[it](box.py#L4 "Box")\n')
+    assert 'kinematics.py#L79 "Kinematics.backward")' in text
+    assert documents.current(text, document) == text

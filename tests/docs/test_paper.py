@@ -1,0 +1,86 @@
+"""docs/paper.md: the figures that it repeats are those of their sources, and no claim goes without a test."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from handpose.experiments.networks import NETWORKS
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAPER = (DOCS / "paper.md").read_text(encoding="utf-8")
+LINK = re.compile(r'\[([^\[\]]*)\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?(?: "([^"]*)")?\)')
+FIGURES = sorted(
+    {(text, file, anchor) for text, file, anchor, _ in LINK.findall(PAPER) if re.match(r"\d.*md$", text + file)}
+)
+
+DAGGERED = re.compile(r'\(([^()\s]*)#L\d+ "(test_\w+)"\)(\s+†)?')
+FROM_FILES = {"nyu_data", "whole", "needs_real", "published_score"}  # of which a test has one that needs files
+
+
+def sections(text: str) -> dict[str, str]:
+    """What stands below each heading, down to the next, by the heading's anchor."""
+    parts = re.split(r"^#+ (.*)\n", text, flags=re.MULTILINE)
+    anchors = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in parts[1::2]]
+    return dict(zip(anchors, parts[2::2]))
+
+
+def test_table_1_is_theirs_and_ours() -> None:
+    """Rows of the networks that the paper has: its figures as table1.md has them, ours as table1.json has them."""
+    ours = json.loads((DOCS / "results/table1.json").read_text(encoding="utf-8"))
+    page = (DOCS / "results/table1.md").read_text(encoding="utf-8")
+    broken = re.search(r"The paper: (\S+) without the physical constraint, (\S+) with it", page)
+    assert broken is not None
+    out_of_limits = {"no_limit": broken[1], "ours": broken[2]}
+    wanted = []
+    for network in NETWORKS:
+        if network.paper is None:
+            continue
+        (mm, degrees), found = network.paper, ours["networks"][network.name]
+        out = "–" if found["out_of_limits"] is None else f"{found['out_of_limits']:.1%}"
+        wanted.append(f"| {network.title} | {mm} mm, {found['error_14_mm']:.2f} mm "
+                      f"| {degrees}°, {found['angle_deg']:.2f}° "
+                      f"| {out_of_limits.get(network.name, '–')}, {out} |")  # fmt: skip
+    text = sections(PAPER)["table-1-does-the-model-help"]
+    assert re.findall(r"^\|.*\|$", text, re.MULTILINE)[2:] == wanted and len(wanted) == 4
+    assert f"ours on {ours['data']} hands after {ours['iterations']:,} iterations" in text
+    costs = ours["networks"]["ours"]["error_14_mm"] - ours["networks"]["direct_joint"]["error_14_mm"]
+    assert f"it costs {costs:.1f} mm" in text
+
+
+@pytest.mark.parametrize(("figure", "file", "anchor"), FIGURES)
+def test_a_figure_stands_where_its_link_leads(figure: str, file: str, anchor: str) -> None:
+    """In that section of that chapter, to the last digit."""
+    text = sections((DOCS / file).read_text(encoding="utf-8"))[anchor]
+    amount = figure.removesuffix(" mm")  # a table may have the unit in its heading
+    assert re.search(rf"(?<![\d.]){re.escape(amount)}(?![\d.]*\d)", text), figure
+
+
+def test_every_claim_is_pinned_by_a_test() -> None:
+    """What says "Pinned" links to test functions only, to one at least."""
+    items = [item for item in re.split(r"\n(?=- |\n)", PAPER) if item.startswith("- Pinned")]
+    assert len(items) >= 15
+    for item in items:
+        titles = [title for _, _, _, title in LINK.findall(item)]
+        assert titles and all(title.startswith("test_") for title in titles), item
+
+
+def test_a_dagger_says_what_needs_files() -> None:
+    """It follows the links to tests that are skipped without them, and no others."""
+    marked = {(file, title): tail for file, title, tail in re.findall(DAGGERED, PAPER)}
+    assert len(marked) > 40
+    for (file, title), tail in marked.items():
+        tests = ast.parse((DOCS / file).read_text(encoding="utf-8")).body
+        test = next(node for node in tests if isinstance(node, ast.FunctionDef) and node.name == title)
+        names = {getattr(node, "arg", getattr(node, "id", None)) for node in ast.walk(test)}
+        assert bool(tail) == bool(names & FROM_FILES), title
+
+
+def test_figures_are_found() -> None:
+    """The links that are checked are there."""
+    assert len(FIGURES) >= 15
+    assert sections("# A b\n\n1 mm\n\n## C: d\n2 mm\n") == {"a-b": "\n1 mm\n\n", "c-d": "2 mm\n"}
