@@ -7,6 +7,7 @@
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make twins   what each part of fast/ is worth, by switching it off (minutes)
 # make docs    what documents show of the code: code, figures, exercises, made anew
+# make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
 # make lint    the style and type checks of the continuous integration
 PYTHON ?= python3
 ITERATIONS ?= 1000
@@ -16,7 +17,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test docs faults lint table1 bench twins clean
+.PHONY: help demo train test docs site faults lint table1 bench twins clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -52,15 +53,23 @@ faults: .venv/test
 docs: .venv/tools
 	$(RUN) -m docs.making
 
+site: .venv/docs
+ifdef SERVE
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs serve
+else
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
+	$(RUN) -m docs.making.site.check site
+endif
+
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-.venv/tools .venv/test .venv/dev .venv/bench: setup.cfg
+.venv/tools .venv/test .venv/docs .venv/dev .venv/bench: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv
 	$(RUN) -m pip install --quiet --disable-pip-version-check -e '.[$(notdir $@)]'
 	@touch $@
 
 clean:
-	rm -rf .venv build *.egg-info
+	rm -rf .venv build site *.egg-info

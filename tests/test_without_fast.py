@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "*.egg-info")
+LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "site", "*.egg-info")
 
 # An installed copy of this project must not lend its own fast/ to the copy without it.
 NO_OTHER_COPY = f"""
@@ -29,7 +29,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def ignored(folder: str, names: list[str]) -> set[str]:
         top = Path(folder) == ROOT
-        kept = {"data"} if not top else set()  # layers/data, handpose/data
+        kept = {"data", "site"} if not top else set()  # layers/data, handpose/data, docs/making/site
         return set(shutil.ignore_patterns(*(p for p in LEFT_OUT if p not in kept))(folder, names))
 
     shutil.copytree(ROOT, copy, ignore=ignored)

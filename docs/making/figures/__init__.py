@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain, hand
+from docs.making.figures import chain, graph, hand, pictures
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import ROOT, Made
 
 FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/book: a function that gives a Figure
     "differences": chain.differences,
+    "stack": pictures.stack,
+    "kernels": pictures.kernels,
+    "whole_net": graph.whole_net,
     "arm": hand.arm,
     "hand_joints": hand.joints,
     "lever": hand.lever,

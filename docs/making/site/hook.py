@@ -1,0 +1,98 @@
+"""What MkDocs calls while it makes the site (``hooks`` in mkdocs.yml): its files, its navigation, its pages.
+
+The documents lie all over the project, not in the one folder that MkDocs reads by itself: ``on_files`` says what
+there is.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[3]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
+from mkdocs.structure.files import File, Files, InclusionLevel  # noqa: E402
+from mkdocs.structure.pages import Page  # noqa: E402
+
+from docs.making.site import folders, github, navigation, sources  # noqa: E402
+from docs.making.site.published import Published, published  # noqa: E402
+
+HERE = ROOT / "docs/making/site"
+SITE: dict[str, Published] = {}  # of this build: MkDocs keeps one module for all builds of `mkdocs serve`
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Find what is to be published, and where it stands in the navigation."""
+    site = SITE["now"] = published(ROOT, **({"code": config.extra["code"]} if "code" in config.extra else {}))
+    _source.cache_clear()
+    config.nav = navigation.of(site)
+    config.mdx_configs.setdefault("toc", {})["slugify"] = github.anchor_of
+    fences = config.mdx_configs.setdefault("pymdownx.superfences", {}).setdefault("custom_fences", [])
+    if not fences:
+        fences.append({"name": "prototxt", "class": "highlight", "format": prototxt_block})
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """All of the site, each file with the place that it has in the project."""
+    site = SITE["now"]
+    theme = [file for file in files if file.src_dir and not Path(file.src_dir).is_relative_to(ROOT / "docs")]
+    made = Files(theme)
+    in_nav = navigation.paths(site)
+    for path in site.documents:
+        made.append(_file(config, path, InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV))
+    for path in sorted(site.as_they_are):
+        made.append(_file(config, path, InclusionLevel.NOT_IN_NAV))
+    for asset in sorted((HERE / "assets").iterdir()):
+        made.append(File(f"assets/{asset.name}", str(HERE), config.site_dir, config.use_directory_urls))
+    for path in sorted(site.sources):
+        boost = 0.3 if path.startswith("tests/") else 1
+        text = f"---\ntitle: {path}\nhide: [navigation, toc]\nsource: {path}\nsearch: {{boost: {boost}}}\n---\n"
+        made.append(File.generated(config, site.address(path), content=text, inclusion=InclusionLevel.NOT_IN_NAV))
+    for path in sorted(site.folders):
+        level = InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV
+        text = "---\nsearch: {exclude: true}\n---\n" + folders.page(path, site, _source)
+        made.append(File.generated(config, site.address(path), content=text, inclusion=level))
+    return made
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """GitHub's Markdown as Python-Markdown wants it, with links to pages instead of files."""
+    site = SITE["now"]
+    linked = github.with_links(markdown, lambda target: site.link(page.file.src_uri, target))
+    return github.for_python_markdown(linked)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """The page of a source file, made by us."""
+    path: Any = page.meta.get("source")
+    if path is None:
+        return html
+    page.present_anchor_ids = sources.anchors(_source(path))
+    return sources.page(_source(path), SITE["now"])
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Its code. The search has been through the page by now: of code its index would be large and slow to make."""
+    path: Any = page.meta.get("source")
+    return output if path is None else output.replace(sources.CODE, sources.code(_source(path), SITE["now"]), 1)
+
+
+def prototxt_block(source: str, *args: Any, **options: Any) -> str:
+    """A fenced block of prototxt, which Pygments does not know."""
+    code = "\n".join(sources.coloured(source, "x.prototxt"))
+    return f'<div class="highlight"><pre><code>{code}\n</code></pre></div>'
+
+
+@functools.cache
+def _source(path: str) -> sources.Source:
+    return sources.Source(path, (ROOT / path).read_text(encoding="utf-8"))
+
+
+def _file(config: MkDocsConfig, path: str, inclusion: InclusionLevel) -> File:
+    return File(path, str(ROOT), config.site_dir, config.use_directory_urls, inclusion=inclusion)

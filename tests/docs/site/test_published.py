@@ -1,0 +1,97 @@
+"""What is published of a small project: documents, what they lead to, the code; and where each of it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from docs.making.site.navigation import of, paths
+from docs.making.site.published import Published, its_tests, published, twin_of
+
+CODE = ("layers", "fast")
+
+
+@pytest.fixture
+def site(project: Path) -> Published:
+    """All of it."""
+    return published(project, CODE)
+
+
+def test_documents_and_what_they_lead_to(site: Published) -> None:
+    """Also a document that lies elsewhere; nothing that is gone, or outside."""
+    assert set(site.documents) == {
+        "README.md", "CHANGELOG.md", "docs/apart.md", "docs/data.md", "docs/net.md", "docs/book/README.md",
+        "docs/book/1_one.md", "docs/book/2_two.md", "docs/book/10_ten.md", "tests/caffe/README.md",
+    }  # fmt: skip
+    assert site.as_they_are == {"docs/images/x.png", "models/w.bin"}
+
+
+def test_code_and_its_tests(site: Published) -> None:
+    """All of the folders of code, no compiled file, nothing of docs/making; a folder with a README is that."""
+    layers = {f"layers/{name}.py" for name in ("__init__", "relu", "scale", "data/__init__", "data/labels")}
+    tests = {"tests/layers/test_relu.py", "tests/layers/data/test_data_labels.py"}
+    assert site.sources == layers | tests | {"fast/relu.py", "fast/scale.py"}
+    assert site.folders == {"layers", "layers/data", "fast"}
+
+
+@pytest.mark.parametrize(
+    "target, wanted",
+    [
+        ("../layers/relu.py", "../layers/relu.py.md"),
+        ("../layers/relu.py#L4-L6", "../layers/relu.py.md#L4"),
+        ("../layers", "../layers/index.md"),
+        ("../layers/", "../layers/index.md"),
+        ("../tests/caffe/", "../tests/caffe/README.md"),
+        ("data.md#a-b", "data.md#a-b"),
+        ("#L4-L6", "#L4-L6"),
+        ("gone.py", "gone.py"),
+        ("images/x.png", "images/x.png"),
+    ],
+)
+def test_links_lead_to_pages(site: Published, target: str, wanted: str) -> None:
+    """A source file and a folder are pages; whatever is not published stays as it is, for MkDocs to complain of."""
+    assert site.link("docs/net.md", target) == wanted
+
+
+def test_pages_are_where_the_files_are(site: Published) -> None:
+    """So that a link looks the same in the project and in the site."""
+    pages = {
+        path: site.page_of(path) for path in ("README.md", "docs/net.md", "layers/relu.py", "layers", "models/w.bin")
+    }
+    assert list(pages.values()) == [
+        "index.html", "docs/net.html", "layers/relu.py.html", "layers/index.html", "models/w.bin",
+    ]  # fmt: skip
+
+
+def test_who_tells_of_a_file(site: Published) -> None:
+    """A document that links to it, and one that shows its code."""
+    assert site.telling("layers/relu.py") == ["README.md", "docs/net.md"]
+    assert site.telling("layers/scale.py") == ["docs/data.md"]
+
+
+def test_twins_and_tests(project: Path) -> None:
+    """A twin has the name of the plain file and imports it; the same name alone is none."""
+    assert twin_of(project, "layers/relu.py") == "fast/relu.py"
+    assert twin_of(project, "fast/relu.py") == "layers/relu.py"
+    assert twin_of(project, "layers/scale.py") is None
+    assert twin_of(project, "layers/__init__.py") is None
+    assert its_tests(project, "layers/data/labels.py") == ["tests/layers/data/test_data_labels.py"]
+
+
+def test_the_navigation(site: Published) -> None:
+    """Chapters by their number, the reference in the README's order, nothing that is not there."""
+    assert of(site) == [
+        {"Start": "README.md"},
+        {"Book": ["docs/book/README.md", "docs/book/1_one.md", "docs/book/2_two.md", "docs/book/10_ten.md"]},
+        {"Reference": ["docs/net.md", "docs/data.md", "docs/apart.md"]},
+        {"Code": [{"layers/": "layers/index.md"}, {"fast/": "fast/index.md"}]},
+        {"Changes": ["CHANGELOG.md"]},
+    ]
+    assert "layers" in paths(site) and "layers/data" not in paths(site) and "tests/caffe/README.md" not in paths(site)
+
+
+def test_the_hand_is_there_when_it_is(project: Path) -> None:
+    """A page that is HTML already."""
+    (project / "docs/hand.html").write_text("<p>x</p>", encoding="utf-8")
+    assert of(published(project, CODE))[-1] == {"The hand": "docs/hand.html"}

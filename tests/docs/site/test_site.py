@@ -1,0 +1,72 @@
+"""The site: made as ``make site`` makes it, strictly, and every link of it followed."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from docs.making.made import ROOT
+from docs.making.site.check import faults
+from netlib import engine
+
+pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
+pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")
+# Pages of all documents, of what they link to, and of these; those of the rest are made alike, and take the longest.
+CODE = ["layers/hand", "layers/common", "prototxt", "docs/exercises"]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished site, with fewer pages of code."""
+    if not engine.has_fast():
+        pytest.skip("documents speak of fast/, which is not there")
+    folder = tmp_path_factory.mktemp("made")
+    config = folder / "mkdocs.yml"
+    hook = ROOT / "docs/making/site/hook.py"
+    config.write_text(
+        f"INHERIT: {json.dumps(str(ROOT / 'mkdocs.yml'))}\ndocs_dir: {json.dumps(str(ROOT / 'docs'))}\nwatch: []\n"
+        f"hooks: [{json.dumps(str(hook))}]\nextra: {{code: {json.dumps(CODE)}}}\n",
+        encoding="utf-8",
+    )
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", str(config), "-d", str(folder / "site")]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    made = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment)
+    assert made.returncode == 0, made.stdout + made.stderr
+    return folder / "site"
+
+
+def test_every_link_leads_somewhere(site: Path) -> None:
+    """Every link, anchor and picture of every page; and no page loads anything from elsewhere."""
+    assert list(faults(site)) == []
+
+
+def test_documents_and_code_have_pages(site: Path) -> None:
+    """At their own places; the code of a layer beside what it says; what is no document is not there."""
+    names = ("index", "CHANGELOG", "docs/layers", "docs/book/index", "layers/hand/index", "prototxt/hand/nyu.prototxt")
+    assert [name for name in names if not (site / f"{name}.html").is_file()] == []
+    page = (site / "layers/hand/kinematics.py.html").read_text(encoding="utf-8")
+    assert page.index('class="source-told"') < page.index("by torques") < page.index('class="highlight source-code"')
+    assert page.index('class="highlight source-code"') < page.index('<span class="nc">Kinematics</span>')
+    assert not list(site.glob("docs/making/**/*"))
+
+
+def test_lists_tables_and_prototxt_are_such(site: Path) -> None:
+    """The README's reading order, the table of layers, a list in a list, a net in its colours."""
+    assert "<ol>" in (site / "index.html").read_text(encoding="utf-8")
+    assert "<td>vision</td>" in (site / "docs/layers.html").read_text(encoding="utf-8")
+    assert "<ul>\n<li><code>case</code>" in (site / "tests/caffe/index.html").read_text(encoding="utf-8")
+    assert '<span class="nt">dof</span>' in (site / "docs/book/6_hand.html").read_text(encoding="utf-8")
+
+
+def test_the_search_works_from_the_disk(site: Path) -> None:
+    """Its index is a script, and knows what layers say; it has no code in it."""
+    text = (site / "search/search_index.js").read_text(encoding="utf-8").removeprefix("var __index = ")
+    told = {entry["location"]: entry["text"] for entry in json.loads(text)["docs"]}
+    assert "torques" in told["layers/hand/kinematics.py.html"]
+    assert "np.zeros" not in told["layers/hand/kinematics.py.html"]
+    assert "iframe-worker.js" in (site / "index.html").read_text(encoding="utf-8")

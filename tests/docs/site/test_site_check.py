@@ -1,0 +1,56 @@
+"""The checker of a finished site finds what leads nowhere, and only that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from docs.making.site.check import faults, main
+
+GOOD = '<h1 id="a b">x</h1><a name="old"></a><a href="sub/b.html#c">b</a><a href="#a%20b">a</a><a href="#old">o</a>'
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """Two pages and a picture."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "x.png").write_bytes(b"")
+    (tmp_path / "index.html").write_text(GOOD + '<a href="https://elsewhere.org/x">', encoding="utf-8")
+    (tmp_path / "sub/b.html").write_text(
+        '<p id="c"><img src="../x.png"><a href="../index.html"></a><img src="data:image/png;base64,xx"></p>',
+        encoding="utf-8",
+    )
+    return tmp_path
+
+
+def test_a_good_site(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Has no fault."""
+    assert main([str(site)]) == 0
+    assert capsys.readouterr().out == "every link leads somewhere\n"
+
+
+@pytest.mark.parametrize(
+    "html, fault",
+    [
+        ('<a href="c.html">', "sub/b.html links to c.html: there is no sub/c.html"),
+        ('<a href="..">', "sub/b.html links to ..: there is no ."),
+        ('<img src="y.png">', "sub/b.html links to y.png: there is no sub/y.png"),
+        ('<a href="../index.html#b">', "sub/b.html links to ../index.html#b: index.html has no #b"),
+        ('<a href="#d">', "sub/b.html links to #d: sub/b.html has no #d"),
+        ('<script src="https://x.org/y.js">', "sub/b.html loads https://x.org/y.js: it must not need the net"),
+        ('<link href="//x.org/y.css">', "sub/b.html loads //x.org/y.css: it must not need the net"),
+    ],
+)
+def test_a_link_that_leads_nowhere(site: Path, capsys: pytest.CaptureFixture[str], html: str, fault: str) -> None:
+    """To a page, a folder, a picture, an anchor; or what would be loaded from elsewhere."""
+    (site / "sub/b.html").write_text(f'<p id="c"></p>{html}', encoding="utf-8")
+    assert list(faults(site)) == [fault]
+    assert main([str(site)]) == 1
+    assert fault in capsys.readouterr().err
+
+
+def test_no_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Is told in one line."""
+    assert main([str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

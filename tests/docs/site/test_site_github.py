@@ -1,0 +1,72 @@
+"""GitHub's Markdown, made ready for Python-Markdown: what is set apart, what is moved, and what stays."""
+
+from __future__ import annotations
+
+import pytest
+
+from docs.making.site.github import anchor_of, for_python_markdown, links, title_of, with_links
+
+CHANGED = {
+    "a list after a paragraph": ("text\n- a\n- b\n", "text\n\n- a\n- b\n"),
+    "a numbered list after one": ("text\n1. a\n2. b\n", "text\n\n1. a\n2. b\n"),
+    "a table after a paragraph": ("text\n| a |\n|---|\n| 1 |\n", "text\n\n| a |\n|---|\n| 1 |\n"),
+    "a list in a list": ("- a\n  - b\n    - c\n- d\n", "- a\n    - b\n        - c\n- d\n"),
+    "a list in a numbered one": ("1. a\n   - b\n2. c\n", "1. a\n    - b\n2. c\n"),
+    "an item of two lines": ("- a\n  and b\n- c\n", "- a\n    and b\n- c\n"),
+    "a second paragraph of an item": ("10. a\n\n    more\n\nafter\n", "10. a\n\n    more\n\nafter\n"),
+    "one of a bullet": ("- a\n\n  more\n\nafter\n", "- a\n\n    more\n\nafter\n"),
+    "a list after a paragraph of an item": ("- a\n\n  more\n  - b\n", "- a\n\n    more\n\n    - b\n"),
+    "code in an item": ("2. a\n\n   ```\n   x:\n       y\n   ```\n", "2. a\n\n    ```\n    x:\n        y\n    ```\n"),
+    "an answer": ("<details><summary>A</summary>b</details>", '<details markdown="1"><summary>A</summary>b</details>'),
+}  # fmt: skip
+KEPT = {
+    "a list after a blank line": "text\n\n- a\n- b\n",
+    "a list after a heading": "## text\n- a\n",
+    "a year at the beginning of a line": "The paper is of\n2016. It is good.\n",
+    "a line that begins with a bar": "a |\n| b\n",
+    "code that looks like a list": "```text\ntext\n- a\n  - b\n```\n",
+    "code with a fence inside": "````text\n```\ntext\n- a\n```\n````\n",
+    "an item that goes on to the left": "- a\nmore of a\n",
+}
+
+
+@pytest.mark.parametrize("text, wanted", CHANGED.values(), ids=CHANGED)
+def test_what_is_changed(text: str, wanted: str) -> None:
+    """Blank lines before lists and tables, four columns per level, Markdown in details."""
+    assert for_python_markdown(text) == wanted
+
+
+@pytest.mark.parametrize("text", KEPT.values(), ids=KEPT)
+def test_what_is_kept(text: str) -> None:
+    """To the last space."""
+    assert for_python_markdown(text) == text
+
+
+def test_links_are_found_and_code_is_passed_by() -> None:
+    """Links, images and definitions of this project, in their order."""
+    text = (
+        "[a](b.md#c) and ![d](e.png 'title'), [`f`](g.py#L3-L8), [out](https://x.y), `[no](no.md)`, ``[`no`](no)``\n"
+        "```\n[no](no.md)\n```\n[h](<i j.md>)\n\n[k]: l.md\n[m](#here) [n](mailto:x@y.z) [o](p_(q).md)\n"
+    )
+    assert list(links(text)) == ["b.md#c", "e.png", "g.py#L3-L8", "i j.md", "l.md", "#here", "p_(q).md"]
+
+
+def test_links_are_changed_where_they_stand() -> None:
+    """Titles, code and other addresses stay."""
+    text = '[a](b.md "b.md")\n```\n[a](b.md)\n```\n`[a](b.md)` [x](http://b.md)\n'
+    assert with_links(text, lambda target: f"../{target}") == text.replace("(b.md ", "(../b.md ")
+
+
+@pytest.mark.parametrize(
+    "heading, anchor",
+    [("The gradient, by torques", "the-gradient-by-torques"), ("`x` and y_z", "x-and-y_z"), ("What? (2)", "what-2")],
+)
+def test_anchors_are_github_s(heading: str, anchor: str) -> None:
+    """Lower case, marks left out, spaces made hyphens."""
+    assert anchor_of(heading) == anchor
+
+
+def test_the_title_is_the_first_heading() -> None:
+    """One in code is none."""
+    assert title_of("text\n```bash\n# no\n```\n# The `net` of \\_x\n## more\n") == "The net of _x"
+    assert title_of("text") is None
