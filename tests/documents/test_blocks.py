@@ -32,6 +32,6 @@ def test_every_block_does_what_it_shows(name: str, tmp_path: Path) -> None:
             found = [f"{name}, {failure}" for failure in failures(ROOT / name, folder, python, names)]
         except ModuleNotFoundError as error:
             pytest.skip(f"{name} imports {error.name}: pip install -e '.[test]'")
-    assert workplace.state() == before, f"{name} wrote into the project"
+    assert not workplace.written(before), f"{name} wrote into the project"
     if found:
         pytest.fail("\n\n".join(found), pytrace=False)

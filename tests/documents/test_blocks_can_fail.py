@@ -218,6 +218,21 @@ def test_nothing_of_a_document_stays(told) -> None:
     assert (np.random.get_state()[1] == drawn).all()
 
 
+def test_what_is_written_into_the_project_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Changed, made and removed files."""
+    monkeypatch.setattr(workplace, "ROOT", tmp_path)
+    (tmp_path / "tools").mkdir()
+    files = [tmp_path / "tools" / name for name in "abcd"]
+    for file in files[:3]:
+        file.write_text("whole")
+    before = workplace.state()
+    assert workplace.written(before) == []
+    files[0].write_text("more than before")
+    files[1].unlink()
+    files[3].write_text("new")
+    assert workplace.written(before) == [str(files[n]) for n in (0, 1, 3)]
+
+
 def test_commands_end(told, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block that takes too long fails, and leaves nothing running."""
     monkeypatch.setattr(commands, "SECONDS", 0.2)

@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parents[2]
 LINKED = ("netlib", "layers", "fast", "handpose", "tools", "benchmarks", "docs", "tests", "setup.cfg")
 COPIED = ("prototxt", "models")  # what documents may write into
 LARGE = 100_000  # bytes; larger files are linked even there, and replaced, as all writers do
-MADE = {"__pycache__", ".git", ".venv", ".hypothesis"}  # of no interest to ``state``, nor are caches of other tools
 
 
 def furnish(folder: Path) -> Path:
@@ -47,14 +46,21 @@ def _small_copy(source: str, target: str) -> None:
 
 
 def state() -> dict[str, tuple[int, int]]:
-    """When each file of the project was written, and how large it is."""
+    """When each file that a document can reach was written, and how large it is."""
     found = {}
-    for place, folders, names in os.walk(ROOT):
-        folders[:] = [name for name in folders if name not in MADE and not name.endswith("_cache")]
-        for name in names:
-            about = (Path(place) / name).lstat()
-            found[f"{place}/{name}"] = (about.st_mtime_ns, about.st_size)
+    for top in (*LINKED, *COPIED):
+        for place, folders, names in os.walk(ROOT / top):
+            folders[:] = [name for name in folders if name != "__pycache__"]
+            for name in names:
+                about = (Path(place) / name).lstat()
+                found[f"{place}/{name}"] = (about.st_mtime_ns, about.st_size)
     return found
+
+
+def written(before: dict[str, tuple[int, int]]) -> list[str]:
+    """The files that are not as they were, or not there any more."""
+    now = state()
+    return sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
 
 
 @contextlib.contextmanager
