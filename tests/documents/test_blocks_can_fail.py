@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import sys
 from pathlib import Path
 
@@ -233,11 +234,24 @@ def test_what_is_written_into_the_project_is_noticed(tmp_path: Path, monkeypatch
     assert workplace.written(before) == [str(files[n]) for n in (0, 1, 3)]
 
 
-def test_commands_end(told, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A block that takes too long fails, and leaves nothing running."""
+def test_commands_end(told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block that takes too long fails."""
     monkeypatch.setattr(commands, "SECONDS", 0.2)
-    (failure,) = told(block("bash", "(read -t 20 x <> <(:); touch late) &", "read -t 20 y <> <(:)"))
+    os.mkfifo(tmp_path / "never")
+    (failure,) = told(block("bash", f"read x <{tmp_path}/never"))
     assert "took more than 0.2 s" in failure
+
+
+def test_nothing_is_left_running(told, tmp_path: Path) -> None:
+    """What a block started in the background ends with the block."""
+    for name in ("alive", "ready", "never"):
+        os.mkfifo(tmp_path / name)
+    alive = os.open(tmp_path / "alive", os.O_RDONLY | os.O_NONBLOCK)
+    behind = "(exec 3>alive; echo >ready; read x <never) >/dev/null 2>&1 &"
+    assert told(block("bash", f"cd {tmp_path}", behind, "read x <ready")) == []
+    assert select.select([alive], [], [], 30)[0], "it still runs"
+    assert os.read(alive, 1) == b""  # its end is closed
+    os.close(alive)
 
 
 @pytest.mark.parametrize(
