@@ -2,7 +2,7 @@
 
     ```pycon      >>> and its output, which is compared
     ```python     run in the same namespace
-    ```bash       run; the arguments of this project's commands are checked also where it is not run
+    ```bash       run; where it is not, the arguments of this project's commands are checked all the same
     ```prototxt   read as a net, a solver, a skeleton or another message
     ```json       parsed
     ```text       no code; directly after a python or bash block that is run, what that block printed
@@ -32,7 +32,7 @@ from pathlib import Path
 
 from sybil import Document, Example, Region
 from sybil.evaluators.doctest import DocTestEvaluator, DocTestRunner
-from sybil.evaluators.python import PythonEvaluator
+from sybil.evaluators.python import PythonEvaluator, pad
 from sybil.parsers.abstract.doctest import DocTestStringParser
 from sybil.parsers.markdown.lexers import DirectiveInHTMLCommentLexer, RawFencedCodeBlockLexer
 
@@ -103,7 +103,7 @@ def _examples(document: Document, region: Region, block: Block) -> Iterator[Regi
     elif any(not words for words in marks.values()):
         yield _failing(region, f"{next(iter(marks))!r} above this block says nothing: <!-- not run: REASON -->")
     elif "not run" in marks or "code" in marks:
-        region.evaluator = _check_commands if block.tag == "bash" else _nothing
+        region.evaluator = _NOT_RUN.get(block.tag, _nothing)
         yield region
     elif "file" in marks:
         used = re.search(rf"\b{re.escape(Path(marks['file']).stem)}\b", document.text[region.end :])
@@ -242,6 +242,10 @@ def _read_json(example: Example) -> None:
     json.loads(example.parsed)
 
 
+def _compile(example: Example) -> None:
+    compile(pad(example.parsed, example.line), example.path, "exec")
+
+
 def _compare(example: Example) -> str:
     """Text after a block that was run is what it printed; all other text is text."""
     after = _block(example).after
@@ -257,6 +261,7 @@ def _write(example: Example) -> None:
         _EVALUATORS[_block(example).tag](example)
 
 
+_NOT_RUN: dict[str, Callable[[Example], str | None]] = {"bash": _check_commands, "python": _compile}
 _EVALUATORS: dict[str, Callable[[Example], str | None]] = {
     "python": _run_python, "bash": _run_commands, "prototxt": _read_prototxt, "json": _read_json, "text": _compare,
 }  # fmt: skip

@@ -125,7 +125,7 @@ def _module_mistake(name: str, argv: list[str]) -> str:
             pass
         except SystemExit as stopped:
             if stopped.code:
-                return printed.getvalue().strip().rpartition("\n")[2]
+                return printed.getvalue().strip().rpartition("\n")[2] or f"it ends with {stopped.code}"
     return ""
 
 

@@ -94,6 +94,7 @@ BAD = {
     "an error": (block("python", "x = 1", "raise ValueError('no')"), "line 1: in line 3\nValueError: no"),
     "a name of nowhere": (block("python", "print(nothing)"), "NameError: name 'nothing' is not defined"),
     "a syntax error": (block("python", "x ="), "SyntaxError"),
+    "a syntax error, not run": ("<!-- not run: slow -->\n" + block("python", "x ="), "SyntaxError"),
     "a package of nowhere": (block("python", "import no_such_package"), "ModuleNotFoundError"),
     "what a Python block prints": (
         block("python", "print(1)") + "\n" + block("text", "2"),
