@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain
+from docs.making.figures import chain, learning
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import ROOT, Made
 
 FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/book: a function that gives a Figure
     "differences": chain.differences,
+    "valley": learning.valley,
+    "rates": learning.rates,
 }
 
 
