@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain, learning
+from docs.making.figures import chain, learning, whole
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import ROOT, Made
 
@@ -13,6 +13,11 @@ FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/boo
     "differences": chain.differences,
     "valley": learning.valley,
     "rates": learning.rates,
+    "hinge": whole.hinge,
+    "crop": whole.crop,
+    "six_hands": whole.six_hands,
+    "joint_errors": whole.joint_errors,
+    "filters": whole.filters,
 }
 
 
