@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain, graph, hand, pictures
+from docs.making.figures import chain, graph, hand, learning, pictures, whole
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import ROOT, Made
 
@@ -14,10 +14,17 @@ FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/boo
     "stack": pictures.stack,
     "kernels": pictures.kernels,
     "whole_net": graph.whole_net,
+    "valley": learning.valley,
+    "rates": learning.rates,
     "arm": hand.arm,
     "hand_joints": hand.joints,
     "lever": hand.lever,
     "reach": hand.reach,
+    "hinge": whole.hinge,
+    "crop": whole.crop,
+    "six_hands": whole.six_hands,
+    "joint_errors": whole.joint_errors,
+    "filters": whole.filters,
 }
 
 
