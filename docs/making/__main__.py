@@ -20,9 +20,7 @@ def main() -> int:
     try:
         for piece in PIECES:
             for made in piece():
-                if not made.is_current():
-                    made.path.parent.mkdir(parents=True, exist_ok=True)
-                    made.path.write_bytes(made.content)
+                if made.update():
                     print(f"wrote {made.path.relative_to(ROOT)}")
     except ValueError as error:  # a document names what is not there
         print(f"error: {error}", file=sys.stderr)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,7 +22,11 @@ def made() -> Iterator[Made]:
     for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]):
         text = path.read_text(encoding="utf-8")
         if any(mark.search(text) for mark, _ in CHANGES):
-            yield Made(path, current(text, path).encode())
+            yield Made(path, functools.partial(_wanted, path))
+
+
+def _wanted(path: Path) -> bytes:
+    return current(path.read_text(encoding="utf-8"), path).encode()
 
 
 def current(text: str, path: Path) -> str:

@@ -12,12 +12,27 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Made:
-    """What ``path`` has to hold now. ``same(there, content)`` says whether what lies there is as good."""
+    """What ``path`` has to hold now: ``make()`` says it, or raises ValueError if the file names what is not there.
+
+    ``same(there, wanted)`` says whether what lies there is as good.
+    """
 
     path: Path
-    content: bytes
+    make: Callable[[], bytes]
     same: Callable[[bytes, bytes], bool] = operator.eq
+
+    def update(self) -> bool:
+        """Write the file if it is not current; whether it was written."""
+        wanted = self.make()
+        if self._is(wanted):
+            return False
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.write_bytes(wanted)
+        return True
 
     def is_current(self) -> bool:
         """Whether the file is there and holds it."""
-        return self.path.is_file() and self.same(self.path.read_bytes(), self.content)
+        return self._is(self.make())
+
+    def _is(self, wanted: bytes) -> bool:
+        return self.path.is_file() and self.same(self.path.read_bytes(), wanted)
