@@ -29,6 +29,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from sybil import Document, Example, Region
 from sybil.evaluators.doctest import DocTestEvaluator, DocTestRunner
@@ -151,22 +152,26 @@ def failures(path: Path, folder: Path, python: Path, names: dict[str, object]) -
         try:
             assert example.region.evaluator is not None
             problem = example.region.evaluator(example)
-        except Exception as error:
-            if isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL:
+        except (Exception, SystemExit) as error:
+            if _is_of_optional_package(error):
                 raise
             problem = _told(error, str(path))
         if problem:
             yield f"line {example.line}: {problem.rstrip()}"
 
 
-def _told(error: Exception, path: str) -> str:
+def _is_of_optional_package(error: BaseException) -> bool:
+    return isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL
+
+
+def _told(error: BaseException, path: str) -> str:
     """An error of a block in a few lines: where in the document, and what."""
     if isinstance(error, (AssertionError, NetlibError, ValueError)) and not _lines_of(error, path):
         return str(error)
     return "".join([*_lines_of(error, path), *traceback.format_exception_only(error)])
 
 
-def _lines_of(error: Exception, path: str) -> list[str]:
+def _lines_of(error: BaseException, path: str) -> list[str]:
     return [
         f"in line {frame.lineno}\n" for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path
     ]
@@ -191,6 +196,11 @@ class _Runner(DocTestRunner):
     def __init__(self) -> None:
         super().__init__(0)
         self._checker = _Checker()
+
+    def report_unexpected_exception(self, out: Any, test: Any, example: Any, exc_info: Any) -> None:
+        if _is_of_optional_package(exc_info[1]):
+            raise exc_info[1]
+        super().report_unexpected_exception(out, test, example, exc_info)
 
 
 class _Checker(doctest.OutputChecker):

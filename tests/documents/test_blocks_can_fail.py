@@ -95,6 +95,7 @@ BAD = {
     "a name of nowhere": (block("python", "print(nothing)"), "NameError: name 'nothing' is not defined"),
     "a syntax error": (block("python", "x ="), "SyntaxError"),
     "a syntax error, not run": ("<!-- not run: slow -->\n" + block("python", "x ="), "SyntaxError"),
+    "an end": (block("python", "import sys", "sys.exit(0)"), "SystemExit: 0"),
     "a package of nowhere": (block("python", "import no_such_package"), "ModuleNotFoundError"),
     "what a Python block prints": (
         block("python", "print(1)") + "\n" + block("text", "2"),
@@ -188,6 +189,14 @@ def test_bad(name: str, told) -> None:
     (failure,) = told(BAD[name][0])
     assert failure.startswith("line ")
     assert BAD[name][1] in failure
+
+
+@pytest.mark.parametrize("text", [block("python", "import lmdb"), block("pycon", ">>> import lmdb")])
+def test_an_optional_package(text: str, told, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That it is missing is no failure of the document: the test is skipped."""
+    monkeypatch.setitem(sys.modules, "lmdb", None)
+    with pytest.raises(ModuleNotFoundError):
+        told(text)
 
 
 def test_a_failure_hides_no_other(told) -> None:
