@@ -1,0 +1,137 @@
+/* What the page is about: a body in a pose before a camera, with forces on it. Whoever shows some of it listens. */
+
+import { backward, forward } from "./kinematics.js";
+import { Flesh } from "./flesh.js";
+import { skeletonOf } from "./skeleton.js";
+import { project, unproject } from "./crop.js";
+import { add, minus, product, times } from "./vectors.js";
+
+export class Body {
+  /* skeleton, whole   the tables of the file, and with what only its flesh has
+     inputs            of the whole body: radians, and lengths in units; of a left hand those of its mirror image
+     size, girth       factors of bones, offsets and radii; of the radii alone
+     side              "right", or "left": the mirror image of the skeleton
+     unit              mm that a length of 1 stands for
+     camera, uvd, cube the camera, and where the crop is, which is where the origin of the inputs is
+     forces            per joint of the skeleton a force in N, camera axes
+     points            what a camera saw, mm from the crop's middle, 3 numbers each; null without */
+  constructor(text, source, place) {
+    this.listeners = [];
+    this.unit = place.unit_mm;
+    this.look({ camera: place.camera, uvd: place.center_uvd, cube: place.cube_mm });
+    this.open(text, source);
+  }
+
+  /* Take the skeleton of a file's text. Throws PrototxtError, and is as before then. */
+  open(text, source) {
+    const skeleton = skeletonOf(text, source), whole = skeleton.withFlesh();
+    const flesh = skeleton.param.flesh ? new Flesh(skeleton, whole) : null;
+    Object.assign(this, { skeleton, whole, flesh, source, side: "right", size: 1, girth: 1, points: null });
+    this.inputs = whole.dofs.map(() => 0);
+    this.forces = skeleton.joints.map(() => [0, 0, 0]);
+    this.changed("skeleton");
+  }
+
+  look(place) {
+    Object.assign(this, place);
+    this.changed("place");
+  }
+
+  /* Change some inputs: {index: value}. */
+  move(values) {
+    for (const [d, value] of Object.entries(values)) this.inputs[d] = value;
+    this.changed("pose");
+  }
+
+  change(values) {
+    Object.assign(this, values);
+    this.changed("pose");
+  }
+
+  push(joint, force) {
+    this.forces[joint] = force;
+    this.changed("force");
+  }
+
+  release() {
+    this.forces = this.forces.map(() => [0, 0, 0]);
+    this.changed("force");
+  }
+
+  /* Tell every listener what has changed: "skeleton", "place", "pose" or "force". */
+  changed(what) {
+    this.posed = null;
+    for (const listener of this.listeners) listener(what);
+  }
+
+  get pose() {
+    this.posed ??= forward(this.whole, this.inputs, this.size);
+    return this.posed;
+  }
+
+  /* Of a vector in the body's own axes, that in the camera's, and back. */
+  mirrored(vector) {
+    return this.side === "left" ? product(vector, [-1, 1, 1]) : vector;
+  }
+
+  /* Where the origin of the inputs is, mm, camera axes. */
+  get origin() {
+    return unproject(this.camera, this.uvd);
+  }
+
+  place(point) {
+    return add(this.origin, times(this.mirrored(point), this.unit));
+  }
+
+  /* All joints in mm, camera axes, the flesh's own after the skeleton's. */
+  get joints() {
+    return this.pose.joints.map((joint) => this.place(joint));
+  }
+
+  /* The same of the skeleton's joints in units from the origin: what HandModel answers. */
+  get answer() {
+    return this.skeleton.joints.map((_, j) => this.mirrored(this.pose.joints[j]));
+  }
+
+  get pixels() {
+    return this.joints.map((joint) => project(this.camera, joint));
+  }
+
+  /* The flesh in mm, camera axes. */
+  get capsules() {
+    if (!this.flesh) return [];
+    return this.flesh.posed(this.pose, this.size, this.girth).map((capsule) => ({
+      ...capsule, a: this.place(capsule.a), b: this.place(capsule.b), ra: capsule.ra * this.unit, rb: capsule.rb * this.unit,
+    }));
+  }
+
+  /* What the forces do to each DoF: N mm about the axis of a turn, N along that of a translation. */
+  get torques() {
+    const own = this.whole.joints.map((_, j) => this.mirrored(this.forces[j] ?? [0, 0, 0]));
+    const gradient = backward(this.whole, this.pose, own);
+    return gradient.map((torque, d) => (this.whole.turns[d] ? torque * this.unit : torque));
+  }
+
+  /* The losses of PhysLimit: the paper's (L1) and the released system's (L2). */
+  get limitLoss() {
+    const beyond = this.skeleton.beyond(this.inputs);
+    return {
+      L1: beyond.reduce((sum, v) => sum + Math.abs(v), 0), L2: beyond.reduce((sum, v) => sum + v * v, 0),
+    };
+  }
+
+  /* The joints that nothing of the skeleton hangs on: fingertips. */
+  get tips() {
+    return [...this.skeleton.joints.keys()].filter((j) => !this.skeleton.parents.includes(j));
+  }
+
+  /* The middle of all joints, mm, and how far the farthest one is from it. */
+  get bounds() {
+    const joints = this.joints.slice(0, this.skeleton.joints.length), axes = [0, 1, 2];
+    const low = axes.map((i) => Math.min(...joints.map((p) => p[i])));
+    const high = axes.map((i) => Math.max(...joints.map((p) => p[i])));
+    const middle = times(add(low, high), 0.5);
+    const reach = Math.max(...joints.map((p) => Math.hypot(...minus(p, middle))), 1);
+    return { middle, reach };
+  }
+}
