@@ -9,10 +9,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from docs.making import code_blocks
+from docs.making import code_blocks, hand_page
 from docs.making.made import ROOT, Made
 
-PIECES: tuple[Callable[[], Iterator[Made]], ...] = (code_blocks.made,)
+PIECES: tuple[Callable[[], Iterator[Made]], ...] = (code_blocks.made, hand_page.made)
 
 
 def main() -> int:

@@ -6,8 +6,8 @@ order in which they import each other:
     import { parse } from "./prototxt.js";      const { parse } = modules.prototxt;
     export function read(tree) {                function read(tree) {   ...   return { read };
 
-A Content-Security-Policy lets only this script and this style run, by their hashes, and nothing be fetched. The data are
-JSON in which no character is left that HTML reads.
+A Content-Security-Policy lets only this script and this style run, by their hashes, and nothing be fetched. The data
+are JSON in which no character is left that HTML reads.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 import { backward, forward } from "./kinematics.js";
 import { Flesh } from "./flesh.js";
 import { skeletonOf } from "./skeleton.js";
-import { project, unproject } from "./crop.js";
+import { unproject } from "./crop.js";
 import { add, minus, product, times } from "./vectors.js";
 
 export class Body {
@@ -93,16 +93,12 @@ export class Body {
     return this.skeleton.joints.map((_, j) => this.mirrored(this.pose.joints[j]));
   }
 
-  get pixels() {
-    return this.joints.map((joint) => project(this.camera, joint));
-  }
-
   /* The flesh in mm, camera axes. */
   get capsules() {
     if (!this.flesh) return [];
-    return this.flesh.posed(this.pose, this.size, this.girth).map((capsule) => ({
-      ...capsule, a: this.place(capsule.a), b: this.place(capsule.b), ra: capsule.ra * this.unit, rb: capsule.rb * this.unit,
-    }));
+    return this.flesh.posed(this.pose, this.size, this.girth).map(({ a, b, ra, rb, ...more }) => (
+      { a: this.place(a), b: this.place(b), ra: ra * this.unit, rb: rb * this.unit, ...more }
+    ));
   }
 
   /* What the forces do to each DoF: N mm about the axis of a turn, N along that of a translation. */

@@ -1,23 +1,24 @@
 """What a page shows, as JSON values: a skeleton, cameras, named poses, and hands that were found with their depth.
 
-    skeleton  source (a name), text (the prototxt)
-    place     where the skeleton is: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
-    cameras   those to choose from: name, fx, fy, u0, v0, width, height
-    poses     by name: inputs by DoF
-    hands     those to choose from, shown instead of the bare skeleton:
-        name, words      of the frame; what is said of the hand
-        skeleton, place  as above
-        inputs           of the whole body, its flesh's own DoFs too; of a left hand those of its mirror image
-        size, girth      factors of bones, offsets and radii; of the radii alone
-        side             "right" or "left"
-        points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in steps of so many mm
-        crop             16-bit numbers in base64: what the camera saw, -1 to 1 in steps of 1/32767
+skeleton  source (a name), text (the prototxt)
+place     where the skeleton is: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
+cameras   those to choose from: name, fx, fy, u0, v0, width, height
+poses     by name: inputs by DoF
+hands     those to choose from, shown instead of the bare skeleton:
+    name, words      of the frame; what is said of the hand
+    skeleton, place  as above
+    inputs           of the whole body, its flesh's own DoFs too; of a left hand those of its mirror image
+    size, girth      factors of bones, offsets and radii; of the radii alone
+    side             "right" or "left"
+    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in steps of so many mm
+    crop             16-bit numbers in base64: what the camera saw, -1 to 1 in steps of 1/32767
 """
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,19 +38,19 @@ Poses = Mapping[str, Mapping[str, float]]
 
 
 def content(
-    skeleton: Skeleton, source: str, hands: Sequence[Mapping[str, Any]] = (), poses: Poses | None = None,
+    skeleton: Skeleton, hands: Sequence[Mapping[str, Any]] = (), poses: Poses | None = None,
     unit_mm: float = CUBE_MM / 2,
 ) -> dict[str, Any]:  # fmt: skip
-    """The data of a page. ``source`` is the name of the skeleton file, as errors and titles say it."""
+    """The data of a page: of a skeleton, and, instead of it, of the hands that were found."""
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM])
     return {
-        "skeleton": _skeleton(skeleton, source), "place": _place(NYU, middle, 2 * unit_mm),
+        "skeleton": _skeleton(skeleton), "place": _place(NYU, middle, 2 * unit_mm),
         "cameras": [vars(camera) for camera in CAMERAS.values()], "poses": dict(poses or {}), "hands": list(hands),
     }  # fmt: skip
 
 
 def hand(
-    name: str, words: str, skeleton: Skeleton, source: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
+    name: str, words: str, skeleton: Skeleton, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
     cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: str = "right",
 ) -> dict[str, Any]:  # fmt: skip
     """A hand that was found in a crop (S, S) in [-1, 1], with the depth points of the crop.
@@ -60,7 +61,7 @@ def hand(
     step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
     given = np.asarray(inputs, dtype=np.float64)
     return {
-        "name": name, "words": words, "skeleton": _skeleton(skeleton, source),
+        "name": name, "words": words, "skeleton": _skeleton(skeleton),
         "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "girth": girth,
         "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
     }  # fmt: skip
@@ -79,7 +80,8 @@ def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: floa
     return np.asarray(camera.unproject(seen) - camera.unproject(uvd))
 
 
-def _skeleton(skeleton: Skeleton, source: str) -> dict[str, str]:
+def _skeleton(skeleton: Skeleton) -> dict[str, str]:
+    source = Path(schema.position_of(skeleton.param).source).name  # not the folder: a page is given away
     return {"source": source, "text": str(schema.to_tree(skeleton.param))}
 
 

@@ -5,9 +5,7 @@ import { render, slopes } from "./render.js";
 export const SIZE = 128; // pixels on a side
 
 /* x, y, z in mm (y up) of an image point u, v in px and d in mm. */
-export const unproject = (camera, [u, v, d]) => [((u - camera.u0) * d) / camera.fx, ((camera.v0 - v) * d) / camera.fy, d];
-
-export const project = (camera, [x, y, z]) => [camera.u0 + (camera.fx * x) / z, camera.v0 - (camera.fy * y) / z, z];
+export const unproject = ({ fx, fy, u0, v0 }, [u, v, d]) => [((u - u0) * d) / fx, ((v0 - v) * d) / fy, d];
 
 /* The image pixels, {columns, rows}, -1 where there is none, of the crop of a cube of `cube` mm about `uvd`. */
 export function pixelsOf(uvd, cube, camera) {

@@ -11,8 +11,8 @@
 
 import { add, apply, column, compose, cross, dot, IDENTITY, minus, rotation, times } from "./vectors.js";
 
-/* The pose of some inputs: `joints`, `frames` (world_from_joint), and per joint the `axes` of its motions, {axis, pivot}.
-   `size` is a factor of all bones. */
+/* The pose of some inputs: `joints`, `frames` (world_from_joint), and per joint the `axes` of its motions, each
+   {axis, pivot}. `size` is a factor of all bones. */
 export function forward(skeleton, inputs, size = 1) {
   const theta = skeleton.theta(inputs), pose = { joints: [], frames: [], axes: [] };
   for (const j of skeleton.order) {

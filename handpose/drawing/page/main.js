@@ -3,7 +3,8 @@
 import { Body } from "./body.js";
 import { byId, element, shown } from "./elements.js";
 import { inputsOf, asDofs, asInputs } from "./pose_text.js";
-import { normalised, renderCrop } from "./crop.js";
+import { renderCrop } from "./crop.js";
+import { parse } from "./prototxt.js";
 import { showDepth, showForces, showJoints, showLimits } from "./panels.js";
 import { Sliders } from "./sliders.js";
 import { Stage } from "./stage.js";
@@ -13,12 +14,14 @@ const LARGEST_FILE = 5e6; // bytes of a skeleton file
 const data = JSON.parse(byId("data").textContent);
 const { skeleton: packaged } = data;
 const body = new Body(packaged.text, packaged.source, data.place);
-const shows = Object.fromEntries(["flesh", "skeleton", "points", "names", "all"].map((name) => [name, byId(`show-${name}`)]));
+const boxes = ["flesh", "skeleton", "points", "names", "all"].map((name) => [name, byId(`show-${name}`)]);
+const shows = Object.fromEntries(boxes);
 const chooseForced = showForces(body);
 const stage = new Stage(byId("stage"), body, shows, (joint) => {
   const at = joint === null ? "" : body.joints[joint].map((mm) => shown(mm, 1)).join(", ");
   const force = joint === null ? 0 : length(body.forces[joint]);
-  byId("under").textContent = joint === null ? "" : `${body.skeleton.joints[joint]}: ${at} mm${force ? `, ${shown(force, 2)} N` : ""}`;
+  const pushed = force ? `, ${shown(force, 2)} N` : "";
+  byId("under").textContent = joint === null ? "" : `${body.skeleton.joints[joint]}: ${at} mm${pushed}`;
   if (force) chooseForced(joint);
 });
 const sliders = new Sliders(byId("sliders"), body);
@@ -42,12 +45,11 @@ byId("random").addEventListener("click", () => {
 
 function offerPoses() {
   const known = ([, inputs]) => Object.keys(inputs).every((name) => body.skeleton.dofs.includes(name));
-  byId("poses").replaceChildren(...Object.entries(data.poses).filter(known).map(([name, inputs]) => (
-    element("button", {
-      type: "button",
-      onclick: () => body.move(Object.fromEntries(Object.entries(inputs).map(([dof, x]) => [body.skeleton.dofs.indexOf(dof), x]))),
-    }, name.replaceAll("_", " "))
-  )));
+  const values = (inputs) => Object.entries(inputs).map(([name, value]) => [body.skeleton.dofs.indexOf(name), value]);
+  byId("poses").replaceChildren(...Object.entries(data.poses).filter(known).map(([name, inputs]) => {
+    const onclick = () => body.move(Object.fromEntries(values(inputs)));
+    return element("button", { type: "button", onclick }, name.replaceAll("_", " "));
+  }));
 }
 
 /* ------------------------------------------------------------------------------------------------ the pose as text */
@@ -85,10 +87,11 @@ const told = byId("fault"), hands = byId("hands");
 function openText(text, source) {
   try {
     body.open(text, source);
+    const { camera, center_uvd: uvd, cube_mm: cube, unit_mm: unit } = data.place;
+    Object.assign(body, { camera, uvd, cube, unit, seen: null });
+    body.changed("skeleton");
     told.textContent = "";
     hands.value = "";
-    body.seen = null;
-    body.changed("place");
   } catch (error) {
     told.textContent = error.message;
   }
@@ -138,7 +141,8 @@ body.listeners.push((what) => {
     if (!body.points) byId("said").textContent = "";
   }
   const { skeleton } = body, free = skeleton.fixed.filter((fixed) => !fixed).length;
-  byId("name").textContent = `${skeleton.name || body.source}: ${skeleton.joints.length} joints, ${free} of ${skeleton.dofs.length} DoFs free`;
+  const counts = `${skeleton.joints.length} joints, ${free} of ${skeleton.dofs.length} DoFs free`;
+  byId("name").textContent = `${skeleton.name || body.source}: ${counts}`;
   showPose();
 });
 hands.append(...data.hands.map((hand, i) => element("option", { value: i }, hand.name)));
@@ -150,4 +154,5 @@ if (data.hands.length) {
   body.changed("skeleton");
 }
 
-globalThis.hand = { body, stage, data, inputsOf, asDofs, asInputs, renderCrop, normalised }; // for the console, and for tests
+// For the console, and for tests.
+globalThis.hand = { Body, asDofs, asInputs, body, data, inputsOf, parse, renderCrop, stage };

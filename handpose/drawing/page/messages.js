@@ -32,7 +32,8 @@ const MESSAGES = {
     x: optional("number", 0), y: optional("number", 0), z: optional("number", 0),
   },
   capsule: {
-    from: required("string"), to: required("string"), radius: repeated("number"), part: optional("string", ""),
+    from: required("string"), to: required("string"), radius: { ...repeated("number"), required: true },
+    part: optional("string", ""),
   },
   flesh: { dof: repeated("dof"), joint: repeated("joint"), offset: repeated("offset"), capsule: repeated("capsule") },
   skeleton: {
@@ -44,7 +45,7 @@ const EXPECTED = {
 };
 const BOOLS = { true: true, t: true, True: true, 1: true, false: false, f: false, False: false, 0: false };
 
-/* Fill a message of this kind from a tree; `what` names it in errors. Throws PrototxtError at the field that is wrong. */
+/* Fill a message of this kind from a tree; `what` names it in errors. Throws PrototxtError at what is wrong. */
 export function read(tree, kind, what = kind) {
   const specs = MESSAGES[kind], given = new Map();
   for (const field of tree.fields) {
@@ -91,13 +92,17 @@ function valueOf(field, kind) {
   if (kind in MESSAGES) return read(treeOf(field), kind, field.name);
   const { value } = field;
   if (value.kind === "message") {
-    throw new PrototxtError(field.place, `'${field.name}' is not a message: expected '${field.name}: ${EXPECTED[kind]}'`);
+    const expected = `expected '${field.name}: ${EXPECTED[kind]}'`;
+    throw new PrototxtError(field.place, `'${field.name}' is not a message: ${expected}`);
   }
   const result = scalar(value, kind);
-  if (result === null) {
-    throw new PrototxtError(value.place, `'${field.name}' expects ${EXPECTED[kind]}, found ${value.text}`);
+  if (result !== null) return result;
+  if (kind === "axis" && value.kind !== "string") {
+    const known = AXES.join(", ");
+    throw new PrototxtError(value.place, `unknown value ${value.text} of '${field.name}'; known values: ${known}`);
   }
-  return result;
+  const found = value.kind === "string" ? JSON.stringify(value.text) : value.text;
+  throw new PrototxtError(value.place, `'${field.name}' expects ${EXPECTED[kind]}, found ${found}`);
 }
 
 /* The value of a scalar, or null if it is not of that kind. */

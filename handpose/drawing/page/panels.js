@@ -48,7 +48,7 @@ export function showDepth(body, cameras) {
   };
   canvas.addEventListener("pointermove", (event) => {
     const { width, height } = canvas.getBoundingClientRect();
-    const [i, j] = [[event.offsetX, width], [event.offsetY, height]].map(([at, size]) => Math.floor((at / size) * SIZE));
+    const i = Math.floor((event.offsetX / width) * SIZE), j = Math.floor((event.offsetY / height) * SIZE);
     const mm = depth[j * SIZE + i];
     under.textContent = mm === undefined ? "" : `column ${i}, row ${j}: ${shown(mm, 1)} mm`;
   });
@@ -97,8 +97,9 @@ export function showForces(body) {
     numbers.forEach((number, i) => {
       if (document.activeElement !== number) number.value = shown(force[i], 2);
     });
-    const total = body.forces.filter((f) => length(f) > 0).length;
-    byId("force-note").textContent = total ? `${shown(length(force), 2)} N here; forces on ${total} joint${total > 1 ? "s" : ""}` : "";
+    const pushed = body.forces.filter((f) => length(f) > 0).length, joints = pushed > 1 ? "joints" : "joint";
+    const note = `${shown(length(force), 2)} N here; forces on ${pushed} ${joints}`;
+    byId("force-note").textContent = pushed ? note : "";
   };
   for (const number of numbers) {
     number.addEventListener("input", () => {

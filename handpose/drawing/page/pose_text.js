@@ -2,10 +2,11 @@
 
 import { parse, PrototxtError } from "./prototxt.js";
 import { read } from "./messages.js";
+import { said } from "./skeleton.js";
 
 const DIGITS = 9; // significant: a joint is where it was to 1e-8
 
-const written = (number) => (Number.isFinite(number) ? String(Number(number.toPrecision(DIGITS))) : number > 0 ? "inf" : "-inf");
+const written = (number) => said(Number(number.toPrecision(DIGITS)));
 
 /* The inputs of the skeleton, its fixed DoFs 0: a list in JSON, Python and what np.array takes. */
 export function asInputs(body) {
@@ -34,8 +35,12 @@ function fromList(text, skeleton) {
   const inside = /\[+([^[\]]*)\]+/.exec(text)?.[1] ?? text;
   const words = inside.split(/[\s,]+/).filter(Boolean), count = skeleton.dofs.length;
   const bad = words.find((word) => !Number.isFinite(Number(word)));
-  if (bad !== undefined) throw new Error(`'${bad.slice(0, 40)}' is not a number; expected ${count} inputs or dof { ... }`);
-  if (words.length !== count) throw new Error(`${words.length} numbers; skeleton '${skeleton.name}' has ${count} inputs`);
+  if (bad !== undefined) {
+    throw new Error(`'${bad.slice(0, 40)}' is not a number; expected ${count} inputs or dof { ... }`);
+  }
+  if (words.length !== count) {
+    throw new Error(`${words.length} numbers; skeleton '${skeleton.name}' has ${count} inputs`);
+  }
   return Object.fromEntries(words.map((word, d) => [d, skeleton.fixed[d] ? 0 : Number(word)]));
 }
 
@@ -43,7 +48,10 @@ function fromDofs(text, skeleton) {
   const found = {};
   for (const dof of read(onlyDofs(parse(text, "pose")), "skeleton", "the pose").dof) {
     const d = skeleton.dofs.indexOf(dof.name);
-    if (d < 0) throw new Error(`unknown DoF '${dof.name}'; skeleton '${skeleton.name}' has ${skeleton.dofs.slice(0, 3).join(", ")} ...`);
+    if (d < 0) {
+      const some = skeleton.dofs.slice(0, 3).join(", ");
+      throw new Error(`unknown DoF '${dof.name}'; skeleton '${skeleton.name}' has ${some} ...`);
+    }
     if (!skeleton.fixed[d]) found[d] = dof.initial - skeleton.initial[d];
   }
   return found;

@@ -56,15 +56,16 @@ export class Skeleton {
   checkNumbers() {
     for (const { bone } of this.param.joint) {
       if (bone && !Number.isFinite(bone.length)) {
-        throw new PrototxtError(placeOf(bone), `${bone.length} is not a length or an angle`);
+        throw new PrototxtError(placeOf(bone), `${said(bone.length)} is not a length or an angle`);
       }
     }
     for (const dof of this.param.dof) {
       if (!Number.isFinite(dof.initial)) {
-        throw new PrototxtError(placeOf(dof), `${dof.initial} is not a length or an angle`);
+        throw new PrototxtError(placeOf(dof), `${said(dof.initial)} is not a length or an angle`);
       }
       if (dof.lower > dof.upper) {
-        throw new PrototxtError(placeOf(dof), `DoF '${dof.name}': lower limit ${dof.lower} is above ${dof.upper}`);
+        const limits = `lower limit ${said(dof.lower)} is above ${said(dof.upper)}`;
+        throw new PrototxtError(placeOf(dof), `DoF '${dof.name}': ${limits}`);
       }
     }
   }
@@ -97,6 +98,9 @@ export function indexOf(names, owner, field, what = field) {
   if (index < 0) throw new PrototxtError(placeOf(owner, field), `unknown ${what} '${owner[field]}'`);
   return index;
 }
+
+/* A number as a skeleton file says it. */
+export const said = (number) => String(number).replace("Infinity", "inf").replace("NaN", "nan");
 
 function unique(params, what) {
   const seen = new Set();

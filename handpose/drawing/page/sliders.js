@@ -30,7 +30,8 @@ export class Sliders {
     this.box.replaceChildren(...[...groups].map(([group, dofs]) => {
       const own = dofs.every((d) => d >= this.body.skeleton.dofs.length) ? " (of the flesh)" : "";
       const rows = dofs.map((d) => this.row(d, group));
-      return element("details", { open: !closed.has(group), "data-name": group }, element("summary", {}, group + own), ...rows);
+      const summary = element("summary", {}, group + own);
+      return element("details", { open: !closed.has(group), "data-name": group }, summary, ...rows);
     }));
     this.update();
   }
@@ -41,7 +42,8 @@ export class Sliders {
   }
 
   row(d, group) {
-    const { whole } = this.body, name = whole.dofs[d], turns = whole.turns[d], id = `dof-${d}`, unit = turns ? "°" : "mm";
+    const { whole } = this.body, name = whole.dofs[d], id = `dof-${d}`;
+    const turns = whole.turns[d], unit = turns ? "°" : "mm";
     const text = name.slice(group.length + 1).replaceAll("_", " ") || name;
     const label = element("label", { for: id, title: name }, text);
     if (whole.fixed[d]) {
@@ -66,9 +68,11 @@ export class Sliders {
     const bar = element("span", { class: "bar" }, element("i"));
     const torque = element("output", { class: "torque", for: id });
     this.rows.push({ d, slider, number, bar, torque, unit });
-    const between = low > -Infinity || high < Infinity ? `${shown(low * scale, 0)} to ${shown(high * scale, 0)}` : "free";
+    const free = low === -Infinity && high === Infinity;
+    const between = free ? "free" : `${shown(low * scale, 0)} to ${shown(high * scale, 0)}`;
     const limits = element("span", { class: "limits" }, between);
-    return element("div", { class: "dof" }, label, slider, number, element("span", { class: "unit" }, unit), limits, bar, torque);
+    const said = element("span", { class: "unit" }, unit);
+    return element("div", { class: "dof" }, label, slider, number, said, limits, bar, torque);
   }
 
   limits(d) {
@@ -78,23 +82,25 @@ export class Sliders {
 
   update() {
     const { body } = this, { whole, inputs, torques } = body, beyond = whole.beyond(inputs);
-    const largest = [true, false].map((turns) => Math.max(...torques.filter((_, d) => whole.turns[d] === turns).map(Math.abs)));
+    const most = (turns) => Math.max(...torques.map((torque, d) => (whole.turns[d] === turns ? Math.abs(torque) : 0)));
+    const largest = new Map([true, false].map((turns) => [turns, most(turns)]));
     this.box.classList.toggle("pushed", torques.some((torque) => torque !== 0));
     for (const { d, slider, number, bar, torque, unit } of this.rows) {
       const value = inputs[d] * this.scale(d), turns = whole.turns[d], [low, high] = this.limits(d);
       slider.value = value;
       if (document.activeElement !== number) number.value = shown(value, 1);
-      const out = beyond[d] !== 0, row = slider.parentElement, most = largest[turns ? 0 : 1];
+      const out = beyond[d] !== 0, row = slider.parentElement, scale = largest.get(turns);
       row.classList.toggle("beyond", out);
       const limits = [low, high].map((limit) => shown(limit * this.scale(d), 1)).join(" to ");
       const natural = turns ? `input ${inputs[d].toFixed(4)} rad, ` : `input ${inputs[d].toFixed(4)} units, `;
       const past = out ? `; ${shown(Math.abs(beyond[d]) * this.scale(d), 1)} ${unit} beyond its limit` : "";
       row.title = `${natural}value ${whole.theta(inputs)[d].toFixed(4)}; limits ${limits} ${unit}${past}`;
       slider.setAttribute("aria-valuetext", `${shown(value, 1)} ${turns ? "degrees" : "mm"}${past}`);
-      const part = most ? torques[d] / most : 0, strong = Math.abs(part) > 1e-9;
+      const part = scale ? torques[d] / scale : 0, strong = Math.abs(part) > 1e-9;
       bar.firstChild.style.setProperty("--part", part);
       bar.classList.toggle("negative", part < 0);
-      torque.textContent = strong ? `${shown(torques[d], 1)} ${turns ? "N mm" : "N"}` : "";
+      const size = shown(torques[d], Math.abs(torques[d]) < 100 ? 1 : 0);
+      torque.textContent = strong ? `${size} ${turns ? "N mm" : "N"}` : "";
     }
   }
 }

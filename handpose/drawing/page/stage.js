@@ -16,7 +16,8 @@ export class Stage {
      shows    checkboxes by name: flesh, skeleton, points, names, all (forces on any joint)
      tell     is given a line on what is under the pointer */
   constructor(canvas, body, shows, tell) {
-    Object.assign(this, { canvas, body, shows, tell, viewer: new Viewer(), hovered: null, coarse: 1, pointers: new Map() });
+    Object.assign(this, { canvas, body, shows, tell, viewer: new Viewer(), pointers: new Map() });
+    Object.assign(this, { hovered: null, coarse: 1 });
     this.layer = document.createElement("canvas");
     body.listeners.push((what) => {
       if (what === "skeleton") this.reset();
@@ -99,8 +100,9 @@ export class Stage {
     const { body, viewer } = this;
     body.forces.forEach((force, j) => {
       if (!length(force)) return;
-      const from = body.joints[j], start = viewer.pixel(from), end = viewer.pixel(add(from, times(force, PER_NEWTON)));
-      const [dx, dy] = [end[0] - start[0], end[1] - start[1]], long = Math.hypot(dx, dy) || 1, [x, y] = [dx / long, dy / long];
+      const from = body.joints[j], to = add(from, times(force, PER_NEWTON));
+      const start = viewer.pixel(from), end = viewer.pixel(to), dx = end[0] - start[0], dy = end[1] - start[1];
+      const long = Math.hypot(dx, dy) || 1, x = dx / long, y = dy / long; // the arrow's direction
       pen.strokeStyle = pen.fillStyle = "rgb(214 40 57)";
       pen.lineWidth = 3.5;
       line(pen, start, [end[0] - 7 * x, end[1] - 7 * y]);
@@ -139,7 +141,8 @@ export class Stage {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       const at = [event.offsetX, event.offsetY];
-      const pushed = pointers.size || event.shiftKey ? null : this.jointAt(...at, this.shows.all.checked ? null : this.body.tips);
+      const joints = this.shows.all.checked ? null : this.body.tips;
+      const pushed = pointers.size || event.shiftKey ? null : this.jointAt(...at, joints);
       pointers.set(event.pointerId, { at, pushed });
     });
     canvas.addEventListener("pointermove", (event) => this.pointerMoved(event));
