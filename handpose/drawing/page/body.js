@@ -4,7 +4,7 @@ import { backward, forward } from "./kinematics.js";
 import { Flesh } from "./flesh.js";
 import { skeletonOf } from "./skeleton.js";
 import { unproject } from "./crop.js";
-import { add, minus, product, times } from "./vectors.js";
+import { add, length, minus, product, times } from "./vectors.js";
 
 export class Body {
   /* skeleton, whole   the tables of the file, and with what only its flesh has
@@ -60,7 +60,7 @@ export class Body {
 
   /* Tell every listener what has changed: "skeleton", "place", "pose" or "force". */
   changed(what) {
-    this.posed = null;
+    this.posed = this.placed = null;
     for (const listener of this.listeners) listener(what);
   }
 
@@ -85,7 +85,8 @@ export class Body {
 
   /* All joints in mm, camera axes, the flesh's own after the skeleton's. */
   get joints() {
-    return this.pose.joints.map((joint) => this.place(joint));
+    this.placed ??= this.pose.joints.map((joint) => this.place(joint));
+    return this.placed;
   }
 
   /* The same of the skeleton's joints in units from the origin: what HandModel answers. */
@@ -121,13 +122,20 @@ export class Body {
     return [...this.skeleton.joints.keys()].filter((j) => !this.skeleton.parents.includes(j));
   }
 
+  /* Where the bone of a joint begins, mm: at its parent, of a root where its motions put it; null without a bone. */
+  startOf(joint) {
+    const parent = this.skeleton.parents[joint];
+    if (parent >= 0) return this.joints[parent];
+    return this.skeleton.boneAxes[joint] < 0 ? null : this.place(this.pose.starts[joint]);
+  }
+
   /* The middle of all joints, mm, and how far the farthest one is from it. */
   get bounds() {
-    const joints = this.joints.slice(0, this.skeleton.joints.length), axes = [0, 1, 2];
-    const low = axes.map((i) => Math.min(...joints.map((p) => p[i])));
-    const high = axes.map((i) => Math.max(...joints.map((p) => p[i])));
+    const ends = this.skeleton.joints.flatMap((_, j) => [this.joints[j], this.startOf(j)]).filter(Boolean);
+    const low = [0, 1, 2].map((i) => Math.min(...ends.map((p) => p[i])));
+    const high = [0, 1, 2].map((i) => Math.max(...ends.map((p) => p[i])));
     const middle = times(add(low, high), 0.5);
-    const reach = Math.max(...joints.map((p) => Math.hypot(...minus(p, middle))), 1);
+    const reach = Math.max(...ends.map((p) => length(minus(p, middle))), 1);
     return { middle, reach };
   }
 }

@@ -12,9 +12,9 @@
 import { add, apply, column, compose, cross, dot, IDENTITY, minus, rotation, times } from "./vectors.js";
 
 /* The pose of some inputs: `joints`, `frames` (world_from_joint), and per joint the `axes` of its motions, each
-   {axis, pivot}. `size` is a factor of all bones. */
+   {axis, pivot}; `starts` is where bones begin. `size` is a factor of all bones. */
 export function forward(skeleton, inputs, size = 1) {
-  const theta = skeleton.theta(inputs), pose = { joints: [], frames: [], axes: [] };
+  const theta = skeleton.theta(inputs), pose = { joints: [], frames: [], axes: [], starts: [] };
   for (const j of skeleton.order) {
     const parent = skeleton.parents[j];
     let p = parent < 0 ? [0, 0, 0] : pose.joints[parent];
@@ -27,6 +27,7 @@ export function forward(skeleton, inputs, size = 1) {
     });
     const bone = skeleton.boneAxes[j];
     pose.joints[j] = bone < 0 ? p : add(p, times(column(F, bone), skeleton.bones[j] * size));
+    pose.starts[j] = p;
     pose.frames[j] = F;
   }
   return pose;

@@ -8,7 +8,8 @@ const AIM = 16; // px about a joint that are the joint
 const FAST = 25; // ms that a picture may take while something moves
 const REST = 160; // ms without movement, after which the picture is drawn finely
 const FINE = 2; // samples per px then, along each side
-const PER_NEWTON = 4; // mm of an arrow
+const POINT = 1.25; // px, side of a point
+const ARROW = 1 / 32; // length of a newton's arrow, in reaches of the body: 4 mm at the hand
 const STEPS = { ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], ArrowDown: [0, 12] };
 
 export class Stage {
@@ -71,7 +72,7 @@ export class Stage {
     const image = paintFlesh(picture, capsules, body.whole.joints, viewer);
     if (body.points && shows.points.checked) {
       const [x, y, z] = body.origin, moved = body.points.map((mm, i) => mm + [x, y, z][i % 3]);
-      paintPoints(picture, moved, viewer, image, Math.max(Math.round((2 * width) / viewer.width), 1));
+      paintPoints(picture, moved, viewer, image, Math.max(Math.round((POINT * width) / viewer.width), 1));
     }
     brush.putImageData(picture, 0, 0);
     pen.imageSmoothingQuality = "high";
@@ -83,14 +84,12 @@ export class Stage {
     const order = [...skeleton.joints.keys()].sort((i, j) => pixels[j][2] - pixels[i][2]);
     pen.lineCap = "round";
     for (const j of order) {
-      const parent = skeleton.parents[j], [u, v] = pixels[j];
+      const from = body.startOf(j), [u, v] = pixels[j];
       const colour = `rgb(${(colourOf(skeleton.joints[j]) ?? GREY).join(" ")})`;
       for (const [style, wide] of [["rgb(20 24 32 / 0.55)", 2], [colour, 0]]) {
         pen.strokeStyle = pen.fillStyle = style;
-        if (parent >= 0) {
-          pen.lineWidth = 2.5 + wide;
-          line(pen, pixels[parent], pixels[j]);
-        }
+        pen.lineWidth = 2.5 + wide;
+        if (from) line(pen, viewer.pixel(from), pixels[j]);
         disc(pen, u, v, (body.tips.includes(j) ? 4.5 : 3) + wide / 2);
       }
     }
@@ -100,7 +99,7 @@ export class Stage {
     const { body, viewer } = this;
     body.forces.forEach((force, j) => {
       if (!length(force)) return;
-      const from = body.joints[j], to = add(from, times(force, PER_NEWTON));
+      const from = body.joints[j], to = add(from, times(force, ARROW * viewer.reach));
       const start = viewer.pixel(from), end = viewer.pixel(to), dx = end[0] - start[0], dy = end[1] - start[1];
       const long = Math.hypot(dx, dy) || 1, x = dx / long, y = dy / long; // the arrow's direction
       pen.strokeStyle = pen.fillStyle = "rgb(214 40 57)";
@@ -176,7 +175,7 @@ export class Stage {
       viewer.closer(apart(at) / apart(held.at));
     } else if (held.pushed !== null) {
       const [u, v, depth] = viewer.pixel(body.joints[held.pushed]);
-      body.push(held.pushed, times(viewer.vector(at[0] - u, at[1] - v, depth), 1 / PER_NEWTON));
+      body.push(held.pushed, times(viewer.vector(at[0] - u, at[1] - v, depth), 1 / (ARROW * viewer.reach)));
       return this.hover(held.pushed);
     } else {
       viewer.turn(dx, dy);

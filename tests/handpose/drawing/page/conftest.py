@@ -67,9 +67,9 @@ def any_body(seed: int) -> str:
     return "\n".join([f'name: "any {seed}"', *(dof(f"d{d}") for d in range(D)), *shuffled, "flesh {", *flesh, "}"])
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """The browser of all pages; skips where there is none."""
+    """The browser of a module's pages, which does not outlive it: tests that fork want no threads. Else they skip."""
     try:
         with chromium() as opened:
             yield opened

@@ -205,7 +205,7 @@ def test_the_flesh_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
 
 
 def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
-    """In the plane of the picture, 4 mm for a newton; the bars have the torques; at other joints if one wants."""
+    """In the plane of the picture, a newton is a 32nd of the hand; the bars have the torques; at other joints if one wants."""
     tab, j = visit(bare), HAND.joint_names.index("ring_tip")
     x, y = tip(tab, j)
     tab.mouse.move(x, y)
@@ -213,7 +213,8 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
     tab.mouse.move(x + 40, y + 25, steps=2)
     tab.mouse.up()
     depth = tab.evaluate(f"hand.stage.viewer.pixel(hand.body.joints[{j}])[2]")
-    force = np.array([40, -25, 0]) * depth / tab.evaluate("hand.stage.viewer.focal") / 4
+    focal, reach = tab.evaluate("[hand.stage.viewer.focal, hand.stage.viewer.reach]")
+    force = np.array([40, -25, 0]) * depth / focal / (reach / 32)
     np.testing.assert_allclose(tab.evaluate(f"hand.body.forces[{j}]"), force, atol=0.05)
     assert [float(tab.locator(f"#force-{axis}").input_value()) for axis in "xyz"] == pytest.approx(force, abs=0.05)
     kinematics, forces = Kinematics(HAND), np.zeros((1, 31, 3))
