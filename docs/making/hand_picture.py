@@ -24,7 +24,8 @@ SHOWN = """async () => {
   body.move(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
   body.push(joints.indexOf("index_tip"), [13, 4, -9]);
   stage.viewer.turn(-20, 10);
-  stage.stir();
+  await new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)));
+  stage.draw(2); // finely
 }"""
 
 
@@ -33,7 +34,6 @@ def taken(browser: Browser) -> bytes:
     tab = browser.new_page(viewport=SIZE, color_scheme="light")  # type: ignore[arg-type]
     tab.goto(PLACE.as_uri())
     tab.evaluate(SHOWN)
-    tab.wait_for_timeout(1000)  # until it is drawn finely
     try:
         return tab.screenshot()
     finally:

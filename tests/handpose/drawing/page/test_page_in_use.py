@@ -46,6 +46,11 @@ def inputs_in(tab: Any) -> dict[str, float]:
     return {name: value for name, value in zip(HAND.dof_names, line) if value}
 
 
+def named(tab: Any, name: str) -> None:
+    """Wait until the page shows a body whose name begins so."""
+    tab.locator("#name").filter(has_text=re.compile(f"^{re.escape(name)}")).wait_for()
+
+
 def slider(tab: Any, name: str) -> Any:
     """The slider of a DoF."""
     return tab.locator(f'input[data-dof="{name}"]')
@@ -179,8 +184,8 @@ def test_the_mouse_and_the_keyboard_turn_the_picture(visit: Visit, bare: Path) -
     nearer = "(([x, y, z]) => hand.stage.viewer.pixel([x, y, z - 50]))(hand.stage.viewer.middle)"
     u, v, _ = tab.evaluate(nearer)
     assert u > box["width"] / 2 + 5 and v > box["height"] / 2 + 5
-    tab.mouse.wheel(0, -200)
-    tab.wait_for_function("hand.stage.viewer.zoom > 1.2")
+    tab.dispatch_event("#stage", "wheel", {"deltaY": -200})
+    assert tab.evaluate("hand.stage.viewer.zoom") > 1.2
     tab.mouse.dblclick(box["x"] + 20, box["y"] + 20)
     assert tab.evaluate(state) == first
     tab.locator("#stage").press("ArrowRight")
@@ -205,7 +210,7 @@ def test_the_flesh_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
 
 
 def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
-    """In the plane of the picture, a newton is a 32nd of the hand; the bars have the torques; at other joints if one wants."""
+    """In the plane of the picture, in proportion; the bars have the torques; at other joints if one wants."""
     tab, j = visit(bare), HAND.joint_names.index("ring_tip")
     x, y = tip(tab, j)
     tab.mouse.move(x, y)
@@ -268,8 +273,7 @@ def test_a_skeleton_file_is_chosen(visit: Visit, bare: Path, tmp_path: Path) -> 
     tab, file = visit(bare), tmp_path / "arm.prototxt"
     file.write_text(ARM)
     tab.locator("#file").set_input_files(file)
-    tab.wait_for_function("hand.body.source === 'arm.prototxt'")
-    assert tab.locator("#name").inner_text() == "arm: 4 joints, 3 of 3 DoFs free"
+    named(tab, "arm: 4 joints, 3 of 3 DoFs free")
     slider(tab, "elbow").fill("90")
     expected = Kinematics(body_of(ARM)).joints(np.array([[0, 0, np.pi / 2]]))[0]
     np.testing.assert_allclose(joints_in(tab)[:, 3:], expected, atol=6e-5)
@@ -294,13 +298,13 @@ def test_skeleton_files_are_dropped(visit: Visit, bare: Path) -> None:
         tab.dispatch_event("body", "drop", {"dataTransfer": given})
 
     drop(any_body(1))
-    tab.wait_for_function("hand.body.skeleton.name === 'any 1'")
+    named(tab, "any 1")
     assert len(joints_in(tab)) == 12 and (colours(tab)[:, 3] == 255).mean() > 0.01
     drop(ARM.replace("length: 0.75", "lenght: 0.75"))
     tab.locator("#fault").filter(has_text="mine.prototxt:4:88: error: unknown field 'lenght'").wait_for()
     assert len(joints_in(tab)) == 12
     drop(ARM)
-    tab.wait_for_function("hand.body.skeleton.name === 'arm'")
+    named(tab, "arm")
     assert tab.locator("#fault").inner_text() == ""
 
 
@@ -312,8 +316,8 @@ def test_names_are_text_and_no_markup(visit: Visit, bare: Path, tmp_path: Path) 
     file.write_text(text)
     tab = visit(bare)
     tab.locator("#file").set_input_files(file)
-    tab.wait_for_function("hand.body.source === 'evil.prototxt'")
-    assert tab.locator("#name").inner_text().startswith('<img src="x"') and not tab.locator("img").count()
+    named(tab, '<img src="x"')
+    assert tab.evaluate("hand.body.source") == "evil.prototxt" and not tab.locator("img").count()
     skeleton = body_of(text, "</script><img src=x>.prototxt")
     out.write_text(page("<b>&", content(skeleton)), encoding="utf-8")
     tab = visit(out)
@@ -371,7 +375,7 @@ def test_hands_that_were_found(visit: Visit, found: tuple[Path, np.ndarray]) -> 
     tab.locator("#hands").select_option("left.png")
     assert tab.locator("#said").inner_text() == "left hand, 90% sure" and tab.get_by_label("left hand").is_checked()
     np.testing.assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
-    tab.wait_for_timeout(50)  # the depth is drawn with the next picture
+    tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     drawn, seen = (picture(tab, name)[..., 0].astype(int) for name in ("depth", "seen"))
     assert (seen > 0).mean() > 0.1 and (np.abs(drawn - seen) > 1).mean() < 0.002
     with_points = colours(tab)
