@@ -329,10 +329,10 @@ def test_a_net_without_its_weights(capsys):
 def hands_in(page):
     """The hands that a page shows, as values, each with the joints (K, 3) in mm that its inputs make."""
     text = Path(page).read_text(encoding="utf-8")
-    hands = json.loads(re.search(r'id="data">(.*?)</script>', text)[1])["hands"]
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
+    hands, tree = data["hands"], prototxt.parse(data["skeleton"]["text"])
+    skeleton = Skeleton(schema.read(tree, SkeletonParameter))
     for hand in hands:
-        tree = prototxt.parse(hand["skeleton"]["text"])
-        skeleton = Skeleton(schema.read(tree, SkeletonParameter))
         inputs = np.array([hand["inputs"][: len(skeleton.dof_names)]])
         joints = Kinematics(skeleton).joints(inputs, skeleton.bones[None] * hand["size"])[0]
         hand["joints"] = joints * hand["place"]["unit_mm"] * (-1 if hand["side"] == "left" else 1, 1, 1)

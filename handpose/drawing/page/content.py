@@ -4,9 +4,9 @@ skeleton  source (a name), text (the prototxt)
 place     where the skeleton is: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
 cameras   those to choose from: name, fx, fy, u0, v0, width, height
 poses     by name: inputs by DoF
-hands     those to choose from, shown instead of the bare skeleton:
+hands     those to choose from, all of this skeleton, shown instead of it:
     name, words      of the frame; what is said of the hand
-    skeleton, place  as above
+    place            as above
     inputs           of the whole body, its flesh's own DoFs too; of a left hand those of its mirror image
     size, girth      factors of bones, offsets and radii; of the radii alone
     side             "right" or "left"
@@ -42,15 +42,17 @@ def content(
     unit_mm: float = CUBE_MM / 2,
 ) -> dict[str, Any]:  # fmt: skip
     """The data of a page: of a skeleton, and, instead of it, of the hands that were found."""
+    source = Path(schema.position_of(skeleton.param).source).name  # without its folder: a page is given away
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM])
     return {
-        "skeleton": _skeleton(skeleton), "place": _place(NYU, middle, 2 * unit_mm),
+        "skeleton": {"source": source, "text": str(schema.to_tree(skeleton.param))},
+        "place": _place(NYU, middle, 2 * unit_mm),
         "cameras": [vars(camera) for camera in CAMERAS.values()], "poses": dict(poses or {}), "hands": list(hands),
     }  # fmt: skip
 
 
 def hand(
-    name: str, words: str, skeleton: Skeleton, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
+    name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
     cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: str = "right",
 ) -> dict[str, Any]:  # fmt: skip
     """A hand that was found in a crop (S, S) in [-1, 1], with the depth points of the crop.
@@ -61,7 +63,7 @@ def hand(
     step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
     given = np.asarray(inputs, dtype=np.float64)
     return {
-        "name": name, "words": words, "skeleton": _skeleton(skeleton),
+        "name": name, "words": words,
         "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "girth": girth,
         "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
     }  # fmt: skip
@@ -78,11 +80,6 @@ def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: floa
     inside = np.abs(value) < 1
     seen = np.stack([columns[i], rows[j], value * cube_mm / 2 + uvd[2]], axis=-1)[inside]
     return np.asarray(camera.unproject(seen) - camera.unproject(uvd))
-
-
-def _skeleton(skeleton: Skeleton) -> dict[str, str]:
-    source = Path(schema.position_of(skeleton.param).source).name  # not the folder: a page is given away
-    return {"source": source, "text": str(schema.to_tree(skeleton.param))}
 
 
 def _place(camera: Camera, center_uvd: ArrayLike, cube_mm: float) -> dict[str, Any]:

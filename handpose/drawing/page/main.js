@@ -105,7 +105,7 @@ async function openFile(file) {
 
 /* A hand that was predicted, with what the camera saw of it. */
 function showHand(hand) {
-  body.open(hand.skeleton.text, hand.skeleton.source);
+  body.open(packaged.text, packaged.source);
   const { side, size, girth } = hand, { camera, center_uvd: uvd, cube_mm: cube } = hand.place;
   const points = Float64Array.from(integers(hand.points), (value) => value * hand.step_mm);
   const seen = Float64Array.from(integers(hand.crop), (value) => value / 32767);

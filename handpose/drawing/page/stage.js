@@ -21,7 +21,11 @@ export class Stage {
     Object.assign(this, { hovered: null, coarse: 1 });
     this.layer = document.createElement("canvas");
     body.listeners.push((what) => {
-      if (what === "skeleton") this.reset();
+      if (what === "skeleton") {
+        this.hovered = null;
+        this.pointers.clear();
+        this.reset();
+      }
       this.stir();
     });
     for (const box of Object.values(shows)) box.addEventListener("change", () => this.stir());

@@ -11,7 +11,6 @@ from handpose.data.crops import SIZE, crop
 from handpose.drawing.page.content import content, crop_points, hand
 from handpose.facts.cameras import ICVL, KINECT2, NYU, Camera
 from layers.hand import skeleton as skeletons
-from layers.hand.skeleton import Skeleton
 
 HAND = skeletons.load()
 
@@ -43,20 +42,20 @@ def test_a_crop_beside_the_image() -> None:
 
 @pytest.mark.parametrize("cube", [260.0, 30000.0])
 def test_a_hand_as_values(cube: float) -> None:
-    """Points and crop in 16 bits, whatever the cube; a skeleton that was made in code has no file's name."""
+    """Points and crop in 16 bits, whatever the cube."""
     rng, uvd = np.random.default_rng(1), np.array([250.0, 200, 50.0 + cube])
     seen = rng.uniform(-1.2, 1, (SIZE, SIZE)).clip(-1, 1).astype(np.float32)
-    made = hand("a.png", "a hand", Skeleton(HAND.scaled(1.1).param), np.zeros(47), camera=KINECT2, center_uvd=uvd,
+    made = hand("a.png", "a hand", np.zeros(47), camera=KINECT2, center_uvd=uvd,
                 cube_mm=cube, crop=seen)  # fmt: skip
     points = np.frombuffer(base64.b64decode(made["points"]), "<i2").reshape(-1, 3) * made["step_mm"]
     np.testing.assert_allclose(points, crop_points(seen, uvd, cube, KINECT2), atol=made["step_mm"])
     assert made["step_mm"] <= cube / 30000 * 2
     np.testing.assert_allclose(np.frombuffer(base64.b64decode(made["crop"]), "<i2") / 32767, seen.ravel(), atol=2e-5)
-    assert made["skeleton"]["source"] == "<built in code>" and made["place"]["unit_mm"] == cube / 2
+    assert made["place"]["unit_mm"] == cube / 2 and len(made["inputs"]) == 47
 
 
 def test_what_a_page_has() -> None:
-    """The hand before NYU's camera, in the middle; its unit may be another."""
+    """The hand before NYU's camera, in the middle; its unit may be another. A file is named without its folder."""
     data = content(HAND, unit_mm=125.0)
     assert data["place"] == {
         "unit_mm": 125.0,
@@ -64,4 +63,5 @@ def test_what_a_page_has() -> None:
         "center_uvd": [320.0, 240.0, 700.0],
         "cube_mm": 250.0,
     }
+    assert content(HAND.scaled(1.1))["skeleton"]["source"] == "<built in code>"
     assert data["skeleton"]["source"] == "nyu.prototxt" and data["hands"] == [] and data["poses"] == {}

@@ -35,7 +35,8 @@ COMPUTED = """([text, poses, forces, side]) => {
     return { answer: body.answer, joints: n % 20 ? [] : body.joints, torques: body.torques, loss: body.limitLoss };
   });
 }"""
-FILES = {"hand": HAND, "arm": ARM, **{f"any body {seed}": any_body(seed) for seed in range(4)}}
+ICVL = str(skeletons.NYU_HAND.with_name("icvl.prototxt").read_text(encoding="utf-8"))
+FILES = {"hand": HAND, "icvl": ICVL, "arm": ARM, **{f"any body {seed}": any_body(seed) for seed in range(4)}}
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
