@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
-from docs.making import chromium, hand_picture
+from docs.making import hand_picture
+from docs.making.chromium import NoBrowserError, chromium
 from docs.making.hand_picture import PICTURE, SIZE
 from netlib.errors import NetlibError
 
@@ -35,6 +40,17 @@ def test_without_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 
 def test_without_playwright(monkeypatch: pytest.MonkeyPatch) -> None:
     """The line says how to get it."""
-    monkeypatch.setitem(__import__("sys").modules, "playwright.sync_api", None)
-    with pytest.raises(NetlibError, match=r"playwright is missing: pip install"), chromium.chromium():
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    with pytest.raises(NoBrowserError, match=r"playwright is missing: pip install playwright"), chromium():
         pass
+
+
+def test_a_browser_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is no missing one: tests fail then, and are not skipped."""
+    pytest.importorskip("playwright")
+    (tmp_path / "chromium").write_text("#!/bin/sh\nexit 3\n")
+    (tmp_path / "chromium").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    with pytest.raises(NetlibError, match=r"chromium does not start: ") as refused, chromium():
+        pass
+    assert not isinstance(refused.value, NoBrowserError) and "\n" not in str(refused.value)

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from docs.making.chromium import chromium
+from docs.making.chromium import NoBrowserError, chromium
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib import prototxt, schema
-from netlib.errors import NetlibError
 
 # Two bones in a plane, without flesh; a DoF that drives two joints, the second one the other way round.
 ARM = """name: "arm"
@@ -69,11 +68,11 @@ def any_body(seed: int) -> str:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """The browser of a module's pages, which does not outlive it: tests that fork want no threads. Else they skip."""
+    """The browser of a module's pages, and of no test that forks; skips where there is none."""
     try:
         with chromium() as opened:
             yield opened
-    except NetlibError as error:
+    except NoBrowserError as error:
         pytest.skip(str(error))
 
 
