@@ -29,7 +29,6 @@ from handpose.facts.cameras import NYU
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.predicting.packaged import load_predictor
 from handpose.synthetic.scenes import draw_scenes
-from netlib.errors import NetlibError, reason_of
 from tools import pictures
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded, say
@@ -48,10 +47,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Draw, predict and show as the parsed arguments say. Raises NetlibError."""
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise NetlibError(f"{args.out}: cannot write pictures there: {reason_of(error)}") from error
+    pictures.make_folder(args.out)
     predictor = load_predictor(NYU)
     scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
     images, titles = [], []

@@ -20,6 +20,7 @@ def facts(found: Prediction) -> dict[str, Any]:
     if found.fit:
         measured = not math.isnan(found.fit.error_mm)
         said |= {
+            "inputs": (found.fit.inputs.round(6) + 0.0).tolist(),
             "size": round(found.fit.size, 4),
             "expected_error_mm": round(found.fit.error_mm, 1) if measured else None,
             "confidence": round(found.fit.confidence, 3) if measured else None,

@@ -39,6 +39,14 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     _write(path, lambda file: file.write_bytes(encoded))
 
 
+def make_folder(out: Path) -> None:
+    """Make the folder that pictures go into, where it is missing. Raises NetlibError."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NetlibError(f"{out}: cannot write pictures there: {reason_of(error)}") from error
+
+
 def places(images: Sequence[str], out: Path, ending: str) -> dict[str, Path]:
     """Where the picture of each image goes: into the folder ``out``, under the image's name with another ending.
 

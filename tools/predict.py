@@ -3,6 +3,7 @@
 
     python tools/predict.py frame.png --camera kinect2 --out pictures
     python tools/predict.py crop.png --out pictures
+    python tools/predict.py frame.png --camera kinect2 --html frame.html
 
 The network of models/synthetic_hand predicts a pose, and a fit moves it until it explains the depth (--fit fast takes a
 third of the time, --fit no leaves the network alone). --weights takes a network of one's own.
@@ -19,6 +20,8 @@ Networks know right hands, in images that are not mirrored. --hand either, which
 both and takes the one that explains the depth better; --hand left or right where it is known.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
+--html writes a page for the browser besides: the hands, one of all images at a time, over their depth points, to turn
+around and to bend.
 """
 
 from __future__ import annotations
@@ -44,10 +47,10 @@ from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import has_flesh
 from handpose.predicting.packaged import load_predictor, predictor_of
 from handpose.predicting.prediction import FramePrediction
-from handpose.predicting.predictor import Fit, Hand, Predictor
-from netlib.errors import DataError, NetlibError, reason_of
+from handpose.predicting.predictor import Predictor
+from netlib.errors import DataError
 from netlib.paths import ROOT
-from tools import findings, pictures
+from tools import findings, hand_pages, pictures
 from tools.arguments import add_engine, camera, center, natural, parser_of
 from tools.console import DONE, guarded, say
 
@@ -65,6 +68,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=("right", "left", "either"),
                         help="(default: either, with --fit no right)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
+    parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
     parser.add_argument("--cube", type=float, default=CUBE_MM, metavar="MM",
                         help="edge of the cube (default: %(default)g)")  # fmt: skip
     parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0",
@@ -86,9 +90,8 @@ def main(argv: list[str] | None = None) -> int:
     if args.camera is None and (args.center or args.unit is not None):
         parser.error("--center and --unit are for whole frames; name their --camera")
     if args.center and len(args.center) not in (1, len(args.images)):
-        parser.error(
-            f"--center is given {len(args.center)} times for {len(args.images)} images; expected once, or for each"
-        )
+        parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
+                     "expected once, or for each")  # fmt: skip
     if args.unit is not None and not 0 < args.unit < float("inf"):
         parser.error(f"--unit must be more than 0, found {args.unit:g}")
     if not 0 < args.cube < float("inf"):
@@ -100,20 +103,18 @@ def run(args: argparse.Namespace) -> int:
     """Predict as the parsed arguments say."""
     predictor = _predictor(args)
     out = Path(args.out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write pictures there: {reason_of(error)}") from error
-    if args.camera is None:
-        depths = [read_crop(image) for image in args.images]
-    else:
-        depths = [read_frame(image, args.camera, args.unit) for image in args.images]
+    pictures.make_folder(out)
+    if args.html:
+        hand_pages.check_place(Path(args.html), args.images)
+    whole = args.camera is not None
+    depths = [read_frame(i, args.camera, args.unit) if whole else read_crop(i) for i in args.images]
     given = args.center or [None]
     centers = given if len(given) > 1 else given * len(args.images)
     places = pictures.places(args.images, out, "_hand.png")
-    results = []
+    results, hands = [], []
     for image, depth, middle in zip(args.images, depths, centers):
-        found = predictor.in_crop(depth) if args.camera is None else _in_frame(predictor, depth, middle, image)
+        found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
+        hands.append((image, found))
         findings.draw(places[image], found, predictor)
         facts = findings.facts(found)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
@@ -125,6 +126,8 @@ def run(args: argparse.Namespace) -> int:
             say(f"{image}: {findings.in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
             for name, (x, y, z) in joints.items():
                 say(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
+    if args.html:
+        hand_pages.write(Path(args.html), hands, predictor)
     if args.json:
         print(json.dumps(results, indent=2))
     return DONE
@@ -133,16 +136,12 @@ def run(args: argparse.Namespace) -> int:
 def _predictor(args: argparse.Namespace) -> Predictor:
     """The predictor that the arguments ask for."""
     camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
-    if not args.weights:
-        fit: Fit = args.fit or "accurate"
-        return load_predictor(camera, fit=fit, hand=_hand(args.hand, fit), **options)
     model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
-    fit = args.fit or ("accurate" if has_flesh(model) else "no")
-    return predictor_of(model, args.weights, camera, fit=fit, hand=_hand(args.hand, fit), **options)
-
-
-def _hand(asked: Hand | None, fit: Fit) -> Hand:
-    return asked or ("right" if fit == "no" else "either")
+    options["fit"] = args.fit or ("accurate" if not args.weights or has_flesh(model) else "no")
+    options["hand"] = args.hand or ("right" if options["fit"] == "no" else "either")
+    if not args.weights:
+        return load_predictor(camera, **options)
+    return predictor_of(model, args.weights, camera, **options)
 
 
 def _in_frame(

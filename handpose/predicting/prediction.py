@@ -17,7 +17,9 @@ class FittedHand:
     """What the fit to the depth found beside the joints.
 
     inputs      (D,) of the skeleton; of a left hand, those of its mirror image
-    size        relative to the skeleton
+    whole       (D',) of the whole body, likewise: the same, and what only its flesh has
+    size        relative to the skeleton: bones, offsets, radii
+    girth       how much thicker still: radii
     misfit      how badly the flesh explains the picture, in deviations squared
     doubt       how much speaks against the fit (``handpose.fitting.depth.network_errors``)
     strangeness how little the place is a hand, in mm (``handpose.fitting.depth.strangeness``)
@@ -27,7 +29,9 @@ class FittedHand:
     """
 
     inputs: Array
+    whole: Array
     size: float
+    girth: float
     misfit: float
     doubt: float
     strangeness: float

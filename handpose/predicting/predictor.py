@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from handpose.data.crops import SIZE, crop
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
-from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.body import GIRTH, FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors
 from handpose.fitting.depth.strangeness import strangeness
@@ -240,13 +240,16 @@ class Predictor:
         if left:  # as the mirror shows it
             crops, uvd = crops[:, :, ::-1], np.array([camera.width - 1, 0, 0]) + uvd * flip
             camera = camera.mirrored()
+        whole, girth = model.whole_inputs_of(fit.x), np.exp(fit.x[:, GIRTH])
         strange = strangeness(model, fit, crops, uvd, camera)
         hands = []
         for n, place in enumerate(places):
             capsules = Capsules(flesh.a[[n]] * flip, flesh.b[[n]] * flip, flesh.radius_a[[n]], flesh.radius_b[[n]])
             hand = FittedHand(
                 inputs=fit.inputs[n],
+                whole=whole[n],
                 size=float(fit.size[n]),
+                girth=float(girth[n]),
                 misfit=float(fit.misfit[n]),
                 doubt=float(fit.doubt[n]),
                 strangeness=float(strange[n]),

@@ -36,6 +36,7 @@ GESTURES = {
     "four": Gesture((0.0, 0.0, 0.0, 0.0), ACROSS),
     "five": Gesture((0.0, 0.0, 0.0, 0.0), OUT),
 }
+DECIMALS = 4  # of poses that are written down
 STEPS = 9  # in which a gesture is eased off towards the open hand
 
 
@@ -47,6 +48,19 @@ def fingers_of(name: str, person: Person, sampler: HandSampler) -> Array:
     whole[:, : trials.shape[1]] = trials
     fits = person.penetration_mm(whole) <= sampler.prior.penetration
     return np.asarray(trials[int(np.argmax(fits)) if fits.any() else -1])
+
+
+def poses(sampler: HandSampler) -> dict[str, dict[str, float]]:
+    """The fingers of every gesture on the skeleton's own hand: inputs by DoF, for whoever offers poses by name."""
+    flesh, unit_mm = sampler.flesh, sampler.cube_mm / 2
+    person = Person(flesh, flesh.whole.bones, 1.0, flesh.radii, 1.0, (1.0, 0.0), unit_mm)
+    limbs = [*sampler.flexions.ravel(), *sampler.spreads, *sampler.thumb]
+    names = {int(d): sampler.skeleton.dof_names[int(d)] for d in sorted(limbs)}
+    found = {gesture: fingers_of(gesture, person, sampler) for gesture in GESTURES}
+    return {
+        gesture: {name: round(float(inputs[d]), DECIMALS) + 0.0 for d, name in names.items()}
+        for gesture, inputs in found.items()
+    }
 
 
 def _inputs(gesture: Gesture, sampler: HandSampler) -> Array:

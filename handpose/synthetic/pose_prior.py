@@ -81,7 +81,7 @@ class HandSampler:
     flesh     that of the hands, which keeps fingers from running through each other
 
     rotation, translation, thumb  the DoFs of the palm, about z, x, y and along x, y, z, and of the thumb
-    flexions                      (4, 3) those that bend the fingers of ``FINGERS``
+    flexions, spreads             (4, 3), (4,) those that bend the fingers of ``FINGERS``, and that spread them
     """
 
     def __init__(self, prior: PosePrior = DEFAULT_PRIOR, cube_mm: float = CUBE_MM) -> None:
@@ -94,7 +94,7 @@ class HandSampler:
         self.rotation = [dof(f"palm_rot_{axis}") for axis in "zxy"]
         self.translation = [dof(f"palm_{axis}") for axis in "xyz"]
         self.flexions = np.array([[dof(f"{f}_{part}_rot_x") for part in ("base", "pip", "dip")] for f in FINGERS])
-        self._spreads = np.array([dof(f"{f}_base_rot_z") for f in FINGERS])
+        self.spreads = np.array([dof(f"{f}_base_rot_z") for f in FINGERS])
         self.thumb = np.array([dof(f"thumb_{d}") for d in ("pip_rot_y", "pip_rot_z", "dip_rot_z", "tip_rot_z")])
 
     def hands(self, rng: np.random.Generator, count: int) -> Hands:
@@ -154,7 +154,7 @@ class HandSampler:
         curl = np.where(rng.random((N, 1)) < p.independent, own, shared)[:, :, None]
         bent = np.clip(curl + p.finger_noise * rng.standard_normal((N, *self.flexions.shape)), 0, 1)
         inputs[:, self.flexions] = upper[self.flexions] - bent * (upper - lower)[self.flexions]
-        d = self._spreads
+        d = self.spreads
         spread = p.finger_noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
         inputs[:, d] = np.clip(spread, lower[d], upper[d])
         d = self.thumb

@@ -17,6 +17,7 @@ SOURCES = [
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
     "handpose/experiments/trainings.py": "reads the solver that comes with the project, to change it",
+    "handpose/drawing/page/assembly.py": "reads the page that comes with the project",
     "netlib/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files.py": "opens for all others what a user names",
     "netlib/locks.py": "opens a file to lock it, and reads the number of the process that has it",

@@ -1,8 +1,10 @@
 """tools/predict.py: joints and a picture for each crop, or whole frame."""
 
+import base64
 import json
 import re
 import shutil
+from pathlib import Path
 
 import cv2
 import h5py
@@ -12,12 +14,15 @@ import pytest
 import netlib
 from handpose.data.crops import crop
 from handpose.data.images import pack_depth, read_crop, read_frame
-from handpose.facts.cameras import KINECT2, NYU, SR305
+from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.predicting import finding, packaged
 from handpose.predicting import nets as nets_of_hands
 from handpose.synthetic.pose_prior import HandSampler
-from netlib import engine
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib import engine, prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.tools.conftest import ROOT
 from tools import predict
@@ -318,6 +323,62 @@ def test_a_net_without_its_weights(capsys):
     assert "--model needs the --weights of that net" in capsys.readouterr().err
 
 
+# ------------------------------------------------------------------------------------- a page for the browser
+
+
+def hands_in(page):
+    """The hands that a page shows, as values, each with the joints (K, 3) in mm that its inputs make."""
+    text = Path(page).read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
+    hands, tree = data["hands"], prototxt.parse(data["skeleton"]["text"])
+    skeleton = Skeleton(schema.read(tree, SkeletonParameter))
+    for hand in hands:
+        inputs = np.array([hand["inputs"][: len(skeleton.dof_names)]])
+        joints = Kinematics(skeleton).joints(inputs, skeleton.bones[None] * hand["size"])[0]
+        hand["joints"] = joints * hand["place"]["unit_mm"] * (-1 if hand["side"] == "left" else 1, 1, 1)
+    return hands
+
+
+def test_a_page_of_crops(snapshot, capsys):
+    """One for all images; the inputs of the net make the joints that are printed, also of a left hand and its cube."""
+    cv2.imwrite("b.png", np.random.default_rng(1).integers(0, 256, (128, 128), dtype=np.uint8))
+    for side, cube in (("right", 300), ("left", 250)):
+        printed = predicted(capsys, "crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube))
+        shown = hands_in("page.html")
+        assert [hand["name"] for hand in shown] == ["crop.png", "b.png"]
+        for found, hand in zip(printed, shown):
+            assert (hand["side"], hand["place"]["cube_mm"], hand["words"]) == (side, cube, f"{side} hand")
+            np.testing.assert_allclose(hand["joints"], list(found["joints_mm"].values()), atol=0.02)
+
+
+def test_a_page_of_a_frame(frame, capsys):
+    """Its camera, where the crop was, and what the camera saw there."""
+    whole = ["--camera", "363.9,363.9,255.4,206.3", "--center", "250,200,700", "--html", "page.html"]
+    (found,) = predicted(capsys, "frame.png", *whole)
+    (hand,) = hands_in("page.html")
+    assert hand["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
+    camera = Camera(**hand["place"]["camera"])
+    assert (camera.width, camera.height, camera.fx) == (512, 424, 363.9)
+    points = np.frombuffer(base64.b64decode(hand["points"]), "<i2").reshape(-1, 3) * hand["step_mm"]
+    u, v, d = camera.project(points + camera.unproject(hand["place"]["center_uvd"])).T
+    assert len(points) > 1000
+    np.testing.assert_allclose(d, frame[np.rint(v).astype(int), np.rint(u).astype(int)], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("crop.png", "crop.png: the page would overwrite an image; choose another name for --html"),
+        ("gone/page.html", "gone/page.html: No such file or directory"),
+        (".", ".: a folder; expected the name of a file for --html"),
+    ],
+)
+def test_a_page_that_cannot_be_written(snapshot, capsys, place, message):
+    """Is refused before anything is predicted, in one line."""
+    assert mistake(capsys, "crop.png", "--html", place) == message
+    assert not Path("p").exists() or not list(Path("p").iterdir())
+
+
 # ------------------------------------------------------------------------------------- the packaged weights
 
 
@@ -331,13 +392,17 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch, capsys):
     cv2.imwrite("frame.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))
     cv2.imwrite("mirrored.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16)[:, ::-1])
     at, mirrored = ([f"--center={u},{v},700"] for u, v in ((271, 217), (240, 217)))
-    arguments = ["frame.png", *at, "--camera", "kinect2", "--out", "p", "--json"]
+    arguments = ["frame.png", *at, "--camera", "kinect2", "--out", "p", "--html", "page.html", "--json"]
     assert predict.main(arguments) == 0
     (found,) = json.loads(capsys.readouterr().out)
     assert found["hand"] == "right" and found["expected_error_mm"] < 15 and found["confidence"] > 0.9
     joints = np.array(list(found["joints_mm"].values())) + found["center_mm"]
     truth = hand.joints[0] * 150 + (30, -20, 700)
     assert np.linalg.norm(joints - truth, axis=1)[list(EVALUATION_JOINTS)].mean() < 20
+    (shown,) = hands_in("page.html")
+    np.testing.assert_allclose(shown["joints"], list(found["joints_mm"].values()), atol=0.02)
+    np.testing.assert_allclose(shown["inputs"][:47], found["inputs"], atol=1e-6)
+    assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["girth"] != 1
     picture = cv2.imread("p/frame_hand.png")
     assert picture.shape[1] > 3 * 512  # skeleton, flesh, space
     assert predict.main(["mirrored.png", *mirrored, *arguments[2:]]) == 0

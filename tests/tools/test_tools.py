@@ -17,9 +17,9 @@ from tests.tools.conftest import ROOT
 
 # Modules that tools and other programs may import; all other files in tools/ are commands, which nobody imports.
 SHARED = {
-    "advice", "arguments", "caffe_log", "console", "costs", "databases", "findings", "onnx_graph", "onnx_hand",
-    "onnx_layers", "onnx_net", "pictures", "plots", "preparing", "progress", "sources", "stopper", "track_outputs",
-    "training",
+    "advice", "arguments", "caffe_log", "console", "costs", "databases", "findings", "hand_pages", "onnx_graph",
+    "onnx_hand", "onnx_layers", "onnx_net", "pictures", "plots", "preparing", "progress", "sources", "stopper",
+    "track_outputs", "training",
 }  # fmt: skip
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES if path.stem not in SHARED]

@@ -114,7 +114,13 @@ class FleshModel:
 
     def inputs_of(self, x: Array) -> Array:
         """The skeleton's inputs (N, D) of x (N, V)."""
-        return self._whole_inputs(x)[:, : len(self.skeleton.initial)]
+        return self.whole_inputs_of(x)[:, : len(self.skeleton.initial)]
+
+    def whole_inputs_of(self, x: Array) -> Array:
+        """The whole body's inputs (N, D'), its flesh's own after the skeleton's."""
+        inputs = np.zeros((len(x), len(self.whole.initial)))
+        inputs[:, self.free] = x[:, :SIZE]
+        return inputs
 
     def joints(self, x: Array) -> Array:
         """The skeleton's joints (N, K, 3) in mm."""
@@ -156,7 +162,7 @@ class FleshModel:
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and the pose that they are of."""
         unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
-        pose = self._kinematics.glance(self._whole_inputs(x), self.whole.bones * size[:, None])
+        pose = self._kinematics.glance(self.whole_inputs_of(x), self.whole.bones * size[:, None])
         joints = np.asarray(pose.joints, np.float32) * unit
         rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.flesh.offsets}
         return joints, self.flesh.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
@@ -164,11 +170,6 @@ class FleshModel:
     def _girth(self, x: Array) -> Array:
         """The factor of all radii (N,)."""
         return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
-
-    def _whole_inputs(self, x: Array) -> Array:
-        inputs = np.zeros((len(x), len(self.whole.initial)))
-        inputs[:, self.free] = x[:, :SIZE]
-        return inputs
 
 
 def _crossing(X: Floats) -> Floats:

@@ -8,7 +8,7 @@ import pytest
 from handpose.facts.cameras import ICVL, NYU
 from handpose.synthetic.acts import FINGER_SPEED, HAND_SPEED, Act, Actor
 from handpose.synthetic.choices import Choices
-from handpose.synthetic.gestures import GESTURES, fingers_of
+from handpose.synthetic.gestures import GESTURES, fingers_of, poses
 from handpose.synthetic.movements import Movement
 from handpose.synthetic.person import Person
 from handpose.synthetic.pose_prior import FINGERS, HandSampler
@@ -94,6 +94,20 @@ def test_elbows_stay_on_their_side() -> None:
             limb = (pose.capsules.b - pose.capsules.a)[0, SAMPLER.flesh.limbs][0]
             limb /= np.linalg.norm(limb)
             assert limb[0] * outward > -0.75 and limb[1] < 0.6 and limb[2] > -0.6
+
+
+def test_gestures_as_poses_by_name() -> None:
+    """Within the limits, rounded, of every DoF of fingers and thumb and of no other."""
+    sampler = HandSampler()
+    skeleton, found = sampler.skeleton, poses(HandSampler())
+    assert list(found) == list(GESTURES) and found == poses(sampler)
+    for inputs in found.values():
+        assert len(inputs) == 20 and not any(name.startswith("palm") for name in inputs)
+        for name, value in inputs.items():
+            d = skeleton.dof_names.index(name)
+            assert skeleton.lower[d] - 1e-4 <= value <= skeleton.upper[d] + 1e-4 and value == round(value, 4)
+    bent, straight = (found[name]["middle_base_rot_x"] for name in ("fist", "open"))
+    assert bent < straight - 0.5
 
 
 def test_gestures_differ_and_keep_the_limits() -> None:

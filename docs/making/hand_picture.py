@@ -1,0 +1,56 @@
+"""docs/images/hand_page.png: the page docs/hand.html as one sees it, with a pose and a force. Needs a Chromium.
+
+python -m docs.making.hand_picture
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from docs.making.chromium import chromium
+from docs.making.hand_page import PLACE
+from docs.making.made import ROOT
+from netlib.errors import NetlibError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+PICTURE = ROOT / "docs" / "images" / "hand_page.png"
+SIZE = {"width": 1280, "height": 800}
+SHOWN = """async () => {
+  const { body, data, stage } = hand, { dofs, joints } = body.skeleton;
+  const pose = Object.entries({ ...data.poses.point, palm_rot_y: 0.5 });
+  body.move(Object.fromEntries(pose.map(([name, value]) => [dofs.indexOf(name), value])));
+  body.push(joints.indexOf("index_tip"), [13, 4, -9]);
+  stage.viewer.turn(-20, 10);
+  await new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)));
+  stage.draw(2); // finely
+}"""
+
+
+def taken(browser: Browser) -> bytes:
+    """The picture as PNG."""
+    tab = browser.new_page(viewport=SIZE, color_scheme="light")  # type: ignore[arg-type]
+    tab.goto(PLACE.as_uri())
+    tab.evaluate(SHOWN)
+    try:
+        return tab.screenshot()
+    finally:
+        tab.close()
+
+
+def main() -> int:
+    """Take it, and say so."""
+    try:
+        with chromium() as browser:
+            PICTURE.write_bytes(taken(browser))
+    except NetlibError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"wrote {PICTURE.relative_to(ROOT)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

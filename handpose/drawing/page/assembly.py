@@ -1,0 +1,73 @@
+"""The page as one file: its HTML, style and modules, and the data, in one text that needs no network.
+
+The modules are ECMAScript modules as they stand. In the one file each becomes a function that is called once, in the
+order in which they import each other:
+
+    import { parse } from "./prototxt.js";      const { parse } = modules.prototxt;
+    export function read(tree) {                function read(tree) {   ...   return { read };
+
+A Content-Security-Policy lets only this script and this style run, by their hashes, and nothing be fetched. The data
+are JSON in which no character is left that HTML reads.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from string import Template
+from typing import Any
+
+FOLDER = Path(__file__).resolve().parent
+FIRST = "main"
+_IMPORT = re.compile(r'^import \{([^}]*)\} from "\./(\w+)\.js";$', re.MULTILINE)
+_EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
+
+
+def page(title: str, data: Mapping[str, Any]) -> str:
+    """The page of some data (``content.py``), ready to be written. Raises ValueError for numbers that JSON lacks."""
+    script, style = script_of(FIRST), _source("page.css")
+    return Template(_source("page.html")).substitute(
+        title=html.escape(title), policy=_policy(script, style), style=style, script=script, data=escaped(data)
+    )
+
+
+def escaped(data: Mapping[str, Any]) -> str:
+    """The data as JSON that may stand in HTML: no tag, no comment and no entity can begin in it."""
+    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def script_of(first: str) -> str:
+    """A module and all that it imports, as one script."""
+    parts: dict[str, str] = {}
+    _add(first, parts, ())
+    return "\nconst modules = {};\n" + "\n".join(parts.values())
+
+
+def _add(name: str, parts: dict[str, str], importers: tuple[str, ...]) -> None:
+    """Add a module to ``parts``, after those that it imports."""
+    assert name not in importers, f"{name}.js imports itself, by {' and '.join(importers)}"
+    source = _source(f"{name}.js")
+    for _, other in _IMPORT.findall(source):
+        if other not in parts:
+            _add(other, parts, (*importers, name))
+    names = ", ".join(sorted(exported for _, exported in _EXPORT.findall(source)))
+    body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const {\1} = modules.\2;", source))
+    assert not re.search(r"^\s*(import|export)\b|</script|<!--", body, re.MULTILINE), f"{name}.js: what is left of it?"
+    parts[name] = f"modules.{name} = (() => {{\n{body}return {{ {names} }};\n}})();\n"
+
+
+def _policy(script: str, style: str) -> str:
+    """What the browser lets the page do: run this script and this style, and nothing else."""
+    hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (script, style)]
+    rules = ["default-src 'none'", f"script-src 'sha256-{hashes[0]}'", f"style-src 'sha256-{hashes[1]}'"]
+    return "; ".join([*rules, "base-uri 'none'", "form-action 'none'"])
+
+
+def _source(name: str) -> str:
+    return (FOLDER / name).read_text(encoding="utf-8")

@@ -1,0 +1,91 @@
+"""What a page shows, as JSON values: a skeleton, cameras, named poses, and hands that were found with their depth.
+
+skeleton  source (a name), text (the prototxt)
+place     where the skeleton is: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
+cameras   those to choose from: name, fx, fy, u0, v0, width, height
+poses     by name: inputs by DoF
+hands     those to choose from, all of this skeleton, shown instead of it:
+    name, words      of the frame; what is said of the hand
+    place            as above
+    inputs           of the whole body, its flesh's own DoFs too; of a left hand those of its mirror image
+    size, girth      factors of bones, offsets and radii; of the radii alone
+    side             "right" or "left"
+    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in steps of so many mm
+    crop             16-bit numbers in base64: what the camera saw, -1 to 1 in steps of 1/32767
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.data.crops import SIZE, window
+from handpose.facts.cameras import CAMERAS, NYU, Camera
+from handpose.facts.nyu import CUBE_MM
+from layers.hand.skeleton import Skeleton
+from netlib import schema
+from netlib.blob import Array
+
+DISTANCE_MM = 700.0  # of a skeleton that nobody saw, on the camera's axis
+FULL = 32767  # the largest 16-bit number
+
+Poses = Mapping[str, Mapping[str, float]]
+
+
+def content(
+    skeleton: Skeleton, hands: Sequence[Mapping[str, Any]] = (), poses: Poses | None = None,
+    unit_mm: float = CUBE_MM / 2,
+) -> dict[str, Any]:  # fmt: skip
+    """The data of a page: of a skeleton, and, instead of it, of the hands that were found."""
+    source = Path(schema.position_of(skeleton.param).source).name  # without its folder: a page is given away
+    middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM])
+    return {
+        "skeleton": {"source": source, "text": str(schema.to_tree(skeleton.param))},
+        "place": _place(NYU, middle, 2 * unit_mm),
+        "cameras": [vars(camera) for camera in CAMERAS.values()], "poses": dict(poses or {}), "hands": list(hands),
+    }  # fmt: skip
+
+
+def hand(
+    name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
+    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: str = "right",
+) -> dict[str, Any]:  # fmt: skip
+    """A hand that was found in a crop (S, S) in [-1, 1], with the depth points of the crop.
+
+    inputs  of the skeleton, or of the whole body; what is left out is 0
+    """
+    points = crop_points(crop, center_uvd, cube_mm, camera)
+    step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
+    given = np.asarray(inputs, dtype=np.float64)
+    return {
+        "name": name, "words": words,
+        "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "girth": girth,
+        "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
+    }  # fmt: skip
+
+
+def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Array:
+    """What a crop (S, S) in [-1, 1] shows inside its cube, each pixel of the image once: (n, 3) mm from its centre."""
+    uvd = np.asarray(center_uvd, dtype=np.float64)
+    columns, rows = (pixels[0] for pixels in window(uvd[None], cube_mm, camera, SIZE))
+    column, row = (np.unique(pixels, return_index=True)[1] for pixels in (columns, rows))
+    column, row = column[columns[column] >= 0], row[rows[row] >= 0]
+    i, j = np.meshgrid(column, row)
+    value = crop[j, i].astype(np.float64)
+    inside = np.abs(value) < 1
+    seen = np.stack([columns[i], rows[j], value * cube_mm / 2 + uvd[2]], axis=-1)[inside]
+    return np.asarray(camera.unproject(seen) - camera.unproject(uvd))
+
+
+def _place(camera: Camera, center_uvd: ArrayLike, cube_mm: float) -> dict[str, Any]:
+    middle = np.asarray(center_uvd, dtype=np.float64).tolist()
+    return {"unit_mm": cube_mm / 2, "camera": vars(camera), "center_uvd": middle, "cube_mm": cube_mm}
+
+
+def _packed(numbers: Array) -> str:
+    return base64.b64encode(np.rint(numbers).astype("<i2").tobytes()).decode("ascii")

@@ -1,0 +1,64 @@
+/* A pose as text, and back: inputs as HandModel reads them, or the DoFs of a skeleton file that begins in this pose. */
+
+import { parse, PrototxtError } from "./prototxt.js";
+import { read } from "./messages.js";
+import { said } from "./skeleton.js";
+
+const DIGITS = 9; // significant: a joint is where it was to 1e-8
+
+const written = (number) => said(Number(number.toPrecision(DIGITS)));
+
+/* The inputs of the skeleton, its fixed DoFs 0: a list in JSON, Python and what np.array takes. */
+export function asInputs(body) {
+  const { skeleton, inputs } = body;
+  return `[${skeleton.dofs.map((_, d) => (skeleton.fixed[d] ? "0" : written(inputs[d]))).join(", ")}]`;
+}
+
+/* The skeleton's `dof { ... }` with this pose as the initial one, where all inputs are 0; limits move along. */
+export function asDofs(body) {
+  const { skeleton, inputs } = body, theta = skeleton.theta(inputs);
+  return skeleton.param.dof.map((dof, d) => {
+    const name = JSON.stringify(dof.name), start = `dof { name: ${name} initial: ${written(theta[d])}`;
+    if (dof.fixed) return `${start} fixed: true }`;
+    const [lower, upper] = [dof.lower, dof.upper].map((limit) => written(limit - inputs[d]));
+    const deviation = Number.isFinite(dof.deviation) ? ` deviation: ${written(dof.deviation)}` : "";
+    return `${start} lower: ${lower} upper: ${upper}${deviation} }`;
+  }).join("\n");
+}
+
+/* The inputs {index: value} that a text says, in either form. Throws an Error with one line. */
+export function inputsOf(text, body) {
+  return /\bdof\s*[{<]/.test(text) ? fromDofs(text, body.skeleton) : fromList(text, body.skeleton);
+}
+
+function fromList(text, skeleton) {
+  const inside = /\[+([^[\]]*)\]+/.exec(text)?.[1] ?? text;
+  const words = inside.split(/[\s,]+/).filter(Boolean), count = skeleton.dofs.length;
+  const bad = words.find((word) => !Number.isFinite(Number(word)));
+  if (bad !== undefined) {
+    throw new Error(`'${bad.slice(0, 40)}' is not a number; expected ${count} inputs or dof { ... }`);
+  }
+  if (words.length !== count) {
+    throw new Error(`${words.length} numbers; skeleton '${skeleton.name}' has ${count} inputs`);
+  }
+  return Object.fromEntries(words.map((word, d) => [d, skeleton.fixed[d] ? 0 : Number(word)]));
+}
+
+function fromDofs(text, skeleton) {
+  const found = {};
+  for (const dof of read(onlyDofs(parse(text, "pose")), "skeleton", "the pose").dof) {
+    const d = skeleton.dofs.indexOf(dof.name);
+    if (d < 0) {
+      const some = skeleton.dofs.slice(0, 3).join(", ");
+      throw new Error(`unknown DoF '${dof.name}'; skeleton '${skeleton.name}' has ${some} ...`);
+    }
+    if (!skeleton.fixed[d]) found[d] = dof.initial - skeleton.initial[d];
+  }
+  return found;
+}
+
+function onlyDofs(tree) {
+  const other = tree.fields.find((field) => field.name !== "dof");
+  if (other) throw new PrototxtError(other.place, `found '${other.name}'; expected dof { ... } alone`);
+  return tree;
+}

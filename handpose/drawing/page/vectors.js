@@ -1,0 +1,30 @@
+/* Vectors of three numbers, and 3 x 3 matrices of three rows. */
+
+export const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+export const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+export const times = (a, factor) => [a[0] * factor, a[1] * factor, a[2] * factor];
+export const product = (a, b) => [a[0] * b[0], a[1] * b[1], a[2] * b[2]]; // element by element
+export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const length = (a) => Math.hypot(a[0], a[1], a[2]);
+export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+
+export const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+export const column = (M, i) => [M[0][i], M[1][i], M[2][i]];
+export const transposed = (M) => [column(M, 0), column(M, 1), column(M, 2)];
+export const apply = (M, a) => [dot(M[0], a), dot(M[1], a), dot(M[2], a)];
+
+export function compose(M, N) {
+  const columns = transposed(N);
+  return M.map((row) => [dot(row, columns[0]), dot(row, columns[1]), dot(row, columns[2])]);
+}
+
+/* Right-handed rotation by `angle` about a coordinate axis (0, 1, 2 for x, y, z). */
+export function rotation(axis, angle) {
+  const i = (axis + 1) % 3, j = (axis + 2) % 3, cos = Math.cos(angle), sin = Math.sin(angle);
+  const R = [[0, 0, 0], [0, 0, 0], [0, 0, 0]];
+  R[axis][axis] = 1;
+  R[i][i] = R[j][j] = cos;
+  R[i][j] = -sin;
+  R[j][i] = sin;
+  return R;
+}

@@ -1,0 +1,56 @@
+"""docs/making/hand_picture.py"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from docs.making import hand_picture
+from docs.making.chromium import NoBrowserError, chromium
+from docs.making.hand_picture import PICTURE, SIZE
+from netlib.errors import NetlibError
+
+LARGEST = 200_000  # bytes
+
+
+def test_the_picture_of_the_documents() -> None:
+    """It is there, small, of the size that is said, and shows something."""
+    raw = PICTURE.read_bytes()
+    image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)
+    assert len(raw) < LARGEST and image.shape == (SIZE["height"], SIZE["width"], 3)
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
+
+
+def test_without_a_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line says what is missing, and the picture stays."""
+
+    def none() -> object:
+        raise NetlibError("no Chromium: install it")
+
+    monkeypatch.setattr(hand_picture, "chromium", none)
+    before = PICTURE.read_bytes()
+    assert hand_picture.main() == 1 and capsys.readouterr().err == "no Chromium: install it\n"
+    assert PICTURE.read_bytes() == before
+
+
+def test_without_playwright(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The line says how to get it."""
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    with pytest.raises(NoBrowserError, match=r"playwright is missing: pip install playwright"), chromium():
+        pass
+
+
+def test_a_browser_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is no missing one: tests fail then, and are not skipped."""
+    pytest.importorskip("playwright")
+    (tmp_path / "chromium").write_text("#!/bin/sh\nexit 3\n")
+    (tmp_path / "chromium").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    with pytest.raises(NetlibError, match=r"chromium does not start: ") as refused, chromium():
+        pass
+    assert not isinstance(refused.value, NoBrowserError) and "\n" not in str(refused.value)

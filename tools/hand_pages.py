@@ -1,0 +1,51 @@
+"""Hands that were found, as a page for the browser, to turn them around."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from handpose.drawing.page.assembly import page
+from handpose.drawing.page.content import content, hand
+from handpose.predicting.nets import hand_inputs
+from handpose.predicting.prediction import FramePrediction, Prediction
+from handpose.predicting.predictor import Predictor
+from handpose.synthetic.gestures import poses
+from handpose.synthetic.pose_prior import HandSampler
+from netlib import atomic
+from netlib.errors import NetlibError
+from tools import findings
+
+
+def check_place(path: Path, images: Sequence[str]) -> None:
+    """Raise NetlibError where the page would overwrite an image, OSError where it cannot be written."""
+    if path.is_dir():
+        raise NetlibError(f"{path}: a folder; expected the name of a file for --html")
+    if path.resolve() in {Path(image).resolve() for image in images}:
+        raise NetlibError(f"{path}: the page would overwrite an image; choose another name for --html")
+    with atomic.naming(path), atomic.temporary(path):
+        atomic.refuse_what_is_no_file(path)
+
+
+def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:
+    """One page for all images, with a list to choose from. Raises OSError, NetlibError."""
+    hands = [_hand(image, prediction, predictor) for image, prediction in found]
+    sampler = HandSampler()
+    own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
+    data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
+    atomic.replace_text(path, page("Hands that were found" if len(hands) > 1 else "A hand that was found", data))
+
+
+def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
+    camera, middle = predictor.alone()
+    if isinstance(found, FramePrediction):
+        camera, middle = found.camera, found.center_uvd
+    if found.fit:
+        inputs, size, girth = found.fit.whole, found.fit.size, found.fit.girth
+    else:
+        seen = found.crop[:, ::-1] if found.hand == "left" else found.crop
+        inputs, size, girth = hand_inputs(predictor.net, seen[None])[0], 1.0, 1.0
+    words = findings.in_words(found).partition(";")[0]
+    return hand(Path(image).name, words, inputs, camera=camera, center_uvd=middle,
+                cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip
