@@ -1,0 +1,210 @@
+"""The exercise convolution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from layers.vision.convolution import Convolution
+from netlib.blob import Array, Blob, Blobs
+from tools.exercises.exercise import Mistake
+from tools.exercises.layers import Example, Letters, layer_exercise, numbers
+
+
+class RoundsUp(Convolution):
+    """Ho is rounded up."""
+
+    def _outputs(self, i: int, x: Blob) -> list[int]:
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
+        return [-(-(n + 2 * pad - reach) // stride) + 1 for n, pad, reach, stride in sizes]
+
+
+class ForgetsPadInSize(Convolution):
+    """Ho without the padding."""
+
+    def _outputs(self, i: int, x: Blob) -> list[int]:
+        sizes = zip(x.shape[self.axis + 1 :], self._reach(), self.stride)
+        return [(n - reach) // stride + 1 for n, reach, stride in sizes]
+
+
+class PadsOneSide(Convolution):
+    """Ho with the padding once."""
+
+    def _outputs(self, i: int, x: Blob) -> list[int]:
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
+        return [(n + pad - reach) // stride + 1 for n, pad, reach, stride in sizes]
+
+
+class ForgetsDilationInSize(Convolution):
+    """Ho as if the kernel were not spread."""
+
+    def _outputs(self, i: int, x: Blob) -> list[int]:
+        sizes = zip(x.shape[self.axis + 1 :], self.pad, self.kernel, self.stride)
+        return [(n + 2 * pad - k) // stride + 1 for n, pad, k, stride in sizes]
+
+
+class ForgetsOne(Convolution):
+    """Ho without the + 1."""
+
+    def _outputs(self, i: int, x: Blob) -> list[int]:
+        return [max(n - 1, 1) for n in super()._outputs(i, x)]
+
+
+class Flips(Convolution):
+    """The convolution of the mathematicians: the kernel is turned by half a turn."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        w = self.blobs[0].data
+        kept = w.copy()
+        w[...] = kept[..., ::-1, ::-1]
+        super().forward(bottom, top)
+        w[...] = kept
+
+
+class NoBias(Convolution):
+    """y without b."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        super().forward(bottom, top)
+        if self.param.bias_term:
+            for y in top:
+                y.data[...] -= self.blobs[1].data.reshape(-1, 1, 1)
+
+
+class MixesGroups(Convolution):
+    """All groups see the first part of the channels."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        part = self.channels // self.param.group
+        first = np.concatenate([bottom[0].data[:, :part]] * self.param.group, axis=1)
+        given = Blob(first.shape, first.dtype)
+        given.data[...] = first
+        super().forward(Blobs([given]), top)
+
+
+class SwapsStrideAndDilation(Convolution):
+    """x at h dilation + i stride."""
+
+    def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
+        padded = np.pad(image, [(0, 0), *((p, p + 9) for p in self.pad)])
+        met = np.stack([padded[part] for part in self._swapped(y_shape)], axis=1)
+        return met.reshape(-1, int(np.prod(y_shape[1:])))
+
+    def _swapped(self, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+        for element in np.ndindex(self.kernel):
+            steps = zip(element, self.dilation, self.stride, y_shape[1:])
+            yield slice(None), *(slice(i * s, i * s + (n - 1) * d + 1, d) for i, d, s, n in steps)
+
+
+class KeepsLastImage(Convolution):
+    """dw and db are those of the last image."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        before = [blob.diff.copy() for blob in self.blobs]
+        super().backward(top, propagate_down, bottom)
+        for blob, kept in zip(self.blobs, before):
+            blob.diff[...] = kept
+        dy = top[0].diff[-1:]
+        x, y = Blob(bottom[0].data[-1:].shape, self.dtype), Blob(dy.shape, self.dtype)
+        x.data[...], y.diff[...] = bottom[0].data[-1:], dy
+        super().backward(Blobs([y]), [False], Blobs([x]))
+
+
+class OverwritesShared(Convolution):
+    """Where two windows share a pixel, the later one wins."""
+
+    def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
+        C, *sizes = x_shape
+        padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
+        met = columns.reshape(C, -1, *y_shape[1:])
+        for element, part in enumerate(self.places(y_shape)):
+            padded[part] = met[:, element]
+        return padded[(slice(None), *(slice(p, p + n) for n, p in zip(sizes, self.pad)))]
+
+
+class BiasMean(Convolution):
+    """db is a mean over the places of the output."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = [blob.diff.copy() for blob in self.blobs[1:]]
+        super().backward(top, propagate_down, bottom)
+        for blob, before in zip(self.blobs[1:], kept):
+            blob.diff[...] = before + (blob.diff - before) / np.prod(top[0].shape[2:])
+
+
+class FlipsBackward(Convolution):
+    """dx with the kernel turned."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, [False], bottom)
+        before = [blob.diff.copy() for blob in self.blobs]
+        w = self.blobs[0].data
+        kept = w.copy()
+        w[...] = kept[..., ::-1, ::-1]
+        super().backward(top, propagate_down, bottom)
+        w[...] = kept
+        for blob, diff in zip(self.blobs, before):
+            blob.diff[...] = diff
+
+
+def _options(outputs: int, more: str) -> str:
+    return f"convolution_param {{ num_output: {outputs} {more} }}"
+
+
+EXERCISE = layer_exercise(
+    "convolution",
+    "Convolution",
+    title="Convolution: a small kernel slides over the image",
+    chapter=3,
+    file="layers/vision/convolution.py",
+    to_do={
+        "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, self.stride "
+        "and self.kernel have a number for each of them, and self._reach() is how far the spread kernel reaches.",
+        "forward": "For every x in bottom and y in top: write y.data, the sum over c, i, j of the docstring, plus b. "
+        "images(), by_group() and im2col() make three matrix products of it; plain loops over n, o, h, w are as "
+        "good, and slower.",
+        "backward": "Add to self.blobs[0].diff (dw) and self.blobs[1].diff (db), summed over the images; write x.diff "
+        "where propagate_down says so. What several windows share is summed.",
+        "im2col": "Stack what each kernel element meets; places() gives the parts of the padded image. Leave it as it is "
+        "if your forward does not need it.",
+        "col2im": "The way back: add every element of the columns where its pixel came from, and cut off the padding. "
+        "Leave it as it is if your backward does not need it.",
+    },
+    letters=Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "nohw", "w": "ocij", "b": "o"}),
+    examples=[
+        Example(_options(2, "kernel_size: 3"), (numbers(2, 2, 4, 5),)),
+        Example(_options(2, "kernel_h: 2 kernel_w: 3 stride: 2 pad: 2"), (numbers(2, 1, 4, 6, seed=1),)),
+        Example(_options(4, "kernel_size: 2 group: 2"), (numbers(1, 4, 3, 4, seed=2),)),
+        Example(_options(1, "kernel_size: 2 dilation: 2 bias_term: false"), (numbers(2, 1, 5, 4, seed=3),)),
+    ],
+    from_caffe={
+        "conv_k3_s2_p1": Example(_options(6, "kernel_size: 3 stride: 2 pad: 1"), ()),
+        "conv_group2": Example(_options(6, "kernel_size: 3 pad: 1 group: 2"), ()),
+        "conv_dil2_p2_s2": Example(_options(6, "kernel_size: 3 dilation: 2 pad: 2 stride: 2"), ()),
+    },
+    mistakes=[
+        Mistake(RoundsUp, "A convolution rounds its size down: a window that would hang over the edge is left out. (It is "
+                          "pooling that rounds up.)"),
+        Mistake(ForgetsPadInSize, "The padding makes the image larger on both sides: H + 2 pad."),
+        Mistake(PadsOneSide, "There is padding on both sides of the image: H + 2 pad, and not H + pad."),
+        Mistake(ForgetsDilationInSize, "A spread kernel reaches dilation (k - 1) + 1 pixels far, which self._reach() gives, "
+                                       "and not k."),
+        Mistake(ForgetsOne, "Count the first window, too: the division says how often the kernel can move on, so the size "
+                            "is one more."),
+        Mistake(Flips, "The kernel is turned around. Deep learning's convolution is a correlation: w[i, j] meets "
+                       "x[h + i, w + j], and not x[h - i, w - j]."),
+        Mistake(NoBias, "The bias is missing: b[o] is added to every pixel of the output map o."),
+        Mistake(MixesGroups, "With group, each part of the outputs sees its own part of the channels; yours all see the "
+                             "first part."),
+        Mistake(SwapsStrideAndDilation, "stride and dilation are exchanged: the window moves by stride, h stride, and its "
+                                        "elements are dilation apart, i dilation."),
+        Mistake(KeepsLastImage, "dw and db are those of the last image alone. They are sums over all images of the batch: "
+                                "+= inside the loop."),
+        Mistake(OverwritesShared, "Pixels that several windows share get a gradient from each of them; yours keeps that of "
+                                  "the last. col2im has to add, with +=."),
+        Mistake(BiasMean, "db is a mean over the places of the output. It is a sum: b[o] is added at each of them."),
+        Mistake(FlipsBackward, "dx uses the kernel turned around. Add dy[h, w] w[i, j] to the very pixel that w[i, j] met in "
+                               "forward, h stride + i dilation - pad."),
+    ],
+)  # fmt: skip
