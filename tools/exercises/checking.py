@@ -16,8 +16,8 @@ from tools.exercises.explaining import advice, sentences
 from tools.exercises.reading import ReadersFile, told
 
 ADVICE = (
-    "What passed the steps before on small examples is wrong on the network's: a size, an option or a second batch that "
-    "they do not have. Look for numbers that your code keeps from one call to the next."
+    "What passed the steps before on small examples is wrong on the network's: a size, an option or a second batch "
+    "that they do not have. Look for numbers that your code keeps from one call to the next."
 )
 
 
@@ -94,9 +94,7 @@ def _place(exercise: Exercise, case: Case, reader: ReadersFile | None) -> Sequen
     return [f"Look at {reader.at(name)}."] if reader and name else []
 
 
-def _trained(
-    exercise: Exercise, part: Part, iterations: int, reader: ReadersFile | None, tell: Tell
-) -> Step:
+def _trained(exercise: Exercise, part: Part, iterations: int, reader: ReadersFile | None, tell: Tell) -> Step:
     """Train the paper's network with the part in it, and compare the losses with ours."""
     title = exercise.last.format(iterations)
     ours = np.array(network.our_losses(iterations))

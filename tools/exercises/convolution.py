@@ -8,12 +8,14 @@ import numpy as np
 
 from layers.vision.convolution import Convolution
 from netlib.blob import Array, Blob, Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
 class RoundsUp(Convolution):
-    """Ho is rounded up."""
+    """A convolution rounds its size down: a window that would hang over the edge is left out. (It is pooling that
+    rounds up.)
+    """
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
@@ -21,7 +23,7 @@ class RoundsUp(Convolution):
 
 
 class ForgetsPadInSize(Convolution):
-    """Ho without the padding."""
+    """The padding makes the image larger on both sides: H + 2 pad."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         sizes = zip(x.shape[self.axis + 1 :], self._reach(), self.stride)
@@ -29,7 +31,7 @@ class ForgetsPadInSize(Convolution):
 
 
 class PadsOneSide(Convolution):
-    """Ho with the padding once."""
+    """There is padding on both sides of the image: H + 2 pad, and not H + pad."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         sizes = zip(x.shape[self.axis + 1 :], self.pad, self._reach(), self.stride)
@@ -37,7 +39,7 @@ class PadsOneSide(Convolution):
 
 
 class ForgetsDilationInSize(Convolution):
-    """Ho as if the kernel were not spread."""
+    """A spread kernel reaches dilation (k - 1) + 1 pixels far, which self._reach() gives, and not k."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         sizes = zip(x.shape[self.axis + 1 :], self.pad, self.kernel, self.stride)
@@ -45,14 +47,16 @@ class ForgetsDilationInSize(Convolution):
 
 
 class ForgetsOne(Convolution):
-    """Ho without the + 1."""
+    """Count the first window, too: the division says how often the kernel can move on, so the size is one more."""
 
     def _outputs(self, i: int, x: Blob) -> list[int]:
         return [max(n - 1, 1) for n in super()._outputs(i, x)]
 
 
 class Flips(Convolution):
-    """The convolution of the mathematicians: the kernel is turned by half a turn."""
+    """The kernel is turned around. Deep learning's convolution is a correlation: w[i, j] meets x[h + i, w + j], and not
+    x[h - i, w - j].
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         w = self.blobs[0].data
@@ -63,7 +67,7 @@ class Flips(Convolution):
 
 
 class NoBias(Convolution):
-    """y without b."""
+    """The bias is missing: b[o] is added to every pixel of the output map o."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -73,7 +77,7 @@ class NoBias(Convolution):
 
 
 class MixesGroups(Convolution):
-    """All groups see the first part of the channels."""
+    """With group, each part of the outputs sees its own part of the channels; yours all see the first part."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         part = self.channels // self.param.group
@@ -84,7 +88,9 @@ class MixesGroups(Convolution):
 
 
 class SwapsStrideAndDilation(Convolution):
-    """x at h dilation + i stride."""
+    """stride and dilation are exchanged: the window moves by stride, h stride, and its elements are dilation apart, i
+    dilation.
+    """
 
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
         padded = np.pad(image, [(0, 0), *((p, p + 9) for p in self.pad)])
@@ -98,7 +104,7 @@ class SwapsStrideAndDilation(Convolution):
 
 
 class KeepsLastImage(Convolution):
-    """dw and db are those of the last image."""
+    """dw and db are those of the last image alone. They are sums over all images of the batch: += inside the loop."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         before = [blob.diff.copy() for blob in self.blobs]
@@ -112,7 +118,9 @@ class KeepsLastImage(Convolution):
 
 
 class OverwritesShared(Convolution):
-    """Where two windows share a pixel, the later one wins."""
+    """Pixels that several windows share get a gradient from each of them; yours keeps that of the last. col2im has to
+    add, with +=.
+    """
 
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         C, *sizes = x_shape
@@ -120,11 +128,12 @@ class OverwritesShared(Convolution):
         met = columns.reshape(C, -1, *y_shape[1:])
         for element, part in enumerate(self.places(y_shape)):
             padded[part] = met[:, element]
-        return padded[(slice(None), *(slice(p, p + n) for n, p in zip(sizes, self.pad)))]
+        inside = (slice(None), *(slice(p, p + n) for n, p in zip(sizes, self.pad)))
+        return padded[inside]
 
 
 class BiasMean(Convolution):
-    """db is a mean over the places of the output."""
+    """db is a mean over the places of the output. It is a sum: b[o] is added at each of them."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = [blob.diff.copy() for blob in self.blobs[1:]]
@@ -134,7 +143,9 @@ class BiasMean(Convolution):
 
 
 class FlipsBackward(Convolution):
-    """dx with the kernel turned."""
+    """dx uses the kernel turned around. Add dy[h, w] w[i, j] to the very pixel that w[i, j] met in forward, h stride +
+    i dilation - pad.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, [False], bottom)
@@ -159,15 +170,16 @@ EXERCISE = layer_exercise(
     chapter=3,
     file="layers/vision/convolution.py",
     to_do={
-        "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, self.stride "
-        "and self.kernel have a number for each of them, and self._reach() is how far the spread kernel reaches.",
+        "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, "
+        "self.stride and self.kernel have a number for each of them, and self._reach() is how far "
+        "the spread kernel reaches.",
         "forward": "For every x in bottom and y in top: write y.data, the sum over c, i, j of the docstring, plus b. "
         "images(), by_group() and im2col() make three matrix products of it; plain loops over n, o, h, w are as "
         "good, and slower.",
         "backward": "Add to self.blobs[0].diff (dw) and self.blobs[1].diff (db), summed over the images; write x.diff "
         "where propagate_down says so. What several windows share is summed.",
-        "im2col": "Stack what each kernel element meets; places() gives the parts of the padded image. Leave it as it is "
-        "if your forward does not need it.",
+        "im2col": "Stack what each kernel element meets; places() gives the parts of the padded image. "
+        "Leave it as it is if your forward does not need it.",
         "col2im": "The way back: add every element of the columns where its pixel came from, and cut off the padding. "
         "Leave it as it is if your backward does not need it.",
     },
@@ -183,28 +195,19 @@ EXERCISE = layer_exercise(
         "conv_group2": Example(_options(6, "kernel_size: 3 pad: 1 group: 2"), ()),
         "conv_dil2_p2_s2": Example(_options(6, "kernel_size: 3 dilation: 2 pad: 2 stride: 2"), ()),
     },
-    mistakes=[
-        Mistake(RoundsUp, "A convolution rounds its size down: a window that would hang over the edge is left out. (It is "
-                          "pooling that rounds up.)"),
-        Mistake(ForgetsPadInSize, "The padding makes the image larger on both sides: H + 2 pad."),
-        Mistake(PadsOneSide, "There is padding on both sides of the image: H + 2 pad, and not H + pad."),
-        Mistake(ForgetsDilationInSize, "A spread kernel reaches dilation (k - 1) + 1 pixels far, which self._reach() gives, "
-                                       "and not k."),
-        Mistake(ForgetsOne, "Count the first window, too: the division says how often the kernel can move on, so the size "
-                            "is one more."),
-        Mistake(Flips, "The kernel is turned around. Deep learning's convolution is a correlation: w[i, j] meets "
-                       "x[h + i, w + j], and not x[h - i, w - j]."),
-        Mistake(NoBias, "The bias is missing: b[o] is added to every pixel of the output map o."),
-        Mistake(MixesGroups, "With group, each part of the outputs sees its own part of the channels; yours all see the "
-                             "first part."),
-        Mistake(SwapsStrideAndDilation, "stride and dilation are exchanged: the window moves by stride, h stride, and its "
-                                        "elements are dilation apart, i dilation."),
-        Mistake(KeepsLastImage, "dw and db are those of the last image alone. They are sums over all images of the batch: "
-                                "+= inside the loop."),
-        Mistake(OverwritesShared, "Pixels that several windows share get a gradient from each of them; yours keeps that of "
-                                  "the last. col2im has to add, with +=."),
-        Mistake(BiasMean, "db is a mean over the places of the output. It is a sum: b[o] is added at each of them."),
-        Mistake(FlipsBackward, "dx uses the kernel turned around. Add dy[h, w] w[i, j] to the very pixel that w[i, j] met in "
-                               "forward, h stride + i dilation - pad."),
-    ],
+    mistakes=known(
+        RoundsUp,
+        ForgetsPadInSize,
+        PadsOneSide,
+        ForgetsDilationInSize,
+        ForgetsOne,
+        Flips,
+        NoBias,
+        MixesGroups,
+        SwapsStrideAndDilation,
+        KeepsLastImage,
+        OverwritesShared,
+        BiasMean,
+        FlipsBackward,
+    ),
 )  # fmt: skip

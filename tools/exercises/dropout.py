@@ -7,7 +7,7 @@ import numpy as np
 from layers.common.dropout import Dropout
 from netlib.blob import Array, Blobs
 from netlib.layer import TEST, TRAIN
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
@@ -31,28 +31,34 @@ class _Drawn(Dropout):
 
 
 class NeverScales(_Drawn):
-    """TRAIN without 1 / (1 - p)."""
+    """What is kept is not scaled: in TRAIN it is x / (1 - p), so that the mean stays the same and TEST needs no
+    scale.
+    """
 
     def scale(self) -> float:
         return 1.0
 
 
 class ScalesByP(_Drawn):
-    """x / p."""
+    """What is kept is divided by p. It is kept with probability 1 - p, and divided by that."""
 
     def scale(self) -> float:
         return float(1 / self.param.dropout_ratio) if self.param.scale_train else 1.0
 
 
 class KeepsTheDropped(_Drawn):
-    """Keeps with probability p."""
+    """It is the other way round: p, the dropout_ratio, is the part that is dropped, so a value is kept where drawn >=
+    least.
+    """
 
     def kept(self, drawn: Array) -> Array:
         return ~super().kept(drawn)
 
 
 class DrawsOtherwise(_Drawn):
-    """Random numbers of another kind."""
+    """The random numbers are drawn in another way. That is no mistake, but then nothing can be compared: draw them as
+    the comment in the stub says.
+    """
 
     def kept(self, drawn: Array) -> Array:
         return np.asarray(self.rng.random(drawn.shape) >= self.param.dropout_ratio)
@@ -62,14 +68,14 @@ class DrawsOtherwise(_Drawn):
 
 
 class OneMaskForAll(_Drawn):
-    """The same units are dropped in every item."""
+    """All items of the batch lose the same units. Each value has its own draw: the mask has the whole shape of x."""
 
     def draw(self, shape: tuple[int, ...]) -> Array:
         return np.broadcast_to(super().draw(shape[1:]), shape)
 
 
 class DrawsOnce(_Drawn):
-    """The mask of the first forward is kept for ever."""
+    """The mask is drawn only once. Each forward draws a new one; only backward uses the old one."""
 
     def draw(self, shape: tuple[int, ...]) -> Array:
         if not hasattr(self, "first"):
@@ -78,7 +84,7 @@ class DrawsOnce(_Drawn):
 
 
 class DropsInTest(_Drawn):
-    """TEST is like TRAIN."""
+    """In phase TEST nothing is dropped: y = x. self.active says whether to draw."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         super().setup(bottom, top)
@@ -86,7 +92,7 @@ class DropsInTest(_Drawn):
 
 
 class ScalesInTest(Dropout):
-    """TEST scales as well, as if TRAIN did not."""
+    """In phase TEST nothing is scaled: TRAIN has done that already, with 1 / (1 - p)."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -95,7 +101,9 @@ class ScalesInTest(Dropout):
 
 
 class IgnoresScaleTrain(Dropout):
-    """``scale_train: false`` is read over."""
+    """The option scale_train is left out: with false, TRAIN does not scale and TEST does. self.in_training and
+    self.in_test have the right factors.
+    """
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         super().setup(bottom, top)
@@ -104,21 +112,21 @@ class IgnoresScaleTrain(Dropout):
 
 
 class PassesAll(Dropout):
-    """dx = dy."""
+    """backward passes the gradient of what was dropped. It has no influence on the loss: dx = dy factor."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff
 
 
 class NoScaleBackward(Dropout):
-    """dx = dy keep."""
+    """backward does not scale what was kept: y = x / (1 - p), so dx = dy / (1 - p)."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff * (self.factor != 0)
 
 
 class DrawsAgain(_Drawn):
-    """A new mask in backward."""
+    """backward draws a new mask. It has to use that of the last forward, kept in self.factor."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if self.phase == TRAIN:
@@ -147,7 +155,7 @@ EXERCISE = layer_exercise(
     letters=Letters(("x",), ("y",), axes={"x": "ni", "y": "ni"}),
     examples=[
         Example(_options(0.3), (numbers(4, 5),)),
-        Example(_options(0.3), (numbers(4, 5, seed=3),), forwards=2, gradient=False, note="forward for the second time"),
+        Example(_options(0.3), (numbers(4, 5, seed=3),), forwards=2, gradient=False, note="the second forward"),
         Example(_options(0.3), (numbers(4, 5, seed=1),), phase="TEST"),
         Example(_options(0.3, " scale_train: false"), (numbers(4, 5, seed=2),)),
         Example(_options(0.3, " scale_train: false"), (numbers(4, 5, seed=4),), phase="TEST"),
@@ -157,24 +165,18 @@ EXERCISE = layer_exercise(
         "dropout_test": Example(_options(0.3), (), phase="TEST"),
         "dropout_train_ratio0": Example(_options(0), ()),
     },
-    mistakes=[
-        Mistake(NeverScales, "What is kept is not scaled: in TRAIN it is x / (1 - p), so that the mean stays the same and "
-                             "TEST needs no scale."),
-        Mistake(ScalesByP, "What is kept is divided by p. It is kept with probability 1 - p, and divided by that."),
-        Mistake(KeepsTheDropped, "It is the other way round: p, the dropout_ratio, is the part that is dropped, so a value "
-                                 "is kept where drawn >= least."),
-        Mistake(DrawsOtherwise, "The random numbers are drawn in another way. That is no mistake, but then nothing can be "
-                                "compared: draw them as the comment in the stub says."),
-        Mistake(OneMaskForAll, "All items of the batch lose the same units. Each value has its own draw: the mask has the "
-                               "whole shape of x."),
-        Mistake(DrawsOnce, "The mask is drawn only once. Each forward draws a new one; only backward uses the old one."),
-        Mistake(DropsInTest, "In phase TEST nothing is dropped: y = x. self.active says whether to draw."),
-        Mistake(ScalesInTest, "In phase TEST nothing is scaled: TRAIN has done that already, with 1 / (1 - p)."),
-        Mistake(IgnoresScaleTrain, "The option scale_train is left out: with false, TRAIN does not scale and TEST does. "
-                                   "self.in_training and self.in_test have the right factors."),
-        Mistake(PassesAll, "backward passes the gradient of what was dropped. It has no influence on the loss: dx = dy "
-                           "factor."),
-        Mistake(NoScaleBackward, "backward does not scale what was kept: y = x / (1 - p), so dx = dy / (1 - p)."),
-        Mistake(DrawsAgain, "backward draws a new mask. It has to use that of the last forward, kept in self.factor."),
-    ],
+    mistakes=known(
+        NeverScales,
+        ScalesByP,
+        KeepsTheDropped,
+        DrawsOtherwise,
+        OneMaskForAll,
+        DrawsOnce,
+        DropsInTest,
+        ScalesInTest,
+        IgnoresScaleTrain,
+        PassesAll,
+        NoScaleBackward,
+        DrawsAgain,
+    ),
 )  # fmt: skip

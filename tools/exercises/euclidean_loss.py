@@ -6,12 +6,12 @@ import numpy as np
 
 from layers.loss.euclidean_loss import EuclideanLoss
 from netlib.blob import Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
 class NoHalf(EuclideanLoss):
-    """1/N instead of 1/2N."""
+    """The half is missing: L = 1 / (2 N) sum of (a - b)². It is there so that the gradient has no 2."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -19,7 +19,7 @@ class NoHalf(EuclideanLoss):
 
 
 class NoItems(EuclideanLoss):
-    """1/2 of the sum."""
+    """The sum is not divided by the number of items N, self.items."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -27,7 +27,9 @@ class NoItems(EuclideanLoss):
 
 
 class MeanOfValues(EuclideanLoss):
-    """The mean over all values."""
+    """The sum is divided by the number of all values. It is a mean over items only: divide by 2 N, with N =
+    self.items.
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -35,7 +37,9 @@ class MeanOfValues(EuclideanLoss):
 
 
 class PlainMean(EuclideanLoss):
-    """np.mean of the squares, as other frameworks' MSE."""
+    """This is the mean of all squares, as other frameworks have it. Caffe's is a half of the sum, divided by the number
+    of items only: 1 / (2 N).
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -43,7 +47,7 @@ class PlainMean(EuclideanLoss):
 
 
 class Root(EuclideanLoss):
-    """The root of it."""
+    """This is a root. The loss is the sum of the squares themselves; np.linalg.norm has the root in it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -51,7 +55,7 @@ class Root(EuclideanLoss):
 
 
 class Absolute(EuclideanLoss):
-    """Absolute values instead of squares."""
+    """The differences are squared, not taken without their sign."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -59,7 +63,9 @@ class Absolute(EuclideanLoss):
 
 
 class NoTopDiff(EuclideanLoss):
-    """Takes the loss weight for 1."""
+    """backward does not use top[0].diff, dL. It is the loss weight of the prototxt, and by the chain rule every
+    gradient begins with it.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         for x, down, sign in zip(bottom, propagate_down, (1, -1)):
@@ -78,25 +84,25 @@ class _Scaled(EuclideanLoss):
 
 
 class SameSign(_Scaled):
-    """db as da."""
+    """db has the sign of da. b stands behind the minus of a - b, so db = -da."""
 
     factors = (1, -1)
 
 
 class BothSigns(_Scaled):
-    """da and db exchanged."""
+    """The signs are exchanged: where a is too large, L grows with a, so da = +dL (a - b) / N."""
 
     factors = (-1, -1)
 
 
 class GradientDoubled(_Scaled):
-    """The 1/2 of the loss is forgotten in its derivative."""
+    """The gradient has a 2 in it. The half of the loss takes it away: da = dL (a - b) / N."""
 
     factors = (2, 2)
 
 
 class GradientNotDivided(EuclideanLoss):
-    """The gradient of the sum."""
+    """The gradient is not divided by N, as the loss is."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, propagate_down, bottom)
@@ -112,32 +118,30 @@ EXERCISE = layer_exercise(
     chapter=5,
     file="layers/loss/euclidean_loss.py",
     to_do={
-        "forward": "Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b have the same "
-        "number of values for each item (self.values), but perhaps not the same shape. Keep what backward needs.",
-        "backward": "For each bottom that propagate_down asks for: da = dL (a - b) / N, db = -dL (a - b) / N, in the shape "
-        "of that bottom. dL is top[0].diff.",
+        "forward": "Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b "
+        "have the same number of values for each item (self.values), but perhaps not the same "
+        "shape. Keep what backward needs.",
+        "backward": "For each bottom that propagate_down asks for: da = dL (a - b) / N, db = -dL (a - b) / N, "
+        "in the shape of that bottom. dL is top[0].diff.",
     },
     letters=Letters(("a", "b"), ("L",), axes={"a": "ni", "b": "ni", "L": ""}),
     examples=[
         Example("", (numbers(4, 3), numbers(4, 3, seed=1))),
         Example("", (numbers(3, 2, 2), numbers(3, 4, seed=2)), note="bottoms (3, 2, 2) and (3, 4)"),
-        Example("", (numbers(2, 5), numbers(2, 5, seed=3)), wanted=(True, False), note="only the first bottom wants it"),
+        Example("", (numbers(2, 5), numbers(2, 5, seed=3)), wanted=(True, False), note="only the first wants it"),
     ],
     from_caffe={"euclid": Example("", ()), "euclid_lw3": Example("loss_weight: 3", ())},
-    mistakes=[
-        Mistake(NoHalf, "The half is missing: L = 1 / (2 N) sum of (a - b)². It is there so that the gradient has no 2."),
-        Mistake(NoItems, "The sum is not divided by the number of items N, self.items."),
-        Mistake(MeanOfValues, "The sum is divided by the number of all values. It is a mean over items only: divide by "
-                              "2 N, with N = self.items."),
-        Mistake(PlainMean, "This is the mean of all squares, as other frameworks have it. Caffe's is a half of the sum, "
-                           "divided by the number of items only: 1 / (2 N)."),
-        Mistake(Root, "This is a root. The loss is the sum of the squares themselves; np.linalg.norm has the root in it."),
-        Mistake(Absolute, "The differences are squared, not taken without their sign."),
-        Mistake(NoTopDiff, "backward does not use top[0].diff, dL. It is the loss weight of the prototxt, and by the chain "
-                           "rule every gradient begins with it."),
-        Mistake(SameSign, "db has the sign of da. b stands behind the minus of a - b, so db = -da."),
-        Mistake(BothSigns, "The signs are exchanged: where a is too large, L grows with a, so da = +dL (a - b) / N."),
-        Mistake(GradientDoubled, "The gradient has a 2 in it. The half of the loss takes it away: da = dL (a - b) / N."),
-        Mistake(GradientNotDivided, "The gradient is not divided by N, as the loss is."),
-    ],
+    mistakes=known(
+        NoHalf,
+        NoItems,
+        MeanOfValues,
+        PlainMean,
+        Root,
+        Absolute,
+        NoTopDiff,
+        SameSign,
+        BothSigns,
+        GradientDoubled,
+        GradientNotDivided,
+    ),
 )  # fmt: skip

@@ -58,6 +58,16 @@ class Mistake:
     advice: str
 
 
+def known(*parts: Part) -> tuple[Mistake, ...]:
+    """Mistakes of which the docstring is what is said to the reader."""
+    return tuple(Mistake(part, advice_of(part)) for part in parts)
+
+
+def advice_of(thing: Any) -> str:
+    """The docstring of a class or function, in one line."""
+    return " ".join((thing.__doc__ or "").split())
+
+
 @dataclass(frozen=True)
 class Remedy:
     """A mistake of a kind that any part can have: ``cured`` makes the part right, if it is the only one."""

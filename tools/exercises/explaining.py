@@ -100,7 +100,7 @@ def _pattern(found: Difference) -> str | None:
         return None
     if (got == 0).all():
         return "All of it is 0, as it was before: nothing was written. Write into the array, with [...] = on its left."
-    factor = float(np.vdot(got, wanted) / max(np.vdot(wanted, wanted), 1e-300))
+    factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
     if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and abs(factor) > FACTORS:
         if abs(factor + 1) < FACTORS:
             return "Everything has the wrong sign."
@@ -118,4 +118,6 @@ def _pattern_of_shapes(got: Array, wanted: Array) -> str | None:
 
 
 def _no_idea(exercise: Exercise) -> str:
-    return f"This is none of the usual mistakes. Compare your lines with the formulas in the docstring of {exercise.name}."
+    return (
+        f"This is none of the usual mistakes. Compare your lines with the formulas in the docstring of {exercise.name}."
+    )

@@ -19,9 +19,10 @@ from tools.exercises.layers import in_place_of
 
 FINGER = """
 name: "finger"
-dof { name: "slide" } dof { name: "yaw" initial: 0.3 } dof { name: "bend" } dof { name: "stiff" initial: 0.4 fixed: true }
-joint { name: "base" translate { axis: X dof: "slide" } rotate { axis: Z dof: "stiff" } rotate { axis: NEG_Y dof: "yaw" }
-        bone { axis: Y length: 0.5 } }
+dof { name: "slide" } dof { name: "yaw" initial: 0.3 } dof { name: "bend" }
+dof { name: "stiff" initial: 0.4 fixed: true }
+joint { name: "base" translate { axis: X dof: "slide" }
+        rotate { axis: Z dof: "stiff" } rotate { axis: NEG_Y dof: "yaw" } bone { axis: Y length: 0.5 } }
 joint { name: "middle" parent: "base" rotate { axis: X dof: "bend" } bone { axis: Y length: 1 } }
 joint { name: "tip" parent: "middle" translate { axis: Z dof: "slide" } rotate { axis: X dof: "bend" }
         bone { axis: NEG_Z length: 0.75 } }

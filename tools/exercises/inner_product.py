@@ -4,26 +4,28 @@ from __future__ import annotations
 
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Array, Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
 class KeepsAxes(InnerProduct):
-    """Replaces the last axis only, and does not flatten."""
+    """Only the last axis was replaced. All axes from self.axis on are one item's inputs, and one axis of num_output
+    comes in the place of all of them.
+    """
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(*bottom[0].shape[:-1], self.param.num_output)
 
 
 class FlattensAll(InnerProduct):
-    """(N, O), whatever ``axis`` says."""
+    """The option axis is left out: every axis before self.axis counts items, not only the first."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape[0], self.param.num_output)
 
 
 class TakesColumns(InnerProduct):
-    """y = x w + b."""
+    """w has one row for each output, (O, I), so it is y = x wᵀ and not x w."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
@@ -33,7 +35,7 @@ class TakesColumns(InnerProduct):
 
 
 class IgnoresTranspose(InnerProduct):
-    """w is taken as (O, I) in any case."""
+    """With transpose: true the parameter is stored as (I, O). self.output_first() turns it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = self.rows(bottom[0].data), self.rows(top[0].data)
@@ -43,7 +45,7 @@ class IgnoresTranspose(InnerProduct):
 
 
 class NoBias(InnerProduct):
-    """y = x wᵀ."""
+    """The bias is missing: y = x wᵀ + b, if self.param.bias_term."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
@@ -51,7 +53,9 @@ class NoBias(InnerProduct):
 
 
 class BiasPerItem(InnerProduct):
-    """Adds the bias down the items instead of along the outputs."""
+    """b has one number for each output, which is the last axis of y; yours is added along the items. y += b is all it
+    takes.
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
@@ -61,7 +65,7 @@ class BiasPerItem(InnerProduct):
 
 
 class TransposedInBackward(InnerProduct):
-    """dx = dy wᵀ."""
+    """dx = dy w, without a transpose: y = x wᵀ has it already, and its own is w again."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, [False], bottom)
@@ -70,7 +74,7 @@ class TransposedInBackward(InnerProduct):
 
 
 class WeightGradientTransposed(InnerProduct):
-    """dw = xᵀ dy."""
+    """dw has the shape of w, (O, I): dyᵀ x, and not xᵀ dy."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = self.blobs[0].diff.copy()
@@ -79,7 +83,9 @@ class WeightGradientTransposed(InnerProduct):
 
 
 class Means(InnerProduct):
-    """Divides dw and db by the number of items."""
+    """dw and db are divided by the number of items. They are sums over the items: whoever wants a mean, as a loss,
+    divides in its own gradient.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         before = [blob.diff.copy() for blob in self.blobs]
@@ -90,7 +96,9 @@ class Means(InnerProduct):
 
 
 class BiasOverOutputs(InnerProduct):
-    """db = sum of dy over the outputs."""
+    """db is summed over the outputs. Each b[o] is in y[n, o] for all items n, so the sum goes over the items:
+    axis 0.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept: Array | None = self.blobs[1].diff.copy() if self.param.bias_term else None
@@ -100,7 +108,7 @@ class BiasOverOutputs(InnerProduct):
 
 
 class ForgetsBiasGradient(InnerProduct):
-    """db is left as it was."""
+    """db was not added: self.blobs[1].diff is as it was before."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = [blob.diff.copy() for blob in self.blobs[1:]]
@@ -120,8 +128,8 @@ EXERCISE = layer_exercise(
     chapter=2,
     file="layers/common/inner_product.py",
     to_do={
-        "reshape": "top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours also says what "
-        "is wrong if the number of inputs is no longer self.inputs.)",
+        "reshape": "top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours "
+        "also says what is wrong if the number of inputs is no longer self.inputs.)",
         "forward": "Write top[0].data: y = x wᵀ + b. w is self.blobs[0].data, b is self.blobs[1].data, if "
         "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
         "backward": "Add to self.blobs[0].diff and self.blobs[1].diff, with +=: dw = dyᵀ x, db = sum of dy over the "
@@ -139,21 +147,17 @@ EXERCISE = layer_exercise(
         "ip_4d": Example("inner_product_param { num_output: 7 }", ()),
         "ip_axis2": Example("inner_product_param { num_output: 7 axis: 2 }", ()),
     },
-    mistakes=[
-        Mistake(KeepsAxes, "Only the last axis was replaced. All axes from self.axis on are one item's inputs, and one "
-                           "axis of num_output comes in the place of all of them."),
-        Mistake(FlattensAll, "The option axis is left out: every axis before self.axis counts items, not only the first."),
-        Mistake(TakesColumns, "w has one row for each output, (O, I), so it is y = x wᵀ and not x w."),
-        Mistake(IgnoresTranspose, "With transpose: true the parameter is stored as (I, O). self.output_first() turns it."),
-        Mistake(NoBias, "The bias is missing: y = x wᵀ + b, if self.param.bias_term."),
-        Mistake(BiasPerItem, "b has one number for each output, which is the last axis of y; yours is added along the "
-                             "items. y += b is all it takes."),
-        Mistake(TransposedInBackward, "dx = dy w, without a transpose: y = x wᵀ has it already, and its own is w again."),
-        Mistake(WeightGradientTransposed, "dw has the shape of w, (O, I): dyᵀ x, and not xᵀ dy."),
-        Mistake(Means, "dw and db are divided by the number of items. They are sums over the items: whoever wants a mean, "
-                       "as a loss, divides in its own gradient."),
-        Mistake(BiasOverOutputs, "db is summed over the outputs. Each b[o] is in y[n, o] for all items n, so the sum goes "
-                                 "over the items: axis 0."),
-        Mistake(ForgetsBiasGradient, "db was not added: self.blobs[1].diff is as it was before."),
-    ],
+    mistakes=known(
+        KeepsAxes,
+        FlattensAll,
+        TakesColumns,
+        IgnoresTranspose,
+        NoBias,
+        BiasPerItem,
+        TransposedInBackward,
+        WeightGradientTransposed,
+        Means,
+        BiasOverOutputs,
+        ForgetsBiasGradient,
+    ),
 )  # fmt: skip

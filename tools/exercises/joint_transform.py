@@ -13,7 +13,7 @@ from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Motion
 from netlib.blob import Array
 from tools.exercises import hand, recorded
-from tools.exercises.exercise import Case, Check, Exercise, Mistake, Part, Tell, Values
+from tools.exercises.exercise import Case, Check, Exercise, Mistake, Part, Tell, Values, advice_of
 
 Rotation = Callable[[int, Any], Array]
 AXES = {
@@ -147,40 +147,52 @@ def _degrees(axis: int, angle: Any) -> Array:
 
 
 class _Transposed(_Walk):
+    """The rotation turns the other way: the minus belongs to the sine in the upper row, of (x, y) for z, (y, z) for x,
+    (z, x) for y.
+    """
+
     rotation = staticmethod(_transposed)
 
 
 class _YMirrored(_Walk):
+    """The rotation about y turns the other way; the other two are right. After y comes z, then x: so the minus stands
+    in the row of z, below the diagonal.
+    """
+
     rotation = staticmethod(_y_mirrored)
 
 
 class _Degrees(_Walk):
+    """The angles are in radians already."""
+
     rotation = staticmethod(_degrees)
 
 
 class OnTheLeft(_Walk):
-    """F <- R F."""
+    """The matrices are multiplied in the wrong order. A joint turns about its own axes, which the turns before have
+    moved: F <- F R, and not R F.
+    """
 
     def turned(self, F: Array, motion: Motion, angle: Array) -> Array:
         return np.asarray(self.rotation(motion.axis, motion.sign * angle) @ F)
 
 
 class ForgetsSign(_Walk):
-    """A turn about -y is one about y."""
+    """motion.sign is left out: NEG_Y is a turn about -y, which is one about y by -theta."""
 
     def turned(self, F: Array, motion: Motion, angle: Array) -> Array:
         return np.asarray(F @ self.rotation(motion.axis, angle))
 
 
 class ForgetsSignOfAxis(_Walk):
-    """The axis of a turn about -y is told as y."""
+    """pose.axis has no sign: of a turn about -y the axis is -F e_y."""
 
     def told_axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(F[:, :, motion.axis])
 
 
 class SlidesInWorld(_Walk):
-    """Translates along the axes of the world."""
+    """The translation goes along the axes of the world. It goes along the joint's own axis: F e_axis, a column of F."""
 
     def axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(motion.sign * np.broadcast_to(np.eye(3)[motion.axis], (len(F), 3)))
@@ -190,28 +202,28 @@ class SlidesInWorld(_Walk):
 
 
 class TakesRows(_Walk):
-    """A row of F instead of a column."""
+    """F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis]."""
 
     def axis(self, F: Array, motion: Motion) -> Array:
         return np.asarray(motion.sign * F[:, motion.axis])
 
 
 class BoneBeforeTurn(_Walk):
-    """The bone lies in the parent's frame."""
+    """The bone lies along the parent's axis. It is moved along after the turns: use the joint's own F."""
 
     def bone_frame(self, F: Array, before: Array) -> Array:
         return before
 
 
 class OtherOrder(_Walk):
-    """The last motion first."""
+    """The motions are applied in the wrong order; it is that of skeleton.motions[j]."""
 
     def motions(self, j: int) -> list[Motion]:
         return list(self.skeleton.motions[j])[::-1]
 
 
 class StartsAtOrigin(_Walk):
-    """Every joint starts at the origin, in its parent's frame."""
+    """Every joint starts at the origin. It starts where its parent is: pose.joints[:, parent]."""
 
     def start(self, pose: Pose, j: int, count: int) -> tuple[Array, Array]:
         _, F = super().start(pose, j, count)
@@ -219,7 +231,7 @@ class StartsAtOrigin(_Walk):
 
 
 class ForgetsFrame(_Walk):
-    """Every joint begins unturned."""
+    """Every joint begins unturned. It begins with its parent's frame: pose.frames[:, parent]."""
 
     def start(self, pose: Pose, j: int, count: int) -> tuple[Array, Array]:
         p, _ = super().start(pose, j, count)
@@ -227,28 +239,26 @@ class ForgetsFrame(_Walk):
 
 
 class ForgetsInitial(_Walk):
-    """Takes the inputs for the angles."""
+    """The inputs are taken for the angles. self.skeleton.theta(inputs) adds the initial values, and keeps fixed DoFs at
+    theirs.
+    """
 
     def theta(self, inputs: Array) -> Array:
         return np.asarray(inputs, dtype=np.float64)
 
 
 class PivotAtEnd(_Walk):
-    """The pivot of a turn is where the joint is, after its bone."""
+    """The pivot of a turn is the point that stays where it is: where the joint begins, before its bone."""
 
     def pivot(self, p: Array, start: Array, end: Array) -> Array:
         return end
 
 
 class OwnBonesOnly(_Walk):
-    """The argument ``bones`` is not used."""
+    """The argument bones is left out: if it is given, each pose has bone lengths of its own."""
 
     def lengths(self, bones: Array | None) -> Array:
         return self.skeleton.bones
-
-
-def _with(cls: type[_Walk]) -> Transform:
-    return Transform(cls, cls.rotation)
 
 
 def _train(part: Transform, iterations: int, tell: Tell) -> Array:
@@ -261,13 +271,15 @@ EXERCISE = Exercise(
     chapter=6,
     file="layers/hand/kinematics.py",
     to_do={
-        "Kinematics.forward": "Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the DoFs' "
-        "values, (N, D), with what is fixed or added. Walk over skeleton.order, parents first. A joint starts at its "
-        "parent's pose.joints and pose.frames (a root, whose skeleton.parents is -1: at 0, with the identity). Apply "
-        "skeleton.motions[j] in their order: motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and "
-        "pose.frames[:, j]; skeleton.bones and .bone_axes have each joint's bone, and bones, if given, other lengths.\n"
-        "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis in "
-        "the world, with the sign, and the point p where the joint is then. backward needs them.",
+        "Kinematics.forward": "Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the "
+        "DoFs' values, (N, D), with what is fixed or added. Walk over skeleton.order, parents first. A "
+        "joint starts at its parent's pose.joints and pose.frames (a root, whose skeleton.parents "
+        "is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: motion.kind, "
+        ".axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones "
+        "and .bone_axes have each joint's bone, and bones, if given, other lengths.\n"
+        "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion "
+        "is applied: its axis in the world, with the sign, and the point p where the joint is "
+        "then. backward needs them.",
         "rotation": "Return R for every angle: R turns a vector about the axis counter-clockwise, seen from its tip "
         "(right-handed). For axis 2, z, it is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
     },
@@ -282,31 +294,22 @@ EXERCISE = Exercise(
             Case("poses of the NYU hand", _caffe, _caffes, "Caffe has", AXES, 1e-12, "forward"),
         )),
     ),
-    mistakes=(
-        Mistake(_with(_Transposed), "The rotation turns the other way: the minus belongs to the sine in the upper row, of "
-                                    "(x, y) for z, (y, z) for x, (z, x) for y."),
-        Mistake(_with(_YMirrored), "The rotation about y turns the other way; the other two are right. After y comes z, then "
-                                   "x: so the minus stands in the row of z, below the diagonal."),
-        Mistake(_with(_Degrees), "The angles are in radians already."),
-        Mistake(_with(OnTheLeft), "The matrices are multiplied in the wrong order. A joint turns about its own axes, which "
-                                  "the turns before have moved: F <- F R, and not R F."),
-        Mistake(_with(ForgetsSign), "motion.sign is left out: NEG_Y is a turn about -y, which is one about y by -theta."),
-        Mistake(_with(ForgetsSignOfAxis), "pose.axis has no sign: of a turn about -y the axis is -F e_y."),
-        Mistake(_with(SlidesInWorld), "The translation goes along the axes of the world. It goes along the joint's own axis: "
-                                      "F e_axis, a column of F."),
-        Mistake(_with(TakesRows), "F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis]."),
-        Mistake(_with(BoneBeforeTurn), "The bone lies along the parent's axis. It is moved along after the turns: use the "
-                                       "joint's own F."),
-        Mistake(_with(OtherOrder), "The motions are applied in the wrong order; it is that of skeleton.motions[j]."),
-        Mistake(_with(StartsAtOrigin), "Every joint starts at the origin. It starts where its parent is: "
-                                       "pose.joints[:, parent]."),
-        Mistake(_with(ForgetsFrame), "Every joint begins unturned. It begins with its parent's frame: "
-                                     "pose.frames[:, parent]."),
-        Mistake(_with(ForgetsInitial), "The inputs are taken for the angles. self.skeleton.theta(inputs) adds the initial "
-                                       "values, and keeps fixed DoFs at theirs."),
-        Mistake(_with(PivotAtEnd), "The pivot of a turn is the point that stays where it is: where the joint begins, before "
-                                   "its bone."),
-        Mistake(_with(OwnBonesOnly), "The argument bones is left out: if it is given, each pose has bone lengths of its own."),
-    ),
+    mistakes=tuple(Mistake(Transform(cls, cls.rotation), advice_of(cls)) for cls in (
+        _Transposed,
+        _YMirrored,
+        _Degrees,
+        OnTheLeft,
+        ForgetsSign,
+        ForgetsSignOfAxis,
+        SlidesInWorld,
+        TakesRows,
+        BoneBeforeTurn,
+        OtherOrder,
+        StartsAtOrigin,
+        ForgetsFrame,
+        ForgetsInitial,
+        PivotAtEnd,
+        OwnBonesOnly,
+    )),
     train=_train,
 )  # fmt: skip

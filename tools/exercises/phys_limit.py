@@ -7,12 +7,14 @@ import numpy as np
 from layers.hand.phys_limit import PhysLimit
 from layers.hand.skeleton import load_for
 from netlib.blob import Array, Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise
 
 
 class CountsFixed(PhysLimit):
-    """Fixed DoFs have limits, too: those of the file."""
+    """Fixed DoFs are counted. They ignore their input, so no input of theirs is out of limits: give them the limits
+    -infinity and infinity.
+    """
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         super().setup(bottom, top)
@@ -41,28 +43,28 @@ class _Forward(PhysLimit):
 
 
 class SquaresAlways(_Forward):
-    """The norm is not asked for."""
+    """v is squared in any case. With norm L1, the paper's and the default, the loss is the sum of v itself."""
 
     def total(self, v: Array) -> float:
         return float(np.vdot(v, v))
 
 
 class SquaresNever(_Forward):
-    """The norm is not asked for."""
+    """v is never squared. With norm L2, the released system's, the loss is the sum of v²."""
 
     def total(self, v: Array) -> float:
         return float(v.sum())
 
 
 class UpperOnly(_Forward):
-    """Below the lower limit costs nothing."""
+    """An angle below its lower limit is out of limits, too: v = max(lower - x, 0) + max(x - upper, 0)."""
 
     def beyond_of(self, x: Array) -> Array:
         return np.asarray(np.maximum(x - self.upper, 0))
 
 
 class Cancels(_Forward):
-    """What is below is subtracted from the loss."""
+    """What is below a limit is subtracted from what is above. v counts both as a loss."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data.reshape(-1, len(self.lower))
@@ -72,21 +74,21 @@ class Cancels(_Forward):
 
 
 class NotDivided(_Forward):
-    """The sum over the items."""
+    """The sum is not divided by the number of poses N."""
 
     def count(self, x: Array) -> int:
         return 1
 
 
 class MeanOfDofs(_Forward):
-    """The mean over items and DoFs."""
+    """The sum is divided by the number of all angles. It is a mean over poses only: 1 / N."""
 
     def count(self, x: Array) -> int:
         return x.size
 
 
 class Halved(_Forward):
-    """A half in front of the squares."""
+    """There is no half in front of the squares, unlike in EuclideanLoss."""
 
     def total(self, v: Array) -> float:
         return float(v.sum() if self.param.norm == "L1" else np.vdot(v, v) / 2)
@@ -107,35 +109,35 @@ class _Backward(PhysLimit):
 
 
 class BothUp(_Backward):
-    """The gradient is positive on both sides."""
+    """The gradient below a lower limit is negative: v grows when x gets smaller."""
 
     def slope(self) -> Array:
         return np.abs(super().slope())
 
 
 class TwoForgotten(_Backward):
-    """v instead of 2 v."""
+    """The derivative of v² is 2 v, and not v."""
 
     def slope(self) -> Array:
         return np.asarray(np.sign(self.beyond) if self.param.norm == "L1" else self.beyond)
 
 
 class GradientOfSquare(_Backward):
-    """2 v, whatever the norm."""
+    """With norm L1 the derivative of v is ±1, and not 2 v."""
 
     def slope(self) -> Array:
         return np.asarray(2 * self.beyond)
 
 
 class NoTopDiff(_Backward):
-    """Takes the loss weight for 1."""
+    """backward does not use top[0].diff, dL: the loss weight of the prototxt."""
 
     def begin(self, dL: Array) -> Array:
         return np.asarray(1 / len(self.beyond))
 
 
 class GradientNotDivided(_Backward):
-    """The gradient of the sum."""
+    """The gradient is not divided by N, as the loss is."""
 
     def begin(self, dL: Array) -> Array:
         return dL
@@ -163,21 +165,19 @@ EXERCISE = layer_exercise(
     letters=Letters(("x",), ("L",), axes={"x": "nd", "L": ""}),
     examples=[Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
     from_caffe={"phys_limit": Example(L2, ())},
-    mistakes=[
-        Mistake(CountsFixed, "Fixed DoFs are counted. They ignore their input, so no input of theirs is out of limits: give "
-                             "them the limits -infinity and infinity."),
-        Mistake(SquaresAlways, "v is squared in any case. With norm L1, the paper's and the default, the loss is the sum of "
-                               "v itself."),
-        Mistake(SquaresNever, "v is never squared. With norm L2, the released system's, the loss is the sum of v²."),
-        Mistake(UpperOnly, "An angle below its lower limit is out of limits, too: v = max(lower - x, 0) + max(x - upper, 0)."),
-        Mistake(Cancels, "What is below a limit is subtracted from what is above. v counts both as a loss."),
-        Mistake(NotDivided, "The sum is not divided by the number of poses N."),
-        Mistake(MeanOfDofs, "The sum is divided by the number of all angles. It is a mean over poses only: 1 / N."),
-        Mistake(Halved, "There is no half in front of the squares, unlike in EuclideanLoss."),
-        Mistake(BothUp, "The gradient below a lower limit is negative: v grows when x gets smaller."),
-        Mistake(TwoForgotten, "The derivative of v² is 2 v, and not v."),
-        Mistake(GradientOfSquare, "With norm L1 the derivative of v is ±1, and not 2 v."),
-        Mistake(NoTopDiff, "backward does not use top[0].diff, dL: the loss weight of the prototxt."),
-        Mistake(GradientNotDivided, "The gradient is not divided by N, as the loss is."),
-    ],
+    mistakes=known(
+        CountsFixed,
+        SquaresAlways,
+        SquaresNever,
+        UpperOnly,
+        Cancels,
+        NotDivided,
+        MeanOfDofs,
+        Halved,
+        BothUp,
+        TwoForgotten,
+        GradientOfSquare,
+        NoTopDiff,
+        GradientNotDivided,
+    ),
 )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise
 
 
@@ -15,7 +15,7 @@ def _extent(layer: Pooling, i: int, size: int) -> int:
 
 
 class RoundsDown(Pooling):
-    """As a convolution does."""
+    """Caffe's pooling rounds its size up, not down: a last window may hang over the edge."""
 
     def _outputs(self, i: int, size: int) -> int:
         count = _extent(self, i, size) // self.stride[i] + 1
@@ -23,7 +23,7 @@ class RoundsDown(Pooling):
 
 
 class IgnoresRoundMode(Pooling):
-    """Rounds up, also with ``round_mode: FLOOR``."""
+    """The option round_mode is left out: with FLOOR the size is rounded down."""
 
     def _outputs(self, i: int, size: int) -> int:
         count = -(-_extent(self, i, size) // self.stride[i]) + 1
@@ -31,7 +31,7 @@ class IgnoresRoundMode(Pooling):
 
 
 class KeepsLastWindow(Pooling):
-    """A last window that starts beyond the image is kept."""
+    """With padding, a last window that starts beyond the image sees no pixel and is dropped."""
 
     def _outputs(self, i: int, size: int) -> int:
         extent = _extent(self, i, size)
@@ -39,7 +39,9 @@ class KeepsLastWindow(Pooling):
 
 
 class DropsAlways(Pooling):
-    """A last window that begins beyond the image and its padding is dropped, but one in the padding is kept."""
+    """A last window is dropped only if it starts beyond the image and the padding before it: where (count - 1) stride
+    >= size + pad, with the start counted from the padding on.
+    """
 
     def _outputs(self, i: int, size: int) -> int:
         extent = _extent(self, i, size)
@@ -48,21 +50,25 @@ class DropsAlways(Pooling):
 
 
 class ZeroCanWin(Pooling):
-    """The padding is 0, and so is the maximum of negative numbers beside it."""
+    """The padding of a maximum must never win, and 0 is more than a negative number: pad with -infinity."""
 
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         return super().padded(x, y_shape, 0)
 
 
 class CountsWhatHangsOver(Pooling):
-    """Divides by the whole kernel."""
+    """The mean divides by the kernel's whole area. What hangs over the padded image is not counted; area() gives what
+    is.
+    """
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         return np.full(y_shape[2:], float(np.prod(self.kernel)), self.dtype)
 
 
 class CountsNoPadding(Pooling):
-    """Divides by the number of pixels."""
+    """The mean divides by the number of pixels. Caffe counts the padding, too (PyTorch's count_include_pad); area()
+    gives its number.
+    """
 
     def area(self, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
         sizes = []
@@ -73,7 +79,7 @@ class CountsNoPadding(Pooling):
 
 
 class ForgetsAreaBackward(Pooling):
-    """dx += dy."""
+    """backward of the mean does not divide: each pixel of a window gets dy / area."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not self.is_max:
@@ -86,7 +92,9 @@ class ForgetsAreaBackward(Pooling):
 
 
 class LastOfEqual(Pooling):
-    """The last of equal values wins."""
+    """Of equal values the first one wins, row by row; yours takes the last. Use >, and not >=, if you walk through the
+    window.
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -99,7 +107,7 @@ class LastOfEqual(Pooling):
 
 
 class PlaceInWindow(Pooling):
-    """The mask says where in its window a winner stands."""
+    """The mask says where in the map a winner stands, h W + w, and not where in its window."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         super().forward(bottom, top)
@@ -108,7 +116,9 @@ class PlaceInWindow(Pooling):
 
 
 class AllOfEqual(Pooling):
-    """Every one of equal values gets the gradient."""
+    """Of equal values only the first gets the gradient; yours gives it to all of them. Remember in forward which one
+    won.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not self.is_max:
@@ -124,7 +134,9 @@ class AllOfEqual(Pooling):
 
 
 class OverwritesShared(Pooling):
-    """Where two windows have the same winner, the later one wins."""
+    """A pixel that wins in several windows gets the gradient of each; yours keeps one. An array of indices on the left
+    of += does not add twice: np.add.at does.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not self.is_max:
@@ -163,8 +175,8 @@ EXERCISE = layer_exercise(
         "that starts beyond the image. The kernel is self.whole_kernel[i]. (Ours also says if no window is left.)",
         "forward": "Write top[0].data, and the mask into top[1].data if there is one. self.is_max tells MAX from AVE. "
         "Keep what backward needs, as self.winners. padded(), windows(), _index() and area() help.",
-        "backward": "If propagate_down[0], write every element of bottom[0].diff: what several windows share is summed, "
-        "what no window took is 0.",
+        "backward": "If propagate_down[0], write every element of bottom[0].diff: what several windows share "
+        "is summed, what no window took is 0.",
     },
     letters=Letters(("x",), ("y", "mask"), axes={"x": "nchw", "y": "nchw", "mask": "nchw"}),
     examples=[
@@ -174,7 +186,7 @@ EXERCISE = layer_exercise(
         Example(_options("kernel_size: 3"), (_different(1, 1, 5, 5, seed=2),), note="windows that overlap"),
         Example(_options("kernel_size: 2 stride: 2 round_mode: FLOOR"), (_different(1, 1, 5, 5, seed=3),)),
         Example(_options("global_pooling: true"), (_different(1, 2, 3, 4, seed=4),)),
-        Example(_options("kernel_size: 3 stride: 2"), (TIES,), tops=2, gradient=False, note="with a mask, equal values"),
+        Example(_options("kernel_size: 3 stride: 2"), (TIES,), tops=2, gradient=False, note="a mask, equal values"),
         Example(_options("pool: AVE kernel_size: 2 stride: 2"), (_different(2, 1, 5, 4, seed=5),)),
         Example(_options("pool: AVE kernel_size: 3 stride: 2 pad: 1"), (_different(1, 2, 5, 6, seed=6),)),
     ],
@@ -185,25 +197,18 @@ EXERCISE = layer_exercise(
         "pool_AVE_k3s2p1_odd": Example(_options("pool: AVE kernel_size: 3 stride: 2 pad: 1"), ()),
         "pool_AVE_k2s2_odd": Example(_options("pool: AVE kernel_size: 2 stride: 2"), ()),
     },
-    mistakes=[
-        Mistake(RoundsDown, "Caffe's pooling rounds its size up, not down: a last window may hang over the edge."),
-        Mistake(IgnoresRoundMode, "The option round_mode is left out: with FLOOR the size is rounded down."),
-        Mistake(KeepsLastWindow, "With padding, a last window that starts beyond the image sees no pixel and is dropped."),
-        Mistake(DropsAlways, "A last window is dropped only if it starts beyond the image and the padding before it: "
-                             "where (count - 1) stride >= size + pad, with the start counted from the padding on."),
-        Mistake(ZeroCanWin, "The padding of a maximum must never win, and 0 is more than a negative number: pad with "
-                            "-infinity."),
-        Mistake(CountsWhatHangsOver, "The mean divides by the kernel's whole area. What hangs over the padded image is not "
-                                     "counted; area() gives what is."),
-        Mistake(CountsNoPadding, "The mean divides by the number of pixels. Caffe counts the padding, too (PyTorch's "
-                                 "count_include_pad); area() gives its number."),
-        Mistake(ForgetsAreaBackward, "backward of the mean does not divide: each pixel of a window gets dy / area."),
-        Mistake(LastOfEqual, "Of equal values the first one wins, row by row; yours takes the last. Use >, and not >=, if "
-                             "you walk through the window."),
-        Mistake(PlaceInWindow, "The mask says where in the map a winner stands, h W + w, and not where in its window."),
-        Mistake(AllOfEqual, "Of equal values only the first gets the gradient; yours gives it to all of them. Remember in "
-                            "forward which one won."),
-        Mistake(OverwritesShared, "A pixel that wins in several windows gets the gradient of each; yours keeps one. An "
-                                  "array of indices on the left of += does not add twice: np.add.at does."),
-    ],
+    mistakes=known(
+        RoundsDown,
+        IgnoresRoundMode,
+        KeepsLastWindow,
+        DropsAlways,
+        ZeroCanWin,
+        CountsWhatHangsOver,
+        CountsNoPadding,
+        ForgetsAreaBackward,
+        LastOfEqual,
+        PlaceInWindow,
+        AllOfEqual,
+        OverwritesShared,
+    ),
 )  # fmt: skip

@@ -29,7 +29,8 @@ def everything() -> dict[str, Array]:
 
 def of_layer(case: str, kind: str) -> list[Array]:
     """The arrays of one kind, in order; none if Caffe's layer has none."""
-    arrays, found = everything(), []
+    arrays = everything()
+    found: list[Array] = []
     while (name := f"{case}/{kind}/{len(found)}") in arrays:
         found.append(arrays[name])
     return found

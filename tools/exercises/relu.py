@@ -6,19 +6,19 @@ import numpy as np
 
 from layers.activation.relu import ReLU
 from netlib.blob import Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
 class ForgetsSlope(ReLU):
-    """y = max(x, 0)."""
+    """negative_slope is left out: a negative x becomes slope * x, with self.slope, and not 0."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         top[0].data[...] = np.maximum(bottom[0].data, 0)
 
 
 class SwapsSides(ReLU):
-    """The slope is on the positive side."""
+    """The two sides are exchanged: g is 1 where x > 0, and the slope elsewhere."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
@@ -26,7 +26,9 @@ class SwapsSides(ReLU):
 
 
 class ReadsWhatItWrote(ReLU):
-    """In place, the second line reads what the first has written."""
+    """In a net a ReLU runs in place: top[0].data and bottom[0].data are then the same array. A line that reads x after
+    another has written y reads y. Compute all of it in one expression.
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
@@ -35,7 +37,9 @@ class ReadsWhatItWrote(ReLU):
 
 
 class ChangesBottom(ReLU):
-    """Works in the bottom, then copies."""
+    """forward changes bottom[0].data. It belongs to the layer below, which may need it in its own backward; write only
+    into top[0].data.
+    """
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
@@ -44,14 +48,14 @@ class ChangesBottom(ReLU):
 
 
 class ForgetsSlopeBackward(ReLU):
-    """dx = dy where x > 0, 0 elsewhere."""
+    """backward leaves the slope out: where x <= 0 the gradient is slope * dy, and not 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff * (bottom[0].data > 0)
 
 
 class ForgetsTopDiff(ReLU):
-    """dx = g."""
+    """backward does not use top[0].diff. By the chain rule dx is dy times g, and not g alone."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -59,7 +63,9 @@ class ForgetsTopDiff(ReLU):
 
 
 class OneAtZero(ReLU):
-    """g = 1 at x = 0."""
+    """The gradient at x = 0 is yours to choose, and Caffe chose the slope: g is 1 only where x > 0, so >= has
+    to be >.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         x = bottom[0].data
@@ -67,7 +73,7 @@ class OneAtZero(ReLU):
 
 
 class LooksAtGradient(ReLU):
-    """Cuts off negative gradients instead of those where x was negative."""
+    """backward asks for the sign of dy. What counts is the sign of x: g is 1 where x > 0."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
@@ -96,19 +102,14 @@ EXERCISE = layer_exercise(
         Example(LEAKY, (numbers(2, 3, 4, seed=2),), in_place=True),
     ],
     from_caffe={"relu": Example("", ()), "relu_neg": Example(LEAKY, ())},
-    mistakes=[
-        Mistake(ForgetsSlope, "negative_slope is left out: a negative x becomes slope * x, with self.slope, and not 0."),
-        Mistake(SwapsSides, "The two sides are exchanged: g is 1 where x > 0, and the slope elsewhere."),
-        Mistake(ReadsWhatItWrote,
-                "In a net a ReLU runs in place: top[0].data and bottom[0].data are then the same array. A line that reads "
-                "x after another has written y reads y. Compute all of it in one expression."),
-        Mistake(ChangesBottom,
-                "forward changes bottom[0].data. It belongs to the layer below, which may need it in its own backward; "
-                "write only into top[0].data."),
-        Mistake(ForgetsSlopeBackward, "backward leaves the slope out: where x <= 0 the gradient is slope * dy, and not 0."),
-        Mistake(ForgetsTopDiff, "backward does not use top[0].diff. By the chain rule dx is dy times g, and not g alone."),
-        Mistake(OneAtZero, "The gradient at x = 0 is yours to choose, and Caffe chose the slope: g is 1 only where x > 0, "
-                           "so >= has to be >."),
-        Mistake(LooksAtGradient, "backward asks for the sign of dy. What counts is the sign of x: g is 1 where x > 0."),
-    ],
+    mistakes=known(
+        ForgetsSlope,
+        SwapsSides,
+        ReadsWhatItWrote,
+        ChangesBottom,
+        ForgetsSlopeBackward,
+        ForgetsTopDiff,
+        OneAtZero,
+        LooksAtGradient,
+    ),
 )  # fmt: skip

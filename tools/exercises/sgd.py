@@ -11,12 +11,12 @@ from netlib.blob import Array
 from netlib.messages import SolverParameter
 from netlib.updates import RULES, Rule
 from tools.exercises import network, recorded
-from tools.exercises.exercise import Case, Check, Exercise, Mistake, Part, Tell, Values
+from tools.exercises.exercise import Case, Check, Exercise, Part, Tell, Values, known
 
 OURS = RULES["SGD"][0]
 UPDATES = 8  # that are recorded of Caffe's trainings
 WEIGHTS = {"b of conv": ("conv", 1), "w of ip2": ("ip2", 0), "b of ip2": ("ip2", 1)}
-AXES = {name: ("update", "i") for name in ("w", "h", "g (after the update)")} | {
+AXES = dict.fromkeys(("w", "h", "g (after the update)"), ("update", "i")) | {
     "b of conv": ("update", "o"),
     "w of ip2": ("update", "o", "i"),
     "b of ip2": ("update", "o"),
@@ -66,14 +66,15 @@ def caffes_training(rule: Rule, name: str) -> Values:
     arrays = recorded.everything()
     solver = network.solver_of(NET, TRAININGS[name])
     for layer, blobs in solver.net.params.items():
-        for i, blob in enumerate(blobs):
-            blob.data[...] = arrays[f"training/init/{layer}/{i}"]
+        for i, param in enumerate(blobs):
+            param.data[...] = arrays[f"training/init/{layer}/{i}"]
     found: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
     with in_use(rule):
         solver.rule = rule
         for t in range(UPDATES):
             for blob in ("data", "label"):
-                solver.net.blobs[blob].data[...] = np.roll(arrays[f"training/{blob}"], -8 * t, axis=0)[:8]
+                rows = np.roll(arrays[f"training/{blob}"], -8 * t, axis=0)
+                solver.net.blobs[blob].data[...] = rows[:8]
             solver.step(1)
             for title, (layer, i) in WEIGHTS.items():
                 found[title].append(solver.net.params[layer][i].data.copy())
@@ -97,12 +98,16 @@ def _by_caffe(name: str) -> Case:
 
 
 def _rate_later(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The rate is applied when w is changed, as in PyTorch. In Caffe it is inside the history, h <- m h + r g: when the
+    rate falls, what was gathered before keeps its own rate.
+    """
     [h] = history
     h[...] = p.momentum * h + g
     w -= rate * h
 
 
 def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """This is Nesterov's rule, which looks ahead. SGD subtracts h itself: w <- w - h."""
     [h] = history
     before = h.copy()
     h[...] = p.momentum * h + rate * g
@@ -110,42 +115,55 @@ def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequ
 
 
 def _uphill(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """w goes uphill. The gradient shows where the loss grows, so h is subtracted."""
     [h] = history
     h[...] = p.momentum * h + rate * g
     w += h
 
 
 def _forgets_history(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The new h is lost: h = ... makes a new array, and the next update sees the old one. Write into it: h[...]
+    = ...
+    """
     [h] = history
     h = p.momentum * h + rate * g
     w -= h
 
 
 def _new_weights(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The new w is lost: w = ... makes a new array, and the net keeps the old one. Write into it: w -= h."""
     [h] = history
     h[...] = p.momentum * h + rate * g
     w = w - h
 
 
 def _dampens(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The gradient is multiplied by 1 - m, as in a mean (Adam does that). Here it is h <- m h + r g."""
     [h] = history
     h[...] = p.momentum * h + (1 - p.momentum) * rate * g
     w -= h
 
 
 def _base_rate(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The rate is taken from p.base_lr. Use the argument rate: the policy and the parameter's lr_mult are in it
+    already.
+    """
     [h] = history
     h[...] = p.momentum * h + p.base_lr * g
     w -= h
 
 
 def _no_momentum(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The momentum is missing: h <- m h + r g, with m = p.momentum."""
     [h] = history
     h[...] = rate * g
     w -= h
 
 
 def _changes_g(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """g is changed. The rule leaves it as it is: who prints or clips gradients needs it; compute rate * g in the
+    expression.
+    """
     [h] = history
     g *= rate
     h[...] = p.momentum * h + g
@@ -153,12 +171,14 @@ def _changes_g(p: SolverParameter, w: Array, g: Array, rate: float, history: Seq
 
 
 def _decays_again(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The weight decay is added twice. The solver has added it to g already, before it asks the rule."""
     [h] = history
     h[...] = p.momentum * h + rate * (g + p.weight_decay * w)
     w -= h
 
 
 def _late(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """w is changed by the old h. Compute the new h first."""
     [h] = history
     w -= h
     h[...] = p.momentum * h + rate * g
@@ -179,8 +199,9 @@ EXERCISE = Exercise(
     chapter=5,
     file="netlib/updates.py",
     to_do={
-        "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is p.momentum, r is rate. "
-        "Write into both arrays (h[...] = ..., w -= ...), and leave g as it is."
+        "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is "
+        "p.momentum, r is rate. Write into both arrays (h[...] = ..., w -= ...), and leave g as "
+        "it is.",
     },
     keep=("Rule", "_sgd"),
     names=("_sgd",),
@@ -193,26 +214,20 @@ EXERCISE = Exercise(
             _by_hand("momentum 0.9, a rate that falls", 0.9, 0.1, 0.1, 0.01, 0.01),
             _by_hand("momentum 0.9, weight_decay 0.1, which the solver has added to g", 0.9, 0.1, 0.1, decay=0.1),
         )),
-        Check("values: a small net is trained as Caffe trained it", (_by_caffe("sgd_mom09"), _by_caffe("snap_sgd_hdf5"))),
+        Check("values: a small net is trained as Caffe trained it", tuple(map(_by_caffe, TRAININGS))),
     ),
-    mistakes=(
-        Mistake(_rate_later, "The rate is applied when w is changed, as in PyTorch. In Caffe it is inside the history, "
-                             "h <- m h + r g: when the rate falls, what was gathered before keeps its own rate."),
-        Mistake(_nesterov, "This is Nesterov's rule, which looks ahead. SGD subtracts h itself: w <- w - h."),
-        Mistake(_uphill, "w goes uphill. The gradient shows where the loss grows, so h is subtracted."),
-        Mistake(_forgets_history, "The new h is lost: h = ... makes a new array, and the next update sees the old one. Write "
-                                  "into it: h[...] = ..."),
-        Mistake(_new_weights, "The new w is lost: w = ... makes a new array, and the net keeps the old one. Write into it: "
-                              "w -= h."),
-        Mistake(_dampens, "The gradient is multiplied by 1 - m, as in a mean (Adam does that). Here it is h <- m h + r g."),
-        Mistake(_base_rate, "The rate is taken from p.base_lr. Use the argument rate: the policy and the parameter's lr_mult "
-                            "are in it already."),
-        Mistake(_no_momentum, "The momentum is missing: h <- m h + r g, with m = p.momentum."),
-        Mistake(_changes_g, "g is changed. The rule leaves it as it is: who prints or clips gradients needs it; compute "
-                            "rate * g in the expression."),
-        Mistake(_decays_again, "The weight decay is added twice. The solver has added it to g already, before it asks the "
-                               "rule."),
-        Mistake(_late, "w is changed by the old h. Compute the new h first."),
+    mistakes=known(
+        _rate_later,
+        _nesterov,
+        _uphill,
+        _forgets_history,
+        _new_weights,
+        _dampens,
+        _base_rate,
+        _no_momentum,
+        _changes_g,
+        _decays_again,
+        _late,
     ),
     train=_train,
 )  # fmt: skip

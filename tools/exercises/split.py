@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from layers.common.split import Split
 from netlib.blob import Blobs
-from tools.exercises.exercise import Mistake
+from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
 class ShapesOne(Split):
-    """Only the first top is shaped."""
+    """Every top needs the shape, not only the first: for y in top."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
 
 
 class WritesOne(Split):
-    """Only the first top is written."""
+    """Every top gets a copy, not only the first: for y in top."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         top[0].data[...] = bottom[0].data
 
 
 class Divides(Split):
-    """Each reader gets its part."""
+    """Nothing is divided among the readers: each gets all of x."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for y in top:
@@ -31,7 +31,9 @@ class Divides(Split):
 
 
 class TakesLast(Split):
-    """The last reader's gradient alone."""
+    """dx is the gradient of the last reader alone: every turn of the loop overwrites the one before. L depends on x
+    through all of them, and the chain rule sums.
+    """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         for y in top:
@@ -39,14 +41,14 @@ class TakesLast(Split):
 
 
 class TakesFirst(Split):
-    """The first reader's gradient alone."""
+    """dx is the gradient of the first reader alone. L depends on x through all of them, and the chain rule sums."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff
 
 
 class Means(Split):
-    """The mean of the gradients."""
+    """dx is the mean of the gradients. The chain rule sums: nothing is divided."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, propagate_down, bottom)
@@ -54,7 +56,7 @@ class Means(Split):
 
 
 class CountsFirstTwice(Split):
-    """Begins with the first, then adds all."""
+    """The gradient of the first reader is counted twice: written first, and then added with the others."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         super().backward(top, propagate_down, bottom)
@@ -62,7 +64,7 @@ class CountsFirstTwice(Split):
 
 
 class TwoOnly(Split):
-    """The sum of the first two."""
+    """Only two readers are summed; there may be any number: loop over top."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         bottom[0].diff[...] = top[0].diff + top[1].diff
@@ -77,8 +79,8 @@ EXERCISE = layer_exercise(
     to_do={
         "reshape": "Give every top the shape of bottom[0].",
         "forward": "Copy bottom[0].data into every top.",
-        "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It holds old numbers, "
-        "so the first of them is written and not added.",
+        "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It holds "
+        "old numbers, so the first of them is written and not added.",
     },
     letters=Letters(("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}),
     examples=[
@@ -86,17 +88,14 @@ EXERCISE = layer_exercise(
         Example("", (numbers(3, 2, seed=1),), tops=3, note="3 readers"),
     ],
     from_caffe={"split_explicit": Example("", (), tops=3)},
-    mistakes=[
-        Mistake(ShapesOne, "Every top needs the shape, not only the first: for y in top."),
-        Mistake(WritesOne, "Every top gets a copy, not only the first: for y in top."),
-        Mistake(Divides, "Nothing is divided among the readers: each gets all of x."),
-        Mistake(TakesLast, "dx is the gradient of the last reader alone: every turn of the loop overwrites the one before. "
-                           "L depends on x through all of them, and the chain rule sums."),
-        Mistake(TakesFirst, "dx is the gradient of the first reader alone. L depends on x through all of them, and the "
-                            "chain rule sums."),
-        Mistake(Means, "dx is the mean of the gradients. The chain rule sums: nothing is divided."),
-        Mistake(CountsFirstTwice, "The gradient of the first reader is counted twice: written first, and then added with "
-                                  "the others."),
-        Mistake(TwoOnly, "Only two readers are summed; there may be any number: loop over top."),
-    ],
+    mistakes=known(
+        ShapesOne,
+        WritesOne,
+        Divides,
+        TakesLast,
+        TakesFirst,
+        Means,
+        CountsFirstTwice,
+        TwoOnly,
+    ),
 )  # fmt: skip

@@ -8,7 +8,7 @@ from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
 from tools.exercises import hand, recorded
-from tools.exercises.exercise import Case, Check, Exercise, Mistake, Part, Values
+from tools.exercises.exercise import Case, Check, Exercise, Part, Values, known
 
 AXES = {"dtheta": ("pose", "dof"), "dX (after backward)": ("pose", "joint", "xyz")}
 STEP = 1e-6
@@ -107,14 +107,14 @@ class _Climb(Kinematics):
 
 
 class CrossReversed(_Climb):
-    """f x (X - P)."""
+    """The cross product is the wrong way round: a torque is arm x force, (X - P) x f."""
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return np.asarray(torque + np.cross(force, X - P))
 
 
 class LeverReversed(_Climb):
-    """f x (X_c - X_j) on the way up."""
+    """On the way up the cross product is the wrong way round: (X_c - X_j) x force_c."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         force[:, parent] += force[:, j]
@@ -122,28 +122,30 @@ class LeverReversed(_Climb):
 
 
 class AboutJoint(_Climb):
-    """The torque about the joint itself."""
+    """This is the torque about the joint itself. The motion turns about its pivot P, where the joint has an arm: add
+    (X_j - P) x force_j.
+    """
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return torque
 
 
 class AboutOrigin(_Climb):
-    """The torque about the origin."""
+    """This is the torque about the origin. The motion turns about its pivot P: the arm is X_j - P."""
 
     def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
         return np.asarray(torque + np.cross(X, force))
 
 
 class KeepsForce(_Climb):
-    """The force on the children does not reach the parent."""
+    """The force on a child has to reach its parent as well: who moves the parent moves them all."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
 
 
 class NoLever(_Climb):
-    """The torque moves up as it is."""
+    """A torque about the child is not yet one about its parent: add (X_c - X_j) x force_c."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         force[:, parent] += force[:, j]
@@ -151,7 +153,7 @@ class NoLever(_Climb):
 
 
 class KeepsTorque(_Climb):
-    """The children's own torque does not reach the parent."""
+    """The torque of the child itself is left out on the way up: torque_c + (X_c - X_j) x force_c."""
 
     def up(self, force: Array, torque: Array, X: Array, j: int, parent: int) -> None:
         force[:, parent] += force[:, j]
@@ -159,35 +161,37 @@ class KeepsTorque(_Climb):
 
 
 class Overwrites(_Climb):
-    """A DoF that drives several motions gets the last."""
+    """A DoF may drive several motions, and its gradient is the sum over them: dtheta[:, dof] += ..."""
 
     def enter(self, dtheta: Array, dof: int, value: Array) -> None:
         dtheta[:, dof] = value
 
 
 class TurnsAll(_Climb):
-    """A translation gets the torque, too."""
+    """A translation has no torque: its gradient is a . force_j."""
 
     def push(self, motion: Motion, force: Array, about_P: Array) -> Array:
         return about_P
 
 
 class ParentsFirst(_Climb):
-    """Walks down instead of up."""
+    """The joints are walked from the root to the tips. The sums come from the tips: reversed(skeleton.order)."""
 
     def order(self) -> list[int]:
         return list(self.skeleton.order)
 
 
 class ChangesGiven(_Climb):
-    """Sums the forces in dX itself."""
+    """dX is changed: it belongs to the layer above. Sum the forces in a copy."""
 
     def copied(self, dX: Array) -> Array:
         return dX
 
 
 class MovesFixed(_Climb):
-    """Fixed DoFs get a gradient."""
+    """Fixed DoFs have no gradient: they ignore their input. Their motions have row -1, which as an index would be the
+    last row.
+    """
 
     def is_free(self, motion: Motion) -> bool:
         return True
@@ -201,11 +205,12 @@ EXERCISE = Exercise(
     chapter=7,
     file="layers/hand/kinematics.py",
     to_do={
-        "Kinematics.backward": "Return dtheta (N, D) in self.dtype. Begin with force = a float64 copy of dX and torque = 0, "
-        "and walk over reversed(skeleton.order), so that a joint has the sums of its children before it is asked. For "
-        "each of its motions with motion.row >= 0 (the others are fixed) add to dtheta[:, motion.dof]; a is "
-        "pose.axis[:, row], P is pose.pivot[:, row], and a DoF may drive several motions. Then add the joint's force and "
-        "torque to its parent's. np.cross(u, v) works along the last axis.",
+        "Kinematics.backward": "Return dtheta (N, D) in self.dtype. Begin with force = a float64 copy of dX and torque "
+        "= 0, and walk over reversed(skeleton.order), so that a joint has the sums of its children "
+        "before it is asked. For each of its motions with motion.row >= 0 (the others are fixed) "
+        "add to dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF "
+        "may drive several motions. Then add the joint's force and torque to its parent's. "
+        "np.cross(u, v) works along the last axis.",
     },
     names=("Kinematics.forward", "Kinematics.backward"),
     part_of=lambda module: module.Kinematics,
@@ -221,22 +226,19 @@ EXERCISE = Exercise(
             Case("poses of the NYU hand", _caffe, _caffes, "Caffe has", AXES, 1e-11, "backward"),
         )),
     ),
-    mistakes=(
-        Mistake(CrossReversed, "The cross product is the wrong way round: a torque is arm x force, (X - P) x f."),
-        Mistake(LeverReversed, "On the way up the cross product is the wrong way round: (X_c - X_j) x force_c."),
-        Mistake(AboutJoint, "This is the torque about the joint itself. The motion turns about its pivot P, where the joint "
-                            "has an arm: add (X_j - P) x force_j."),
-        Mistake(AboutOrigin, "This is the torque about the origin. The motion turns about its pivot P: the arm is X_j - P."),
-        Mistake(KeepsForce, "The force on a child has to reach its parent as well: who moves the parent moves them all."),
-        Mistake(NoLever, "A torque about the child is not yet one about its parent: add (X_c - X_j) x force_c."),
-        Mistake(KeepsTorque, "The torque of the child itself is left out on the way up: torque_c + (X_c - X_j) x force_c."),
-        Mistake(Overwrites, "A DoF may drive several motions, and its gradient is the sum over them: dtheta[:, dof] += ..."),
-        Mistake(TurnsAll, "A translation has no torque: its gradient is a . force_j."),
-        Mistake(ParentsFirst, "The joints are walked from the root to the tips. The sums come from the tips: "
-                              "reversed(skeleton.order)."),
-        Mistake(ChangesGiven, "dX is changed: it belongs to the layer above. Sum the forces in a copy."),
-        Mistake(MovesFixed, "Fixed DoFs have no gradient: they ignore their input. Their motions have row -1, which as an "
-                            "index would be the last row."),
+    mistakes=known(
+        CrossReversed,
+        LeverReversed,
+        AboutJoint,
+        AboutOrigin,
+        KeepsForce,
+        NoLever,
+        KeepsTorque,
+        Overwrites,
+        TurnsAll,
+        ParentsFirst,
+        ChangesGiven,
+        MovesFixed,
     ),
     train=hand.losses,
 )  # fmt: skip
