@@ -9,10 +9,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from docs.making import code_blocks
+from docs.making import code_blocks, exercises
 from docs.making.made import ROOT, Made
 
-PIECES: tuple[Callable[[], Iterator[Made]], ...] = (code_blocks.made,)
+PIECES: tuple[Callable[[], Iterator[Made]], ...] = (code_blocks.made, exercises.made)
 
 
 def main() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,13 @@ class Step:
     title: str
     passed: bool
     lines: tuple[str, ...] = ()
+
+
+def first_step(exercise: Exercise, reader: ReadersFile) -> Step:
+    """What the reader's file has. What is still to be written stops the step that needs it, not this one."""
+    to_do = [f"{name} (line {line})" for name, line in reader.to_do.items() if name in reader.needed]
+    lines = (f"still to be written: {', '.join(to_do)}",) if to_do else ()
+    return Step(f"the file has {', '.join(exercise.names)}", True, lines)
 
 
 def steps(
@@ -59,7 +67,7 @@ def _checked(exercise: Exercise, check: Check, part: Part, reader: ReadersFile |
             return Step(check.title, False, tuple(lines))
         if found is not None:
             lines = list(sentences(exercise, part, found))
-            return Step(check.title, False, (*lines, *_place(exercise, case, reader)))
+            return Step(check.title, False, (*lines, *_place(case, reader)))
     return Step(check.title, True)
 
 
@@ -71,6 +79,8 @@ def _stopped(case: Case, error: BaseException, reader: ReadersFile | None) -> It
         yield f"{name or case.method} is still to be written" + (f": {where}" if where else ".")
         return
     yield f"{where or 'error'}: {error if isinstance(error, NetlibError) else told(error)}"
+    if isinstance(error, AttributeError) and re.search("no setter|can't set", str(error)):
+        yield "data and diff are arrays that others hold, too: write into them, with [...] = on the left."
     if case.title:
         yield f"It happened with {case.title}."
 
@@ -85,13 +95,13 @@ def _elsewhere(exercise: Exercise, check: Check, part: Part, error: BaseExceptio
             found = first_difference(case, case.run(part), case.wanted(part))
             said = found and advice(exercise, part, found)
             if said:
-                yield said
+                yield f"And with {case.title}: {said}"
                 return
 
 
-def _place(exercise: Exercise, case: Case, reader: ReadersFile | None) -> Sequence[str]:
-    name = next((name for name in exercise.names if name.split(".")[-1] == case.method), None)
-    return [f"Look at {reader.at(name)}."] if reader and name else []
+def _place(case: Case, reader: ReadersFile | None) -> Sequence[str]:
+    name = next((name for name in reader.lines if name.split(".")[-1] == case.method), None) if reader else None
+    return [f"Look at {name}, {reader.path}:{reader.lines[name]}."] if reader and name else []
 
 
 def _trained(exercise: Exercise, part: Part, iterations: int, reader: ReadersFile | None, tell: Tell) -> Step:

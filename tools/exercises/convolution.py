@@ -132,6 +132,30 @@ class OverwritesShared(Convolution):
         return padded[inside]
 
 
+class OverwritesWindows(Convolution):
+    """Your loop over the windows writes dx where it has to add: windows overlap, and each of them adds its part to what
+    the ones before have left, with +=.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, [False], bottom)
+        for x, y in zip(bottom, top) if propagate_down[0] else []:
+            for n, gradient in enumerate(y.diff):
+                columns = self.by_group(self.blobs[0].data).swapaxes(1, 2) @ self.by_group(gradient)
+                x.diff[n] = self._last_window(columns, x.shape[1:], gradient.shape)
+
+    def _last_window(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
+        C, *sizes = x_shape
+        padded = np.zeros((C, *(n + 2 * p for n, p in zip(sizes, self.pad))), columns.dtype)
+        met = columns.reshape(C, -1, *y_shape[1:])
+        elements = list(np.ndindex(self.kernel))
+        for h, w in np.ndindex(*y_shape[1:]):
+            for element, (i, j) in enumerate(elements):
+                row, column = h * self.stride[0] + i * self.dilation[0], w * self.stride[1] + j * self.dilation[1]
+                padded[:, row, column] = met[:, element, h, w]
+        return padded[:, self.pad[0] : self.pad[0] + sizes[0], self.pad[1] : self.pad[1] + sizes[1]]
+
+
 class BiasMean(Convolution):
     """db is a mean over the places of the output. It is a sum: b[o] is added at each of them."""
 
@@ -183,6 +207,7 @@ EXERCISE = layer_exercise(
         "col2im": "The way back: add every element of the columns where its pixel came from, and cut off the padding. "
         "Leave it as it is if your backward does not need it.",
     },
+    shaped_by="_outputs",
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "nohw", "w": "ocij", "b": "o"}),
     examples=[
         Example(_options(2, "kernel_size: 3"), (numbers(2, 2, 4, 5),)),
@@ -207,6 +232,7 @@ EXERCISE = layer_exercise(
         SwapsStrideAndDilation,
         KeepsLastImage,
         OverwritesShared,
+        OverwritesWindows,
         BiasMean,
         FlipsBackward,
     ),

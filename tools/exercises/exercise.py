@@ -70,10 +70,14 @@ def advice_of(thing: Any) -> str:
 
 @dataclass(frozen=True)
 class Remedy:
-    """A mistake of a kind that any part can have: ``cured`` makes the part right, if it is the only one."""
+    """A mistake of a kind that any part can have: ``cured`` makes the part right, if it is the only one.
+
+    looks_like  can the array, with what is wrong in it, come from this mistake
+    """
 
     cured: Callable[[Part], Part]
     advice: str
+    looks_like: Callable[[Array], bool] = lambda got: True
 
 
 @dataclass(frozen=True)

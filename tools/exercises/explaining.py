@@ -16,7 +16,7 @@ FACTORS = 1e-5  # how well a constant factor must fit all numbers
 def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str]:
     """What differs, then what is likely the reason."""
     yield _what_differs(found)
-    yield advice(exercise, part, found) or _pattern(found) or _no_idea(exercise)
+    yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or _no_idea(exercise)
 
 
 def _what_differs(found: Difference) -> str:
@@ -45,18 +45,32 @@ def _written(a: float, b: float) -> tuple[str, str]:
 def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
     """What is said of the known mistake that gives what the reader's part gives; None if none does.
 
-    Where several give the same numbers here, it is the one that agrees with the reader's part in most other results.
+    It must be right where the reader's part was, in the cases before this one. Where several are left, it is the one
+    that agrees with the reader's part in most other results.
     """
     for remedy in exercise.remedies:
-        got = _run(found.case, remedy.cured(part))
-        if got is not None and first_difference(found.case, got, found.case.wanted(part)) is None:
+        if remedy.looks_like(found.got) and _passes(found.case, remedy.cured(part)):
             return remedy.advice
     like = [m for m in exercise.mistakes if _same(found, _run(found.case, m.part) or {})]
+    before = [case for case in _before(exercise, found.case) if _passes(case, part)] if like else []
+    like = [m for m in like if all(_passes(case, m.part) for case in before)]
     if len(like) < 2:
         return like[0].advice if like else None
     cases = [case for check in exercise.checks for case in check.cases]
     mine = {case: _run(case, part) or {} for case in cases}
     return max(like, key=lambda m: sum(_alike(c, mine[c], _run(c, m.part) or {}) for c in cases)).advice
+
+
+def _before(exercise: Exercise, case: Case) -> Iterator[Case]:
+    """The cases of the same step that come before this one."""
+    for check in exercise.checks:
+        if case in check.cases:
+            yield from check.cases[: check.cases.index(case)]
+
+
+def _passes(case: Case, part: Part) -> bool:
+    got = _run(case, part)
+    return got is not None and first_difference(case, got, case.wanted(part)) is None
 
 
 def _run(case: Case, part: Part) -> Values | None:
@@ -86,11 +100,25 @@ def _alike(case: Case, mine: Values, theirs: Values) -> int:
     )
 
 
+def _unsteady(part: Part, found: Difference) -> str | None:
+    """What is said of numbers that are others each time."""
+    if _same(found, _run(found.case, part) or {}):
+        return None
+    return (
+        "It is another number each time it is computed. Random numbers of a layer come from self.rng, which a resume can "
+        "wind back, and never from np.random."
+    )
+
+
 def _pattern(found: Difference) -> str | None:
     """What can be said of numbers that no known mistake gives."""
     got, wanted = found.got, found.wanted
     if found.index is None:
         return _pattern_of_shapes(got, wanted)
+    if np.isnan(got).all() and not np.isnan(wanted).all():
+        return (
+            "All of it is NaN, as it was before: nothing was written. Write into the array, with [...] = on the left."
+        )
     if np.isnan(got[found.index]) and not np.isnan(wanted[found.index]):
         return (
             "It is NaN, as it was before: this element was never written, or it was computed from one that was not. "
@@ -99,7 +127,7 @@ def _pattern(found: Difference) -> str | None:
     if not np.isfinite(got).all() or not np.isfinite(wanted).all():
         return None
     if (got == 0).all():
-        return "All of it is 0, as it was before: nothing was written. Write into the array, with [...] = on its left."
+        return "All of it is 0, as it was before: nothing was written. Write into the array, with [...] = on the left."
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
     if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and abs(factor) > FACTORS:
         if abs(factor + 1) < FACTORS:

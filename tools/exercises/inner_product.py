@@ -73,6 +73,20 @@ class TransposedInBackward(InnerProduct):
             self.rows(bottom[0].diff)[...] = self.rows(top[0].diff) @ self.output_first(self.blobs[0].data).T
 
 
+class IgnoresTransposeBackward(InnerProduct):
+    """backward takes the parameter as (O, I) in any case. With transpose: true it is stored as (I, O), and so is its
+    diff: self.output_first() turns both.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = self.blobs[0].diff.copy()
+        super().backward(top, [False], bottom)
+        dy = self.rows(top[0].diff)
+        self.blobs[0].diff[...] = kept + dy.T @ self.rows(bottom[0].data)
+        if propagate_down[0]:
+            self.rows(bottom[0].diff)[...] = dy @ self.blobs[0].data
+
+
 class WeightGradientTransposed(InnerProduct):
     """dw has the shape of w, (O, I): dyᵀ x, and not xᵀ dy."""
 
@@ -135,13 +149,13 @@ EXERCISE = layer_exercise(
         "backward": "Add to self.blobs[0].diff and self.blobs[1].diff, with +=: dw = dyᵀ x, db = sum of dy over the "
         "items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
     },
-    letters=Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "no", "w": "oi", "b": "o"}),
+    letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),
     examples=[
-        Example(_options(), (numbers(3, 3),), note="3 items of 3 inputs"),
+        Example(_options(), (numbers(3, 3),)),
         Example(_options("transpose: true"), (numbers(3, 3, seed=1),)),
         Example(_options("bias_term: false", 2), (numbers(2, 3, seed=2),)),
         Example(_options("axis: 2"), (numbers(2, 2, 2, 2, seed=3),)),
-        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=4),), note="bottom (3, 2, 1, 2)"),
+        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=4),)),
     ],
     from_caffe={
         "ip_4d": Example("inner_product_param { num_output: 7 }", ()),
@@ -155,6 +169,7 @@ EXERCISE = layer_exercise(
         NoBias,
         BiasPerItem,
         TransposedInBackward,
+        IgnoresTransposeBackward,
         WeightGradientTransposed,
         Means,
         BiasOverOutputs,

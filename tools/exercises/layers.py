@@ -62,8 +62,8 @@ class Example:
     @property
     def title(self) -> str:
         """For a message."""
-        how = ["in place"] if self.in_place else []
-        how += ["in phase TEST"] if self.phase == "TEST" else []
+        bottoms = " and ".join(str(array.shape) for array in self.bottoms)
+        how = [f"bottom {bottoms}"] + ["in place"] * self.in_place + ["in phase TEST"] * (self.phase == "TEST")
         return "; ".join([part for part in (self.options, self.note) if part] + how)
 
 
@@ -107,7 +107,12 @@ def _filled(array: Array, dtype: DTypeLike) -> Blob:
 
 
 def checks(
-    type_name: str, letters: Letters, examples: Sequence[Example], from_caffe: Mapping[str, Example], ours: type[Layer]
+    type_name: str,
+    letters: Letters,
+    examples: Sequence[Example],
+    from_caffe: Mapping[str, Example],
+    ours: type[Layer],
+    shaped_by: str,
 ) -> tuple[Check, ...]:
     """The steps of a layer. ``from_caffe`` are recorded cases; of their examples only the options count."""
     axes = letters.all_axes()
@@ -129,7 +134,7 @@ def checks(
         def differences(part: Part, example: Example = example) -> Values:
             return {name: g.differences() for name, g in _gradients(part, type_name, example, letters)}
 
-        shapes.append(Case(example.title, shape, _by(shape, ours), "ours", axes, 0, "reshape"))
+        shapes.append(Case(example.title, shape, _by(shape, ours), "ours", axes, 0, shaped_by))
         values.append(Case(example.title, value, _by(value, ours), "our layer has", axes, DOUBLE, "forward"))
         if example.gradient:
             gradients.append(Case(example.title, gradient, differences, "the differences say", axes, DIFFERENCES,
@@ -240,8 +245,15 @@ def _adds(part: type[Layer]) -> type[Layer]:
 REMEDIES = (
     Remedy(
         _clears,
-        "backward adds to the diff of a bottom, or leaves the zeros in it to somebody else. It has to write every "
-        "element: bottom[0].diff[...] = ..., and nobody clears it before.",
+        "backward adds to the diff of a bottom. It has to write it, bottom[0].diff[...] = ...: nobody clears it, so it "
+        "holds old numbers, and here NaN.",
+        lambda got: bool(np.isnan(got).all()),
+    ),
+    Remedy(
+        _clears,
+        "backward leaves some elements of the diff of a bottom as they were. It has to write every one, the zeros, "
+        "too: nobody clears it, so it holds old numbers, and here NaN.",
+        lambda got: bool(np.isnan(got).any()),
     ),
     Remedy(
         _adds,
@@ -277,8 +289,9 @@ def layer_exercise(
     examples: Sequence[Example],
     from_caffe: Mapping[str, Example],
     mistakes: Sequence[Mistake],
+    shaped_by: str = "reshape",
 ) -> Exercise:
-    """The exercise to write a layer; ``to_do`` names its methods."""
+    """The exercise to write a layer; ``to_do`` names its methods, ``shaped_by`` the one that says the tops' shapes."""
     ours = LAYER_TYPES[type_name]
     cls = ours.__name__
 
@@ -295,7 +308,7 @@ def layer_exercise(
         names=tuple(f"{cls}.{method}" for method in ("setup", "reshape", "forward", "backward")),
         part_of=lambda module: getattr(module, cls),
         ours=ours,
-        checks=checks(type_name, letters, examples, from_caffe, ours),
+        checks=checks(type_name, letters, examples, from_caffe, ours, shaped_by),
         mistakes=tuple(mistakes),
         train=train,
         remedies=REMEDIES,

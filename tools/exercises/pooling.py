@@ -178,6 +178,7 @@ EXERCISE = layer_exercise(
         "backward": "If propagate_down[0], write every element of bottom[0].diff: what several windows share "
         "is summed, what no window took is 0.",
     },
+    shaped_by="_outputs",
     letters=Letters(("x",), ("y", "mask"), axes={"x": "nchw", "y": "nchw", "mask": "nchw"}),
     examples=[
         Example(_options("kernel_size: 2 stride: 2"), (_different(2, 2, 5, 4),)),

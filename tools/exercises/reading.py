@@ -25,6 +25,7 @@ class ReadersFile:
     path    as the user named it
     lines   function or ``Class.method`` -> its line
     to_do   those that are still to be written -> the line that says so
+    needed  those of them that something asks for
     part    what was written
     """
 
@@ -37,6 +38,7 @@ class ReadersFile:
             raise ExerciseError(f"{path}{self._line_of(error)}: {reason_of(error)}") from error
         self.lines = {name: node.lineno for name, node in _functions(tree)}
         self.to_do = {name: line for name, node in _functions(tree) if (line := _raises_not_implemented(node))}
+        self.needed = {name for name in self.to_do if name in exercise.names or _is_used(name, tree)}
         module = self._load(exercise)
         missing = [name for name in exercise.names if not _has(module, name)]
         if missing:
@@ -72,11 +74,6 @@ class ReadersFile:
         names = [frame.name for frame in traceback.extract_tb(error.__traceback__) if frame.filename == mine]
         return next((full for full in self.to_do if names and full.split(".")[-1] == names[-1]), None)
 
-    def at(self, name: str) -> str:
-        """Where a function or ``Class.method`` stands."""
-        line = self.lines.get(name)
-        return f"{name}, {self.path}:{line}" if line else str(self.path)
-
 
 def told(error: BaseException) -> str:
     """An error in one line."""
@@ -91,6 +88,12 @@ def _functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
         elif isinstance(node, ast.ClassDef):
             yield from ((f"{node.name}.{inner.name}", inner) for inner in node.body
                         if isinstance(inner, ast.FunctionDef))  # fmt: skip
+
+
+def _is_used(name: str, tree: ast.Module) -> bool:
+    """Does the file ask for a function or method somewhere?"""
+    last = name.split(".")[-1]
+    return any(last in (getattr(node, "attr", None), getattr(node, "id", None)) for node in ast.walk(tree))
 
 
 def _raises_not_implemented(function: ast.FunctionDef) -> int | None:

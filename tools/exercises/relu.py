@@ -63,8 +63,8 @@ class ForgetsTopDiff(ReLU):
 
 
 class OneAtZero(ReLU):
-    """The gradient at x = 0 is yours to choose, and Caffe chose the slope: g is 1 only where x > 0, so >= has
-    to be >.
+    """At x = 0 both slopes would do, and Caffe takes that of the negative side: g is 1 only where x > 0, so >= has to
+    be >.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

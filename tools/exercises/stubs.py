@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import textwrap
 from collections.abc import Iterator
 
@@ -21,7 +22,7 @@ def stub(exercise: Exercise) -> str:
         first, last = _body(function)
         lines[first - 1 : last] = _instead(exercise.to_do[name], function.body[0].col_offset)
     text = "\n".join(lines) + "\n"
-    text = _kept(text, exercise.keep) if exercise.keep else text
+    text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
     return f"# Write what raises NotImplementedError, then: python tools/exercise.py {exercise.name}\n{text}"
 
 
@@ -75,6 +76,13 @@ def _kept(text: str, names: tuple[str, ...]) -> str:
     functions = [source(node) for node in kept if isinstance(node, (ast.FunctionDef, ast.ClassDef))]
     head = "\n\n".join([*blocks, _in_groups(outside), *(["\n".join(constants)] if constants else [])])
     return "\n\n\n".join([head, *functions]) + "\n"
+
+
+def _with_numpy(text: str) -> str:
+    """With ``np``, which a reader may want where we do without."""
+    if "\nimport numpy as np\n" in text:
+        return text
+    return re.sub(r"^(?=from (netlib|layers)\b)", "import numpy as np\n\n", text, count=1, flags=re.MULTILINE)
 
 
 def _in_groups(imports: list[str]) -> str:
