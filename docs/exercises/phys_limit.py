@@ -50,9 +50,9 @@ class PhysLimit(Layer):
     loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        # Keep self.lower and self.upper, (D,) in self.dtype, of load_for(self.param.skeleton, self.source). A fixed
-        # DoF (skeleton.fixed) has no limit: -infinity and infinity.
-        raise NotImplementedError
+        skeleton = load_for(self.param.skeleton, self.source)
+        self.lower = np.where(skeleton.fixed, -np.inf, skeleton.lower).astype(self.dtype)
+        self.upper = np.where(skeleton.fixed, np.inf, skeleton.upper).astype(self.dtype)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         N, D = bottom[0].shape[0], len(self.lower)
@@ -61,7 +61,8 @@ class PhysLimit(Layer):
         top[0].reshape(())
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        # Write top[0].data: L, of x as (N, D). self.param.norm is L1 or L2. Keep what backward needs.
+        # Write top[0].data: L, of x as (N, D). setup has made self.lower and self.upper. self.param.norm is L1 or L2.
+        # Keep what backward needs.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

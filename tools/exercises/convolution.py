@@ -13,8 +13,8 @@ from tools.exercises.layers import Example, Letters, layer_exercise, numbers
 
 
 class RoundsUp(Convolution):
-    """A convolution rounds its size down: a window that would hang over the edge is left out. (It is pooling that
-    rounds up.)
+    """A convolution rounds its size down: a window that would hang over the edge is left out. It is pooling that
+    rounds up.
     """
 
     def _outputs(self, i: int, x: Blob) -> list[int]:

@@ -10,13 +10,14 @@ import numpy as np
 from netlib.blob import Array
 from tools.exercises.exercise import Case, Difference, Exercise, Part, Values, agree, first_difference
 
+NO_IDEA = "This is none of the usual mistakes. Compare your lines with the formulas at the top of the file."
 FACTORS = 1e-5  # how well a constant factor must fit all numbers
 
 
 def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str]:
     """What differs, then what is likely the reason."""
     yield _what_differs(found)
-    yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or _no_idea(exercise)
+    yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or NO_IDEA
 
 
 def _what_differs(found: Difference) -> str:
@@ -105,8 +106,8 @@ def _unsteady(part: Part, found: Difference) -> str | None:
     if _same(found, _run(found.case, part) or {}):
         return None
     return (
-        "It is another number each time it is computed. Random numbers of a layer come from self.rng, which a resume can "
-        "wind back, and never from np.random."
+        "It is another number each time it is computed. Random numbers of a layer come from self.rng, which a resume "
+        "can wind back, and never from np.random."
     )
 
 
@@ -127,7 +128,7 @@ def _pattern(found: Difference) -> str | None:
     if not np.isfinite(got).all() or not np.isfinite(wanted).all():
         return None
     if (got == 0).all():
-        return "All of it is 0, as it was before: nothing was written. Write into the array, with [...] = on the left."
+        return "All of it is 0: nothing was written into the array, or 0 was written over what was there."
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
     if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and abs(factor) > FACTORS:
         if abs(factor + 1) < FACTORS:
@@ -143,9 +144,3 @@ def _pattern_of_shapes(got: Array, wanted: Array) -> str | None:
     if got.ndim and got.shape == wanted.shape[::-1]:
         return "The axes are in the opposite order."
     return None
-
-
-def _no_idea(exercise: Exercise) -> str:
-    return (
-        f"This is none of the usual mistakes. Compare your lines with the formulas in the docstring of {exercise.name}."
-    )

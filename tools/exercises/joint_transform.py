@@ -238,6 +238,28 @@ class ForgetsFrame(_Walk):
         return p, np.broadcast_to(np.eye(3), (count, 3, 3))
 
 
+class ChangesParent(_Walk):
+    """p += ... changes the parent's joint, too: p is a view of pose.joints[:, parent]. Write p = p + ..., which makes a
+    new array.
+    """
+
+    def forward(self, inputs: Array, bones: Array | None = None) -> Pose:
+        pose = super().forward(inputs, bones)
+        sk, theta = self.skeleton, self.theta(inputs)
+        joints = np.zeros(pose.joints.shape)
+        for j in sk.order:
+            p, F = self.start(pose, j, len(theta))
+            p = joints[:, sk.parents[j]] if sk.parents[j] >= 0 else p
+            for motion in sk.motions[j]:
+                if motion.kind == "translate":
+                    p += self.axis(F, motion) * theta[:, motion.dof, None]
+                else:
+                    F = self.turned(F, motion, theta[:, motion.dof])
+            joints[:, j] = p + F[:, :, sk.bone_axes[j]] * self.lengths(bones)[..., j, None]
+        pose.joints = joints
+        return pose
+
+
 class ForgetsInitial(_Walk):
     """The inputs are taken for the angles. self.skeleton.theta(inputs) adds the initial values, and keeps fixed DoFs at
     theirs.
@@ -307,6 +329,7 @@ EXERCISE = Exercise(
         OtherOrder,
         StartsAtOrigin,
         ForgetsFrame,
+        ChangesParent,
         ForgetsInitial,
         PivotAtEnd,
         OwnBonesOnly,

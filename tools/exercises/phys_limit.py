@@ -5,23 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from layers.hand.phys_limit import PhysLimit
-from layers.hand.skeleton import load_for
 from netlib.blob import Array, Blobs
 from tools.exercises.exercise import known
 from tools.exercises.layers import Example, Letters, layer_exercise
-
-
-class CountsFixed(PhysLimit):
-    """Fixed DoFs are counted. They ignore their input, so no input of theirs is out of limits: give them the limits
-    -infinity and infinity.
-    """
-
-    def setup(self, bottom: Blobs, top: Blobs) -> None:
-        super().setup(bottom, top)
-        skeleton = load_for(self.param.skeleton, self.source)
-        self.lower, self.upper = (
-            np.where(skeleton.fixed, 0, given).astype(self.dtype) for given in (skeleton.lower, skeleton.upper)
-        )
 
 
 class _Forward(PhysLimit):
@@ -156,9 +142,7 @@ EXERCISE = layer_exercise(
     chapter=8,
     file="layers/hand/phys_limit.py",
     to_do={
-        "setup": "Keep self.lower and self.upper, (D,) in self.dtype, of load_for(self.param.skeleton, self.source). A "
-        "fixed DoF (skeleton.fixed) has no limit: -infinity and infinity.",
-        "forward": "Write top[0].data: L, of x as (N, D). self.param.norm is L1 or L2. Keep what backward needs.",
+        "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower and self.upper. self.param.norm is L1 or L2. Keep what backward needs.",
         "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
         "within the limits. dL is top[0].diff.",
     },
@@ -166,7 +150,6 @@ EXERCISE = layer_exercise(
     examples=[Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
     from_caffe={"phys_limit": Example(L2, ())},
     mistakes=known(
-        CountsFixed,
         SquaresAlways,
         SquaresNever,
         UpperOnly,

@@ -121,6 +121,31 @@ class LeverReversed(_Climb):
         torque[:, parent] += torque[:, j] + np.cross(force[:, j], X[:, j] - X[:, parent])
 
 
+class AllReversed(_Climb):
+    """Every torque has the wrong sign: the cross product is the wrong way round. A torque is arm x force."""
+
+    def about_P(self, X: Array, P: Array, force: Array, torque: Array) -> Array:
+        return np.asarray(-super().about_P(X, P, force, torque))
+
+
+class LastJointOnly(_Climb):
+    """Each joint that hangs on a motion overwrites what the one before has written. Their torques are summed, also those
+    of several motions of one DoF: dtheta[:, dof] += ...
+    """
+
+    def backward(self, pose: Pose, dX: Array) -> Array:
+        sk, X = self.skeleton, pose.joints
+        dtheta = np.zeros((len(dX), len(sk.initial)))
+        for j, motions in enumerate(sk.motions):
+            for motion in motions:
+                if motion.row >= 0:
+                    a, P = pose.axis[:, motion.row], pose.pivot[:, motion.row]
+                    k = int(np.flatnonzero(sk.carries[j])[-1])
+                    push = dX[:, k] if motion.kind == "translate" else np.cross(X[:, k] - P, dX[:, k])
+                    dtheta[:, motion.dof] = (a * push).sum(axis=1)
+        return dtheta.astype(self.dtype)
+
+
 class AboutJoint(_Climb):
     """This is the torque about the joint itself. The motion turns about its pivot P, where the joint has an arm: add
     (X_j - P) x force_j.
@@ -229,6 +254,8 @@ EXERCISE = Exercise(
     mistakes=known(
         CrossReversed,
         LeverReversed,
+        AllReversed,
+        LastJointOnly,
         AboutJoint,
         AboutOrigin,
         KeepsForce,
