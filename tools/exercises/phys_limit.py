@@ -142,7 +142,8 @@ EXERCISE = layer_exercise(
     chapter=8,
     file="layers/hand/phys_limit.py",
     to_do={
-        "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower and self.upper. self.param.norm is L1 or L2. Keep what backward needs.",
+        "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
+        "and self.upper. self.param.norm is L1 or L2. Keep what backward needs.",
         "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
         "within the limits. dL is top[0].diff.",
     },

@@ -129,8 +129,8 @@ class AllReversed(_Climb):
 
 
 class LastJointOnly(_Climb):
-    """Each joint that hangs on a motion overwrites what the one before has written. Their torques are summed, also those
-    of several motions of one DoF: dtheta[:, dof] += ...
+    """Each joint that hangs on a motion overwrites what the one before has written. Their torques are summed, also
+    those of several motions of one DoF: dtheta[:, dof] += ...
     """
 
     def backward(self, pose: Pose, dX: Array) -> Array:
