@@ -28,7 +28,7 @@ from netlib.errors import did_you_mean
 from netlib.paths import ROOT, exists
 from tools.arguments import natural, parser_of
 from tools.console import DONE, FAILED, guarded, say
-from tools.exercises.checking import Step, first_step, steps
+from tools.exercises.checking import Step, first_step, in_network, steps
 from tools.exercises.exercise import Exercise
 from tools.exercises.reading import ExerciseError, ReadersFile
 from tools.exercises.stubs import stub
@@ -99,9 +99,12 @@ def check(exercise: Exercise, path: Path, iterations: int) -> int:
     say(f"{exercise.title} ({path})")
     reader = ReadersFile(exercise, path)
     tell(first_step(exercise, reader))
-    with ProgressBar(iterations, "iterations", "training") as progress:
-        for step in steps(exercise, reader.part, iterations, reader, progress):
-            tell(step)
+    for step in steps(exercise, reader.part, reader):
+        tell(step)
+    if step.passed and iterations:
+        with ProgressBar(iterations, "iterations", "training") as progress:
+            step = in_network(exercise, reader.part, iterations, reader, progress)
+        tell(step)
     if not step.passed:
         return FAILED
     say(f"All of it is right. Ours, to compare: {exercise.file}")

@@ -58,7 +58,7 @@ def _title(path: Path) -> str:
 def _example() -> Iterator[str]:
     """What is printed of a ReLU whose gradient at 0 is 1."""
     yield "```text"
-    for step in steps(EXERCISES["relu"], OneAtZero, 0):
+    for step in steps(EXERCISES["relu"], OneAtZero):
         yield f"{'✓' if step.passed else '✗'} {step.title}"
         for line in step.lines:
             yield from (f"    {part}" for part in textwrap.wrap(line, 110))

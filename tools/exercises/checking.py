@@ -38,21 +38,13 @@ def first_step(exercise: Exercise, reader: ReadersFile) -> Step:
     return Step(f"the file has {', '.join(exercise.names)}", True, lines)
 
 
-def steps(
-    exercise: Exercise,
-    part: Part,
-    iterations: int,
-    reader: ReadersFile | None = None,
-    tell: Tell = lambda count: None,
-) -> Iterator[Step]:
-    """Make the steps, up to the first that fails. ``reader`` is the file that the part comes from."""
+def steps(exercise: Exercise, part: Part, reader: ReadersFile | None = None) -> Iterator[Step]:
+    """Make the steps before the last, up to the first that fails. ``reader`` is the file that the part comes from."""
     for check in exercise.checks:
         step = _checked(exercise, check, part, reader)
         yield step
         if not step.passed:
             return
-    if iterations:
-        yield _trained(exercise, part, iterations, reader, tell)
 
 
 def _checked(exercise: Exercise, check: Check, part: Part, reader: ReadersFile | None) -> Step:
@@ -104,8 +96,14 @@ def _place(case: Case, reader: ReadersFile | None) -> Sequence[str]:
     return [f"Look at {name}, {reader.path}:{reader.lines[name]}."] if reader and name else []
 
 
-def _trained(exercise: Exercise, part: Part, iterations: int, reader: ReadersFile | None, tell: Tell) -> Step:
-    """Train the paper's network with the part in it, and compare the losses with ours."""
+def in_network(
+    exercise: Exercise,
+    part: Part,
+    iterations: int,
+    reader: ReadersFile | None = None,
+    tell: Tell = lambda count: None,
+) -> Step:
+    """The last step: train the paper's network with the part in it, and compare the losses with ours."""
     title = exercise.last.format(iterations)
     ours = np.array(network.our_losses(iterations))
     try:

@@ -13,7 +13,7 @@ from netlib.blob import Blobs
 from netlib.updates import RULES
 from tests.tools.conftest import ROOT
 from tools.exercises import network
-from tools.exercises.checking import Step, steps
+from tools.exercises.checking import Step, in_network, steps
 from tools.exercises.exercise import Exercise, Mistake
 from tools.exercises.reading import ReadersFile
 from tools.exercises.table import EXERCISES
@@ -29,7 +29,15 @@ MISTAKES = [
 
 def last_step(exercise: Exercise, part: Any, iterations: int = 0, reader: ReadersFile | None = None) -> Step:
     """The step that fails, or the last one."""
-    return list(steps(exercise, part, iterations, reader))[-1]
+    return all_steps(exercise, part, iterations, reader)[-1]
+
+
+def all_steps(exercise: Exercise, part: Any, iterations: int, reader: ReadersFile | None = None) -> list[Step]:
+    """Up to the one that fails; without iterations not that of the network."""
+    made = list(steps(exercise, part, reader))
+    if made[-1].passed and iterations:
+        made.append(in_network(exercise, part, iterations, reader))
+    return made
 
 
 def test_the_dozen_is_there() -> None:
@@ -70,7 +78,7 @@ def test_our_own_source_passes(exercise: Exercise) -> None:
     assert not reader.to_do
     assert reader.part is not exercise.ours
     before = dict(LAYER_TYPES), dict(RULES)
-    made = list(steps(exercise, reader.part, 20 if exercise.name == "relu" else ITERATIONS, reader))
+    made = all_steps(exercise, reader.part, 20 if exercise.name == "relu" else ITERATIONS, reader)
     assert [step for step in made if not step.passed] == []
     assert len(made) == len(exercise.checks) + 1
     assert before == (LAYER_TYPES, RULES)  # ours are in their places again
@@ -164,7 +172,7 @@ class ForgetsLater(LAYER_TYPES["ReLU"]):  # type: ignore[misc]
 
 def test_the_network_finds_what_small_examples_do_not() -> None:
     """The iteration, and both losses."""
-    made = list(steps(EXERCISES["relu"], ForgetsLater, ITERATIONS))
+    made = all_steps(EXERCISES["relu"], ForgetsLater, ITERATIONS)
     assert [step.passed for step in made] == [True, True, True, False]
     assert made[-1].lines[0].startswith("The loss of iteration 1 is ")
 

@@ -42,7 +42,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
 def failed(path: Path) -> list[str]:
     """What the step that fails says."""
     reader = ReadersFile(RELU, path)
-    *_, step = steps(RELU, reader.part, 0, reader)
+    *_, step = steps(RELU, reader.part, reader)
     assert not step.passed
     return list(step.lines)
 
@@ -52,7 +52,7 @@ def test_a_solution_is_read(write: Write, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     path = write()
     reader = ReadersFile(RELU, path)
-    assert all(step.passed for step in steps(RELU, reader.part, 0, reader))
+    assert all(step.passed for step in steps(RELU, reader.part, reader))
     assert first_step(RELU, reader).lines == ()
     assert [p.name for p in Path().iterdir()] == ["relu.py"]
     assert not sys.dont_write_bytecode
@@ -62,7 +62,7 @@ def test_a_file_that_was_changed_is_read_again(write: Write) -> None:
     """At once: a reader saves and tries."""
     assert failed(write(forward="top[0].data[...] = bottom[0].data"))
     reader = ReadersFile(RELU, write())
-    assert all(step.passed for step in steps(RELU, reader.part, 0, reader))
+    assert all(step.passed for step in steps(RELU, reader.part, reader))
 
 
 def test_one_method_after_the_other(write: Write) -> None:
@@ -71,7 +71,7 @@ def test_one_method_after_the_other(write: Write) -> None:
     line = path.read_text().splitlines().index("        raise NotImplementedError") + 1
     reader = ReadersFile(RELU, path)
     assert first_step(RELU, reader).lines == (f"still to be written: ReLU.backward (line {line})",)
-    made = list(steps(RELU, reader.part, 0, reader))
+    made = list(steps(RELU, reader.part, reader))
     assert [step.passed for step in made] == [True, True, False]
     assert made[-1].lines == (f"ReLU.backward is still to be written: relu.py:{line} (raise NotImplementedError)",)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.tools.conftest import ROOT
-from tests.tools.exercises import reduce
+from tests.tools.exercises import reduce_recordings
 from tools.exercises import recorded
 from tools.exercises.exercise import Exercise
 from tools.exercises.stubs import stub
@@ -56,7 +56,7 @@ def test_a_stub_says_what_is_to_be_done(exercise: Exercise) -> None:
 
 def test_the_recorded_numbers_are_caffes() -> None:
     """Those of tests/caffe, bit for bit, and no others; few enough to be installed with the tools."""
-    mine, theirs = recorded.everything(), reduce.arrays()
+    mine, theirs = recorded.everything(), reduce_recordings.arrays()
     assert mine.keys() == theirs.keys()
     for name, array in theirs.items():
         assert mine[name].dtype == array.dtype

@@ -1,6 +1,6 @@
 """Make tools/exercises/recorded.npz of tests/caffe: a part of the recordings, number for number.
 
-    python -m tests.tools.exercises.reduce
+    python -m tests.tools.exercises.reduce_recordings
 
 Of the convolutions and poolings the first image is kept, and so no gradient of a parameter, which sums over all.
 """
