@@ -1,8 +1,8 @@
 """What real Caffe computed, as much of it as the exercises need: recorded.npz, reduced from tests/caffe.
 
-``python -m tests.tools.exercises.reduce_recordings`` made it. Arrays of a layer are CASE/KIND/NUMBER: ``in`` and ``param`` are
-what the layer was given, ``top`` what it made of them, ``topdiff`` what backward began with, ``indiff`` and ``pdiff``
-what it made of that. The others are named where they are used.
+``python -m tests.tools.exercises.reduce_recordings`` made it. Arrays of a layer are CASE/KIND/NUMBER: ``in`` and
+``param`` are what the layer was given, ``top`` what it made of them, ``topdiff`` what backward began with, ``indiff``
+and ``pdiff`` what it made of that. The others are named where they are used.
 """
 
 from __future__ import annotations
