@@ -16,8 +16,8 @@ parameter diffs as ones, so that a backward that forgets an element, or overwrit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,15 @@ from netlib.schema import Phase
 
 class GradientError(AssertionError):
     """A gradient that does not agree with the differences."""
+
+
+class Gradient(NamedTuple):
+    """The gradient at one bottom or parameter."""
+
+    kind: str  # "bottom" or "parameter"
+    number: int
+    said: Array  # by backward
+    differences: Callable[[], Array]  # what central differences say: two forwards for each value
 
 
 def make_layer(
@@ -77,6 +86,20 @@ def check(
     tolerance   allowed difference, relative to the largest gradient of the same array (or to 1, if that is larger)
     in_place    the first top is the first bottom, as in a net with equal names
     """
+    for gradient in gradients(layer, bottoms, tops, wanted, step, seed, in_place):
+        _compare(f"{layer.type}: gradient of {gradient.kind} {gradient.number}", gradient, tolerance)
+
+
+def gradients(
+    layer: Layer,
+    bottoms: Sequence[ArrayLike],
+    tops: int = 1,
+    wanted: Sequence[bool] | None = None,
+    step: float = 1e-6,
+    seed: int = 0,
+    in_place: bool = False,
+) -> Iterator[Gradient]:
+    """What ``check`` compares: the gradients at the wanted bottoms, then at the parameters."""
     wanted = [True] * len(bottoms) if wanted is None else list(wanted)
     rng = np.random.default_rng(seed)
     start = layer.state()
@@ -97,6 +120,9 @@ def check(
     def value() -> float:
         return float(sum((w * y.data).sum() for w, y in zip(weights, run(arrays)[1])))
 
+    def differences(array: Array) -> Callable[[], Array]:
+        return lambda: _differences(array, value, step)
+
     for blob in bottom:
         blob.diff[...] = np.nan
     for param in layer.blobs:
@@ -106,12 +132,13 @@ def check(
     layer.backward(top, wanted, bottom)
     for i, (blob, array) in enumerate(zip(bottom, arrays)):
         if wanted[i]:
-            _compare(f"{layer.type}: gradient of bottom {i}", blob.diff.copy(), array, value, step, tolerance)
+            yield Gradient("bottom", i, blob.diff.copy(), differences(array))
     for i, param in enumerate(layer.blobs):
-        _compare(f"{layer.type}: gradient of parameter {i}", param.diff - 1, param.data, value, step, tolerance)
+        yield Gradient("parameter", i, param.diff - 1, differences(param.data))
 
 
-def _compare(what: str, gradient: Array, array: Array, value: Any, step: float, tolerance: float) -> None:
+def _differences(array: Array, value: Callable[[], float], step: float) -> Array:
+    """Move every number of the array up and down by the step."""
     numeric = np.zeros(array.shape)
     for index in np.ndindex(*array.shape):
         kept = array[index]
@@ -121,17 +148,20 @@ def _compare(what: str, gradient: Array, array: Array, value: Any, step: float, 
         below = value()
         array[index] = kept
         numeric[index] = (above - below) / (2 * step)
-    if gradient.size == 0:
+    return numeric
+
+
+def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
+    said, numeric = gradient.said, gradient.differences()
+    if said.size == 0:
         return
-    error = np.array(np.abs(gradient - numeric))
-    error[~np.isfinite(gradient)] = np.inf
+    error = np.array(np.abs(said - numeric))
+    error[~np.isfinite(said)] = np.inf
     worst = np.unravel_index(int(error.argmax()), error.shape)
     scale = max(1.0, float(np.abs(numeric).max()))
     if not error[worst] <= tolerance * scale:
         place = tuple(int(i) for i in worst)
-        raise GradientError(
-            f"{what} at {place}: backward says {gradient[worst]:.9g}, differences say {numeric[worst]:.9g}"
-        )
+        raise GradientError(f"{what} at {place}: backward says {said[worst]:.9g}, differences say {numeric[worst]:.9g}")
 
 
 def _blobs(arrays: Sequence[ArrayLike]) -> Blobs:

@@ -1,7 +1,8 @@
 """The command-line tools: one file per command, and modules that several of them share. No command imports another.
 
 All share arguments, console, progress, stopper and advice. Trainings share training and caffe_log, importers of data
-sets preparing. Pictures and plots are in pictures and plots, what a net costs is in costs.
+sets preparing. Pictures and plots are in pictures and plots, what a net costs is in costs. The exercises of
+docs/exercises are a package of their own.
 
 A command calls ``begin`` before it imports anything large, and runs in console.guarded.
 """

@@ -7,12 +7,13 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from docs.making import code_blocks, line_links
+from docs.making import code_blocks, exercises, line_links
 from docs.making.made import ROOT, Made
 
 # What tells that a document has something to be made, and the change that makes it: (text, document) -> text.
 CHANGES: tuple[tuple[re.Pattern[str], Callable[[str, Path], str]], ...] = (
     (code_blocks.MARK, code_blocks.current),
+    (exercises.MARK, exercises.current),
     (line_links.MARK, line_links.current),
 )
 

@@ -1,0 +1,61 @@
+# Write what raises NotImplementedError, then: python tools/exercise.py dropout
+"""Dropout: while training, set a random part of the values to zero, so that no unit relies on another.
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+TRAIN  y = x keep / (1 - p),   dx = dy keep / (1 - p)      keep = 1 with probability 1 - p, else 0
+TEST   y = x,                  dx = dy
+
+Kept for backward: ``factor`` = keep / (1 - p). Scaling in TRAIN keeps the mean, so TEST needs no scale. With
+``scale_train: false``, Fast R-CNN's, it is the other way round: y = x keep in TRAIN, y = x (1 - p) in TEST.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import TRAIN, Layer
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class DropoutParameter:
+    """The ``dropout_param { ... }`` block."""
+
+    dropout_ratio: float = numbered(1, 0.5)  # p, the part that is dropped
+    scale_train: bool = numbered(2, True)  # of Fast R-CNN's Caffe; false: TEST scales
+
+
+class Dropout(Layer):
+    """Dropout."""
+
+    param_type = DropoutParameter
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        p = self.param.dropout_ratio
+        if not 0 <= p < 1:
+            raise self.fail(f"dropout_ratio {p:g} must be at least 0 and less than 1", "dropout_ratio")
+        self.active = self.phase == TRAIN and p > 0
+        scales_now = self.phase == TRAIN or self.param.scale_train
+        self.in_training = self.dtype.type(1 / (1 - p) if self.param.scale_train else 1)
+        self.in_test = self.dtype.type(1 if scales_now else 1 - p)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        # Give top[0] the shape of bottom[0].
+        raise NotImplementedError
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        # Write top[0].data: y = x factor, and keep self.factor for backward. If not self.active it is self.in_test,
+        # else (drawn >= least) * self.in_training, with a new draw each time:
+        # drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p =
+        # self.param.dropout_ratio. Draw it like that, so that your numbers can be compared.
+        raise NotImplementedError
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        # If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.
+        raise NotImplementedError

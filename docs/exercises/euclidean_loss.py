@@ -1,0 +1,43 @@
+# Write what raises NotImplementedError, then: python tools/exercise.py euclidean_loss
+"""EuclideanLoss: half the mean squared distance.
+
+bottom[0]  a  (N, ...)
+bottom[1]  b  same number of values, in total and per item
+top[0]     L  scalar
+
+L  = 1 / (2 N) sum of (a - b)²
+da =  dL (a - b) / N
+db = -dL (a - b) / N
+
+dL, the diff of the top, is the loss weight. Kept for backward: ``difference`` = a - b.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+
+
+class EuclideanLoss(Layer):
+    """Sum of squares over 2N."""
+
+    bottoms = (2, 2)
+    tops = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        self.items, self.values = self.items_and_values(bottom)
+        top[0].reshape(())
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        # Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b have the same number
+        # of values for each item (self.values), but perhaps not the same shape. Keep what backward needs.
+        raise NotImplementedError
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        # For each bottom that propagate_down asks for: da = dL (a - b) / N, db = -dL (a - b) / N, in the shape of
+        # that bottom. dL is top[0].diff.
+        raise NotImplementedError

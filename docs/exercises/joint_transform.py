@@ -1,0 +1,122 @@
+# Write what raises NotImplementedError, then: python tools/exercise.py joint_transform
+r"""Forward kinematics of a skeleton, and its gradient by torques (the paper's Sec. 3.2).
+
+Down the table, parents first, each joint j starts from its parent's position p and frame F = world_from_parent, a 3 x 3
+rotation, and in order
+
+    translates   p <- p + F e_axis theta          for each ``translate``
+    turns        F <- F R_axis(theta)             for each ``rotate``: F is world_from_joint then
+    moves        X_j = p + F e_axis length        by its ``bone``
+
+which is the product of 4 x 4 transforms of the paper, root to tip.
+
+The gradient needs no derivative of a matrix. A joint at X that turns about the unit axis a through the pivot P moves
+with velocity a x (X - P). With the gradient f_k = dL/dX_k of every joint as a force on it,
+
+    dL/dtheta = sum_k  f_k . (a x (X_k - P))  =  a . sum_k (X_k - P) x f_k        over the joints k that hang on j
+
+is the torque about the axis. So forces and torques are summed up the table, from the tips to the roots, as in a robot's
+arm:
+
+    force_j   = f_j + sum of force_c                                over the children c of j
+    torque_j  = sum of (torque_c + (X_c - X_j) x force_c)           about X_j
+
+    dL/dtheta = a . (torque_j + (X_j - P) x force_j)    of a turn about a through P
+    dL/dtheta = a . force_j                             of a translation along a
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+
+class Pose:
+    """What ``Kinematics.forward`` found for N poses, with K joints and Q free motions."""
+
+    def __init__(self, N: int, K: int, Q: int) -> None:
+        self.joints: Array = np.zeros((N, K, 3))  # positions
+        self.frames: Array = np.zeros((N, K, 3, 3))  # world_from_joint
+        self.axis: Array = np.zeros((N, Q, 3))  # world direction of each free motion
+        self.pivot: Array = np.zeros((N, Q, 3))  # a point on each axis
+
+
+class Kinematics:
+    """Where the joints of a skeleton are, and how they move. Computes in float64, answers in ``dtype``."""
+
+    def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
+        self.skeleton, self.dtype = skeleton, np.dtype(dtype)
+
+    def forward(self, inputs: Array, bones: Array | None = None) -> Pose:
+        """Pose of each row of ``inputs`` (N, D). ``bones`` (N, K) gives every row its own signed bone lengths."""
+        # Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the DoFs' values, (N, D),
+        # with what is fixed or added. Walk over skeleton.order, parents first. A joint starts at its parent's
+        # pose.joints and pose.frames (a root, whose skeleton.parents is -1: at 0, with the identity). Apply
+        # skeleton.motions[j] in their order: motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and
+        # pose.frames[:, j]; skeleton.bones and .bone_axes have each joint's bone, and bones, if given, other lengths.
+        # Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis
+        # in the world, with the sign, and the point p where the joint is then. backward needs them.
+        raise NotImplementedError
+
+    def glance(self, inputs: Array, bones: Array | None = None) -> Pose:
+        """``forward`` for who looks at joints, axes and rotations only: not for ``backward``."""
+        return self.forward(inputs, bones)
+
+    def backward(self, pose: Pose, dX: Array) -> Array:
+        """Gradient (N, D) at the inputs, given the gradient ``dX`` (N, K, 3) at the joints. Fixed DoFs: 0."""
+        sk, X = self.skeleton, pose.joints
+        force, torque = np.array(dX, dtype=np.float64), np.zeros(dX.shape)
+        dtheta = np.zeros((len(dX), len(sk.initial)))
+        for j in reversed(sk.order):
+            for motion in sk.motions[j]:
+                if motion.row >= 0:
+                    a, P = pose.axis[:, motion.row], pose.pivot[:, motion.row]
+                    about_P = torque[:, j] + np.cross(X[:, j] - P, force[:, j])
+                    push = force[:, j] if motion.kind == "translate" else about_P
+                    dtheta[:, motion.dof] += (a * push).sum(axis=1)
+            parent = sk.parents[j]
+            if parent >= 0:
+                force[:, parent] += force[:, j]
+                torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
+        return dtheta.astype(self.dtype)
+
+    def joints(self, inputs: Array, bones: Array | None = None) -> Array:
+        """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""
+        return np.asarray(self.forward(inputs, bones).joints, dtype=self.dtype)
+
+    def jacobian(self, pose: Pose, joints: Sequence[int] | None = None) -> Array:
+        """(N, Q, 3 k): how each of the k ``joints`` (all by default), x y z of one after the other, moves with each
+        free motion: a x (X - P) for a turn about the axis a through P, a for a translation along a.
+        """
+        sk = self.skeleton
+        chosen = list(range(len(sk.parents))) if joints is None else list(joints)
+        axis = pose.axis[:, :, None]
+        arm = pose.joints[:, None, chosen] - pose.pivot[:, :, None]
+        J = np.where(sk.turns[:, None, None], np.cross(axis, arm), axis) * sk.moves[:, chosen, None]
+        return np.asarray(J.reshape(*J.shape[:2], -1))
+
+    def bone_directions(self, pose: Pose) -> Array:
+        """(N, K, 3): how each joint, and all below it, moves as its signed bone grows; 0 for a joint without a bone."""
+        sk = self.skeleton
+        directions = pose.frames[:, np.arange(len(sk.bone_axes)), :, sk.bone_axes].swapaxes(0, 1)
+        return np.asarray(directions * (sk.bone_axes >= 0)[:, None])
+
+    def axes(self, pose: Pose) -> tuple[Array, Array]:
+        """Of each free motion, the unit vector of its axis in the world and a point on it, (N, Q, 3) and (N, Q, 3)."""
+        return pose.axis, pose.pivot
+
+    def rotation_of(self, pose: Pose, joint: int) -> Array:
+        """world_from_joint of one joint, (N, 3, 3)."""
+        return np.asarray(pose.frames[:, joint])
+
+
+def rotation(axis: int, angle: Array | float) -> Array:
+    """Right-handed rotations (..., 3, 3) by ``angle`` (...) about a coordinate axis (0, 1, 2 for x, y, z)."""
+    # Return R for every angle: R turns a vector about the axis counter-clockwise, seen from its tip (right-handed).
+    # For axis 2, z, it is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].
+    raise NotImplementedError

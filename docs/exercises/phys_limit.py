@@ -1,0 +1,77 @@
+# Write what raises NotImplementedError, then: python tools/exercise.py phys_limit
+"""PhysLimit: a loss on joint angles that no hand can take (the paper's Sec. 3.3).
+
+bottom[0]  x  (N, D)   inputs of the skeleton's DoFs, as HandModel reads them
+top[0]     L  scalar
+
+v  = max(lower - x, 0) + max(x - upper, 0)    how far beyond its limit; 0 for fixed and unlimited DoFs
+L  = 1 / N sum of v        norm L1, the paper's Eq. 2
+     1 / N sum of v²       norm L2, the released system (type "DeepHandModelDofConstraintLoss")
+dx = dL / N · (±1 or ±2v), + above the upper limit, - below the lower one
+
+Kept for backward: ``beyond`` = max(x - upper, 0) - max(lower - x, 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from layers.hand.skeleton import load_for
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import numbered
+
+
+@dataclass(frozen=True)
+class PhysLimitParameter:
+    """The ``phys_limit_param { ... }`` block."""
+
+    norm: Literal["L1", "L2"] = numbered(1, "L1")  # linear hinge, or squared
+    skeleton: str = numbered(2, "")  # a skeleton file; by default the packaged NYU hand
+
+
+@dataclass(frozen=True)
+class ReleasedPhysLimitParameter(PhysLimitParameter):
+    """The released system's layer takes no options and squares the hinge."""
+
+    norm: Literal["L1", "L2"] = numbered(1, "L2")
+
+
+class PhysLimit(Layer):
+    """Hinge loss on the limits of the DoFs."""
+
+    param_type = PhysLimitParameter
+    param_name = "phys_limit_param"
+    bottoms = tops = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        skeleton = load_for(self.param.skeleton, self.source)
+        self.lower = np.where(skeleton.fixed, -np.inf, skeleton.lower).astype(self.dtype)
+        self.upper = np.where(skeleton.fixed, np.inf, skeleton.upper).astype(self.dtype)
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        N, D = bottom[0].shape[0], len(self.lower)
+        if bottom[0].count != N * D:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, the skeleton has {D} DoFs")
+        top[0].reshape(())
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        # Write top[0].data: L, of x as (N, D). setup has made self.lower and self.upper. self.param.norm is L1 or L2.
+        # Keep what backward needs.
+        raise NotImplementedError
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        # If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 within the
+        # limits. dL is top[0].diff.
+        raise NotImplementedError
+
+
+class ReleasedPhysLimit(PhysLimit):
+    """PhysLimit under the released system's name."""
+
+    param_type = ReleasedPhysLimitParameter

@@ -1,0 +1,56 @@
+# Write what raises NotImplementedError, then: python tools/exercise.py relu
+"""ReLU: cut off what is negative.
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+y  = g x
+dx = g dy        g = 1 where x > 0, slope elsewhere (as in Caffe, also at 0)
+
+In place x is y by the time of backward; its sign tells the same, unless the slope is negative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netlib.blob import Blobs
+from netlib.layer import Layer
+from netlib.schema import Engine, numbered
+
+
+@dataclass(frozen=True)
+class ReLUParameter:
+    """The ``relu_param { ... }`` block."""
+
+    negative_slope: float = numbered(1, 0.0)  # 0: cut off; small and positive: "leaky"
+    engine: Engine = numbered(2, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+
+
+class ReLU(Layer):
+    """Rectified linear unit."""
+
+    param_type = ReLUParameter
+    param_name = "relu_param"
+    bottoms = tops = (1, 1)
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.slope = self.dtype.type(self.param.negative_slope)
+        if self.slope < 0 and bottom[0] is top[0]:
+            raise self.fail("with a negative negative_slope cannot run in place", "negative_slope")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        # Give top[0] the shape of bottom[0].
+        raise NotImplementedError
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        # Read bottom[0].data, write top[0].data: y = g x. Write into the array that is there, top[0].data[...] = ...,
+        # and do not change bottom[0].data.
+        raise NotImplementedError
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        # Read top[0].diff (dy) and bottom[0].data, write every element of bottom[0].diff: dx = g dy. Do it only if
+        # propagate_down[0]: else nobody wants it.
+        raise NotImplementedError

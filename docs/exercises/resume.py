@@ -1,0 +1,142 @@
+# Write what raises NotImplementedError, then: python tools/exercise.py resume
+"""Go on from a solver state exactly: what such a state holds, how it is restored, and what is said about it.
+
+A training goes on bit for bit if the solver state has, besides Caffe's iteration and histories, the random numbers and
+data positions of all layers and the losses that are averaged. States that Caffe wrote have none of these.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from netlib import snapshot
+from netlib import weights as weights_of
+from netlib.blob import Array
+from netlib.errors import WeightsError, reason_of
+from netlib.messages import SolverParameter
+from netlib.net import Net
+from netlib.saved import SolverState
+from netlib.updates import steps_taken
+
+log = logging.getLogger("netlib")
+
+# A solver's options that change the course of a training; a resume says which of them are not what they were.
+COURSE = (
+    "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
+    "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
+    "clip_gradients",
+)  # fmt: skip
+
+
+class Solver(Protocol):
+    """What is asked of a solver here."""
+
+    param: SolverParameter
+    net: Net
+    test_nets: list[Net]
+    iter: int
+    history: list[list[Array]]
+    smoothed: deque[float]
+
+
+def state_of(solver: Solver, learned_net: Path) -> SolverState:
+    """What a solver state file will hold beside the weights ``learned_net``. Raises TypeError if a layer's cannot."""
+    # Return the SolverState of the solver: its iteration, steps_taken(solver.param, solver.iter), str(learned_net),
+    # the histories in one list, and extra_state(solver). solver.history has for each parameter the list of its
+    # histories; the file has the first histories of all parameters, then the second ones, as Caffe.
+    raise NotImplementedError
+
+
+def extra_state(solver: Solver) -> dict[str, Any]:
+    """What Caffe has no place for."""
+    # Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), smoothed (the losses
+    # that are averaged), layers (layer_states() of solver.net and of each test net).
+    raise NotImplementedError
+
+
+def _course(solver: Solver) -> dict[str, Any]:
+    """The options of ``COURSE``, and the batch size."""
+    first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
+    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": first[0] if first else 0}
+
+
+def restore_state(solver: Solver, path: str | Path) -> None:
+    """Take back a solver state, all of it or nothing. Raises WeightsError."""
+    # Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and take back all of it: the weights,
+    # solver.history, solver.iter, solver.smoothed, the states of the layers (_restore_layers).
+    # writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then weights_of.write(writes), copies
+    # weights. (Ours also checks the histories first, and says in the log what it does.)
+    raise NotImplementedError
+
+
+def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
+    """A function that puts the data positions and random numbers of the nets back to what they are now."""
+    before = [net.layer_states() for net in nets]
+
+    def undo() -> None:
+        for net, states in zip(nets, before):
+            net.restore_layer_states(states)
+
+    return undo
+
+
+def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any]]) -> None:
+    """Take back the states of all layers, or leave all as they are. Raises WeightsError."""
+    nets = [solver.net, *solver.test_nets]
+    undo = undo_of(nets)
+    try:
+        for net, of_layers in zip(nets, states):
+            net.restore_layer_states(of_layers)
+    except Exception as error:  # of a user's layer, too
+        undo()
+        raise WeightsError(f"{path}: the state of a layer cannot be restored: {reason_of(error)}") from error
+
+
+def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> None:
+    """As many as the solver has, in its shapes. Raises WeightsError."""
+    count = len(solver.history)
+    expected = count * len(solver.history[0]) if solver.history else 0
+    if len(state.history) != expected:
+        raise WeightsError(
+            f"{path}: {len(state.history)} histories, but {solver.param.type} on this net has {expected}; "
+            "is it from another solver type or net?"
+        )
+    for i, array in enumerate(state.history):
+        param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
+        if array.shape != target.shape:
+            raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
+                               f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
+
+
+def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
+    """What is not as it was when the state was written, and changes the course of the training."""
+    if not _same_data(solver, state):
+        yield "the data files; they are read from the first row"
+    now = snapshot.as_plain(_course(solver))
+    if solver.param.lr_policy != "poly":
+        now.pop("max_iter")  # training longer changes nothing on the way
+    defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in COURSE})
+    then = {**defaults, **state.extra.get("solver", {})}  # a state may be older than a field
+    for name in now:
+        if now[name] != then.get(name):
+            what = "batch size" if name == "batch" else name
+            yield f"{what} was {_g(then.get(name))}, is now {_g(now[name])}"
+
+
+def _same_data(solver: Solver, state: SolverState) -> bool:
+    """Do all nets read the files that they read when the state was written?"""
+    for net, then in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
+        for name, now in snapshot.as_plain(net.layer_states()).items():
+            if now.get("files") != then.get(name, {}).get("files"):
+                return False
+    return True
+
+
+def _g(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,73 @@
+"""The exercises: their stubs, made of our own source, and in docs/exercises/README.md the list of them and an example.
+
+Between ``<!-- exercises: NAME -->`` and ``<!-- end -->`` stands what NAME makes: ``list`` or ``example``.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+from docs.making.made import ROOT, Made
+from tools.exercises.checking import steps
+from tools.exercises.exercise import Exercise
+from tools.exercises.relu import OneAtZero
+from tools.exercises.stubs import stub
+from tools.exercises.table import EXERCISES
+
+FOLDER = ROOT / "docs" / "exercises"
+MARK = re.compile(r"^<!-- exercises: (\w+) -->\n.*?^<!-- end -->\n", re.MULTILINE | re.DOTALL)
+
+
+def made() -> Iterator[Made]:
+    """Every stub."""
+    for exercise in EXERCISES.values():
+        yield Made(FOLDER / f"{exercise.name}.py", functools.partial(_stub, exercise))
+
+
+def _stub(exercise: Exercise) -> bytes:
+    return stub(exercise).encode()
+
+
+def current(text: str, document: Path) -> str:
+    """The text of a document with the list and the example as they are now."""
+    return MARK.sub(_between_marks, text)
+
+
+def _between_marks(match: re.Match[str]) -> str:
+    lines = {"list": _list, "example": _example}[match[1]]()
+    return f"<!-- exercises: {match[1]} -->\n" + "\n".join(lines) + "\n<!-- end -->\n"
+
+
+def _list() -> Iterator[str]:
+    """A table in the order of the book."""
+    yield "| | exercise | what is to be written | chapter |"
+    yield "|---|---|---|---|"
+    for number, e in enumerate(EXERCISES.values(), 1):
+        names = ", ".join(f"`{name.rpartition('.')[2]}`" for name in e.to_do)
+        yield f"| {number} | [{e.name}]({e.name}.py) | {e.title} ({names}) | {_chapter(e.chapter)} |"
+
+
+def _chapter(number: int) -> str:
+    """A link to the chapter by its title, to the book where there is no such chapter yet."""
+    for path in sorted((ROOT / "docs" / "book").glob(f"{number}_*.md")):
+        return f"[{number}. {_title(path)}](../book/{path.name})"
+    return f"[{number}](../book/README.md)"
+
+
+def _title(path: Path) -> str:
+    first = path.read_text(encoding="utf-8").split("\n", 1)[0]
+    return re.sub(r"^#*\s*(chapter\s*)?\d*[.:]?\s*", "", first, flags=re.IGNORECASE)
+
+
+def _example() -> Iterator[str]:
+    """What is printed of a ReLU whose gradient at 0 is 1."""
+    yield "```text"
+    for step in steps(EXERCISES["relu"], OneAtZero):
+        yield f"{'✓' if step.passed else '✗'} {step.title}"
+        for line in step.lines:
+            yield from (f"    {part}" for part in textwrap.wrap(line, 110))
+    yield "```"

@@ -1,0 +1,123 @@
+#!/usr/bin/env python3
+"""Write a layer again, and see step by step whether it is right: the exercises of docs/exercises.
+
+    python tools/exercise.py
+    python tools/exercise.py relu --start
+    python tools/exercise.py relu
+
+The first lists the exercises. --start writes relu.py into the working folder: our own file, without the bodies that are
+to be written. The last checks it: shapes, values against those of Caffe, the gradient against differences, and the
+paper's network with it. The first difference is explained. The file is a program: what stands in it is run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import textwrap
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+from netlib import atomic
+from netlib.errors import did_you_mean
+from netlib.paths import ROOT, exists
+from tools.arguments import natural, parser_of
+from tools.console import DONE, FAILED, guarded, say
+from tools.exercises.checking import Step, first_step, in_network, steps
+from tools.exercises.exercise import Exercise
+from tools.exercises.reading import ExerciseError, ReadersFile
+from tools.exercises.stubs import stub
+from tools.exercises.table import EXERCISES
+from tools.progress import ProgressBar
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__, nets=True)
+    parser.add_argument("name", metavar="NAME", nargs="?", help="the exercise; without one they are listed")
+    parser.add_argument("--start", action="store_true", help="write the stub, NAME.py, into the working folder")
+    parser.add_argument("--file", metavar="FILE",
+                        help="what to check (default: NAME.py here, else in docs/exercises)")  # fmt: skip
+    parser.add_argument("--iterations", type=natural, default=20, metavar="N",
+                        help="of the network in the last step, 0 for none (default: %(default)s)")  # fmt: skip
+    args = parser.parse_args(argv)
+    if args.name is not None and args.name not in EXERCISES:
+        known = ", ".join(EXERCISES)
+        parser.error(f"there is no exercise {args.name!r}{did_you_mean(args.name, EXERCISES)}; there are {known}")
+    if args.name is None and (args.start or args.file):
+        parser.error("--start and --file need the NAME of an exercise")
+    if args.start and args.file:
+        parser.error("--start writes NAME.py; give --file when you check it")
+    return guarded(run, args)
+
+
+def run(args: argparse.Namespace) -> int:
+    """List, start or check as the parsed arguments say."""
+    if args.name is None:
+        return show_all()
+    exercise = EXERCISES[args.name]
+    if args.start:
+        return start(exercise)
+    return check(exercise, Path(args.file) if args.file else file_of(exercise), args.iterations)
+
+
+def show_all() -> int:
+    """The exercises in the order of the book."""
+    for number, exercise in enumerate(EXERCISES.values(), 1):
+        say(f"{number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
+    say("Begin one: python tools/exercise.py relu --start")
+    return DONE
+
+
+def start(exercise: Exercise) -> int:
+    """Write the stub; a file that is there is somebody's work, and stays. Raises ExerciseError."""
+    path = Path(f"{exercise.name}.py")
+    if exists(path) or path.is_symlink():
+        raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
+    atomic.replace_text(path, stub(exercise))
+    say(f"wrote {path}: {exercise.title}")
+    say(f"Write {', '.join(exercise.to_do)}; then: python tools/exercise.py {exercise.name}")
+    return DONE
+
+
+def file_of(exercise: Exercise) -> Path:
+    """The file to check: the one here, else that of the project. Raises ExerciseError if there is neither."""
+    here, there = Path(f"{exercise.name}.py"), ROOT / "docs" / "exercises" / f"{exercise.name}.py"
+    for path in (here, there):
+        if exists(path):
+            return path
+    raise ExerciseError(f"{here}: is not there; python tools/exercise.py {exercise.name} --start writes one")
+
+
+def check(exercise: Exercise, path: Path, iterations: int) -> int:
+    """Make the steps and tell each."""
+    say(f"{exercise.title} ({path})")
+    reader = ReadersFile(exercise, path)
+    tell(first_step(exercise, reader))
+    for step in steps(exercise, reader.part, reader):
+        tell(step)
+    if step.passed and iterations:
+        with ProgressBar(iterations, "iterations", "training") as progress:
+            step = in_network(exercise, reader.part, iterations, reader, progress)
+        tell(step)
+    if not step.passed:
+        return FAILED
+    say(f"All of it is right. Ours, to compare: {exercise.file}")
+    return DONE
+
+
+def tell(step: Step) -> None:
+    """A step in one line; one that failed in a few."""
+    say(f"{'✓' if step.passed else '✗'} {step.title}")
+    for line in step.lines:
+        for part in textwrap.wrap(line, 110, break_long_words=False, break_on_hyphens=False):
+            say(f"    {part}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

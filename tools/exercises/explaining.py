@@ -1,0 +1,146 @@
+"""The first difference, explained: which element, what it should be, and the likely mistake."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+
+from netlib.blob import Array
+from tools.exercises.exercise import Case, Difference, Exercise, Part, Values, agree, first_difference
+
+NO_IDEA = "This is none of the usual mistakes. Compare your lines with the formulas at the top of the file."
+FACTORS = 1e-5  # how well a constant factor must fit all numbers
+
+
+def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str]:
+    """What differs, then what is likely the reason."""
+    yield _what_differs(found)
+    yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or NO_IDEA
+
+
+def _what_differs(found: Difference) -> str:
+    case = found.case
+    where = f" ({case.title})" if case.title else ""
+    if found.index is None:
+        return f"{found.name} has the shape {found.got.shape}, it should be {found.wanted.shape}{where}."
+    letters = case.axes.get(found.name, ())
+    named = len(letters) == len(found.index)
+    index = ", ".join(f"{a}={i}" for a, i in zip(letters, found.index)) if named else ", ".join(map(str, found.index))
+    got, wanted = _written(float(found.got[found.index]), float(found.wanted[found.index]))
+    place = f"{found.name}[{index}]" if index else found.name
+    others = "" if found.got.size == 1 else f"; {found.count} of {found.got.size} differ, this is the first"
+    return f"{place} is {got}, {case.source} {wanted}{others}{where}."
+
+
+def _written(a: float, b: float) -> tuple[str, str]:
+    """Two numbers with as many digits as it takes to tell them apart."""
+    for digits in range(4, 17):
+        pair = f"{a:.{digits}g}", f"{b:.{digits}g}"
+        if pair[0] != pair[1]:
+            break
+    return pair
+
+
+def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
+    """What is said of the known mistake that gives what the reader's part gives; None if none does.
+
+    It must be right where the reader's part was, in the cases before this one. Where several are left, it is the one
+    that agrees with the reader's part in most other results.
+    """
+    for remedy in exercise.remedies:
+        if remedy.looks_like(found.got) and _passes(found.case, remedy.cured(part)):
+            return remedy.advice
+    like = [m for m in exercise.mistakes if _same(found, _run(found.case, m.part) or {})]
+    before = [case for case in _before(exercise, found.case) if _passes(case, part)] if like else []
+    like = [m for m in like if all(_passes(case, m.part) for case in before)]
+    if len(like) < 2:
+        return like[0].advice if like else None
+    cases = [case for check in exercise.checks for case in check.cases]
+    mine = {case: _run(case, part) or {} for case in cases}
+    return max(like, key=lambda m: sum(_alike(c, mine[c], _run(c, m.part) or {}) for c in cases)).advice
+
+
+def _before(exercise: Exercise, case: Case) -> Iterator[Case]:
+    """The cases of the same step that come before this one."""
+    for check in exercise.checks:
+        if case in check.cases:
+            yield from check.cases[: check.cases.index(case)]
+
+
+def _passes(case: Case, part: Part) -> bool:
+    got = _run(case, part)
+    return got is not None and first_difference(case, got, case.wanted(part)) is None
+
+
+def _run(case: Case, part: Part) -> Values | None:
+    """What a part computes, None if it fails."""
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return case.run(part)
+    except Exception:  # another mistake than this one
+        return None
+
+
+def _same(found: Difference, values: Values) -> bool:
+    other = values.get(found.name)
+    if other is None or other.shape != found.got.shape:
+        return False
+    tolerance = found.case.tolerance
+    got, array = found.got, np.asarray(other, np.float64)
+    return bool((agree(got, array, tolerance) | (np.isnan(got) & np.isnan(array))).all())
+
+
+def _alike(case: Case, mine: Values, theirs: Values) -> int:
+    """How many of the results are the same."""
+    return sum(
+        _same(Difference(case, name, None, np.asarray(array, np.float64), array), theirs)
+        for name, array in mine.items()
+    )
+
+
+def _unsteady(part: Part, found: Difference) -> str | None:
+    """What is said of numbers that are others each time."""
+    if _same(found, _run(found.case, part) or {}):
+        return None
+    return (
+        "It is another number each time it is computed. Random numbers of a layer come from self.rng, which a resume "
+        "can wind back, and never from np.random."
+    )
+
+
+def _pattern(found: Difference) -> str | None:
+    """What can be said of numbers that no known mistake gives."""
+    got, wanted = found.got, found.wanted
+    if found.index is None:
+        return _pattern_of_shapes(got, wanted)
+    if np.isnan(got).all() and not np.isnan(wanted).all():
+        return (
+            "All of it is NaN, as it was before: nothing was written. Write into the array, with [...] = on the left."
+        )
+    if np.isnan(got[found.index]) and not np.isnan(wanted[found.index]):
+        return (
+            "It is NaN, as it was before: this element was never written, or it was computed from one that was not. "
+            "Every element has to be written."
+        )
+    if not np.isfinite(got).all() or not np.isfinite(wanted).all():
+        return None
+    if (got == 0).all():
+        return "All of it is 0: nothing was written into the array, or 0 was written over what was there."
+    factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
+    if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and abs(factor) > FACTORS:
+        if abs(factor + 1) < FACTORS:
+            return "Everything has the wrong sign."
+        return f"Everything is {factor:.5g} times what it should be: a factor is missing, or one too many."
+    off = got - wanted
+    if wanted.size > 1 and np.ptp(off) <= FACTORS * max(1.0, float(np.abs(wanted).max())):
+        return f"Everything is {float(off.flat[0]):.5g} more than it should be: a constant is added, or left out."
+    return None
+
+
+def _pattern_of_shapes(got: Array, wanted: Array) -> str | None:
+    if got.ndim and got.shape == wanted.shape[::-1]:
+        return "The axes are in the opposite order."
+    return None
