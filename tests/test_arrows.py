@@ -1,4 +1,4 @@
-"""Who may import whom: netlib, then layers, then fast and handpose, then tools; and every file says what it is."""
+"""Who may import whom: netlib, then layers, then fast and handpose, then tools, then docs; and every file says what it is."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ MAY_IMPORT = {  # besides itself
     "fast": {"netlib", "layers"},
     "handpose": {"netlib", "layers"},
     "tools": {"netlib", "layers", "handpose"},
+    "docs": {"netlib", "layers", "handpose", "tools"},
 }
 CORE = {"numpy", "scipy", "cv2", "h5py"}
 SHARED_BY_LAYERS = {

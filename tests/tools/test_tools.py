@@ -46,7 +46,7 @@ def test_the_commands_are_found() -> None:
     assert {"train", "test", "predict", "table1", "make_synthetic"} <= set(COMMANDS)
 
 
-@pytest.mark.parametrize("folder", ["tools", "benchmarks", "handpose"])
+@pytest.mark.parametrize("folder", ["tools", "benchmarks", "handpose", "docs"])
 def test_no_program_imports_a_command(folder: str) -> None:
     """What two of them need is in a shared module, or in handpose/."""
     for path in (ROOT / folder).rglob("*.py"):
