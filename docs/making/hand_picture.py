@@ -6,7 +6,7 @@ python -m docs.making.hand_picture
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from docs.making.chromium import chromium
 from docs.making.hand_page import PLACE
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 PICTURE = ROOT / "docs" / "images" / "hand_page.png"
-SIZE = {"width": 1280, "height": 800}
+SIZE: Any = {"width": 1280, "height": 800}  # a type of its own in playwright, if that is installed
 SHOWN = """async () => {
   const { body, data, stage } = hand, { dofs, joints } = body.skeleton;
   const pose = Object.entries({ ...data.poses.point, palm_rot_y: 0.5 });
@@ -31,7 +31,7 @@ SHOWN = """async () => {
 
 def taken(browser: Browser) -> bytes:
     """The picture as PNG."""
-    tab = browser.new_page(viewport=SIZE, color_scheme="light")  # type: ignore[arg-type]
+    tab = browser.new_page(viewport=SIZE, color_scheme="light")
     tab.goto(PLACE.as_uri())
     tab.evaluate(SHOWN)
     try:
