@@ -1,4 +1,4 @@
-"""Who may import whom: netlib, then layers, then fast and handpose, then tools, then docs; and every file says what it is."""
+"""Who may import whom: netlib, layers, then fast and handpose, then tools, docs; and every file says what it is."""
 
 from __future__ import annotations
 
