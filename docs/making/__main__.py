@@ -9,10 +9,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from docs.making import documents, exercises, figures, hand_page
+from docs.making import documents, exercises, figures, hand_page, pictures
 from docs.making.made import ROOT, Made
 
-PIECES: tuple[Callable[[], Iterator[Made]], ...] = (documents.made, figures.made, exercises.made, hand_page.made)
+PIECES: tuple[Callable[[], Iterator[Made]], ...] = (
+    documents.made, figures.made, pictures.made, exercises.made, hand_page.made,
+)  # fmt: skip
 
 
 def main() -> int:
