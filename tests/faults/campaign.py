@@ -147,9 +147,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")
     parser.add_argument("--verbose", action="store_true", help="show every failure, not only different ones")
     args = parser.parse_args(argv)
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # a job in the background ignores it, and so would its runs
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
     begun, todo, done = time.monotonic(), groups(args.only), list[Group]()
     print(f"seed {args.seed}, {len(todo)} groups of cases", file=sys.stderr)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
