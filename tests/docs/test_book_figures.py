@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 import netlib
-from docs.making.figures import graph, pictures
+from docs.making.figures import chain, graph, pictures
 from netlib import prototxt
 
 NET = """
@@ -45,3 +47,12 @@ def test_the_graph_is_of_the_papers_training_net() -> None:
     assert [layer.type for layer in drawn.layers].count("InnerProduct") == 3
     assert drawn.blobs["depth"].shape == (512, 1, 128, 128)
     assert [blob.shape for blob, _, _ in drawn.losses] == [(), ()]
+
+
+def test_a_difference_has_a_best_step() -> None:
+    """Central in float64: near 1e-5, ten digits, and worse on both sides; in float32 never six; one-sided is worse."""
+    best = chain.error(np.float64, 1e-5, "central")
+    assert best < 1e-9
+    assert all(chain.error(np.float64, h, "central") > 10 * best for h in (1e-12, 1e-9, 1e-3, 1e-1))
+    assert min(chain.error(np.float32, h, "central") for h in np.logspace(-7, 0, 50)) > 1e-6
+    assert chain.error(np.float64, 1e-5, "one-sided") > 1e-6
