@@ -20,7 +20,7 @@ from mkdocs.structure.files import File, Files, InclusionLevel  # noqa: E402
 from mkdocs.structure.pages import Page  # noqa: E402
 
 from docs.making.markdown import anchor_of, with_links  # noqa: E402
-from docs.making.site import folders, github, navigation, sources  # noqa: E402
+from docs.making.site import folders, github, highlighting, navigation, sources  # noqa: E402
 from docs.making.site.published import Published, published  # noqa: E402
 
 HERE = ROOT / "docs/making/site"
@@ -86,7 +86,7 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
 
 def prototxt_block(source: str, *args: Any, **options: Any) -> str:
     """A fenced block of prototxt, which Pygments does not know."""
-    code = "\n".join(sources.coloured(source, "x.prototxt"))
+    code = "\n".join(highlighting.coloured(source, "x.prototxt"))
     return f'<div class="highlight"><pre><code>{code}\n</code></pre></div>'
 
 
