@@ -4,70 +4,64 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
+from docs.making import markdown, symbols
 from layers import LAYER_TYPES
 from netlib import caffe, engine
 from netlib.caffe import pycaffe
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/**/*.md")])
-LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?(?: "([^"]*)")?\)')
+DOCUMENTS = sorted(
+    [*ROOT.glob("*.md"), *(path for top in ("docs", "models", "tests") for path in ROOT.glob(f"{top}/**/*.md"))]
+)
 TOOL = re.compile(r"(?<!tests/)\b((?:tools|benchmarks)/\w+\.py)\b")
 
 
-def anchors(path: Path) -> set[str]:
-    """The anchors that GitHub makes of a document's headings."""
-    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+def fault_of(link: markdown.Link, document: Path) -> str:
+    """Why a link leads nowhere: its file, its heading, or the line of what its title names; empty if it does lead."""
+    target, _, anchor = link.target.partition("#")
+    file = (document.parent / unquote(target)).resolve() if target else document
+    if not file.exists():
+        return "there is no such file"
+    if re.fullmatch(r"L\d+", anchor):
+        if file.suffix not in symbols.SUFFIXES or not link.title:
+            return "a link to a line has a title, which names what stands there"
+        return "" if symbols.line_of(file, link.title) == int(anchor[1:]) else "run make docs"
+    anchors = map(markdown.anchor_of, markdown.headings(file.read_text(encoding="utf-8"))) if anchor else ()
+    return "" if not anchor or anchor in anchors else "there is no such heading"
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(path: Path) -> None:
     """To a file that is there, and to a heading of it, or to the line on which the name in the link's title stands."""
-    for target, anchor, title in LINK.findall(path.read_text(encoding="utf-8")):
-        file = (path.parent / target).resolve() if target else path
-        if ROOT / "fast" in file.parents and not engine.has_fast():
+    for link in markdown.links(path.read_text(encoding="utf-8")):
+        if ROOT / "fast" in (path.parent / link.target).resolve().parents and not engine.has_fast():
             continue  # the folder may be deleted; the chapter on speed then speaks of what is gone
-        assert file.exists(), target
-        if re.fullmatch(r"L\d+", anchor):
-            assert is_at(file, int(anchor[1:]), title), f'{target}#{anchor} "{title}": run make docs'
-        else:
-            assert not anchor or anchor in anchors(file), f"{target}#{anchor}"
-
-
-def is_at(file: Path, number: int, title: str) -> bool:
-    """Whether the line of a file makes this name: a test by ``def``, all else as its language does."""
-    lines = file.read_text(encoding="utf-8").splitlines()
-    if not title or number > len(lines):
-        return False
-    line, name = lines[number - 1], re.escape(title.split(".")[-1])
-    if file.suffix == ".prototxt":  # a field, or a message whose name stands beside its brace or below it
-        field = re.match(rf"\s*{name}\s*[:{{]", line)
-        return bool(field or re.match(rf'\s*\w+ {{\s*(?:#.*)?name: "{name}"', " ".join(lines[number - 1 : number + 1])))
-    if re.match(r"test_", name):
-        return re.match(rf"def {name}\(", line) is not None
-    return re.match(rf"\s*(?:(?:def|class) {name}\b|{name}\s*[:=])", line) is not None
+        assert not fault_of(link, path), f'{link.target} "{link.title}": {fault_of(link, path)}'
 
 
 @pytest.mark.parametrize(
-    ("number", "title", "there"),
+    ("text", "fault"),
     [
-        (1, "test_a", True),
-        (1, "test", False),
-        (1, "", False),
-        (2, "test_a", False),
-        (3, "Box.side", True),
-        (3, "Box", False),
-        (9, "Box", False),
+        ('[a](box.py#L2 "Box") [b](box.py) [c](#a-box) [d](../page.md#a-box) [e](..)', ""),
+        ("[a](bag.py)", "there is no such file"),
+        ("[a](#bag)", "there is no such heading"),
+        ("[a](#in-code)", "there is no such heading"),
+        ("[a](box.py#L2)", "a link to a line has a title"),
+        ('[a](box.py#L1 "Box")', "run make docs"),
     ],
 )
-def test_a_line_is_checked(tmp_path: Path, number: int, title: str, there: bool) -> None:
-    """A wrong line, a line after the end, and a line without a name are found."""
-    file = tmp_path / "box.py"
-    file.write_text("def test_a() -> None:\n    class Box:\n        side = 1  # test_a Box\n")
-    assert is_at(file, number, title) is there
+def test_a_link_that_leads_nowhere(tmp_path: Path, text: str, fault: str) -> None:
+    """Is found, and its fault is told."""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs/box.py").write_text("A = 1\nclass Box: ...\n")
+    for page in (tmp_path / "page.md", tmp_path / "docs/page.md"):
+        page.write_text("# A `box`\n```text\n# in code\n```\n")
+    faults = [fault_of(link, tmp_path / "docs/page.md") for link in markdown.links(text)]
+    assert faults and all(found.startswith(fault) and bool(found) == bool(fault) for found in faults)
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))

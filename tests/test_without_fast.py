@@ -65,12 +65,12 @@ def test_a_solver_trains(bare: Path) -> None:
     shutil.rmtree(bare / "data")
 
 
-# What knows no engine (files of recordings and tracks, pictures, documents, what the campaign damages), and tracking,
-# which is made of fits that are tested: on the plain engine it takes minutes.
+# What knows no engine (files of recordings and tracks, pictures, documents, what the campaign damages); exercises,
+# whose nets are always plain; and tracking, which is made of fits that are tested: it takes minutes on that engine.
 ELSEWHERE = ("faults", "docs", "documents", "handpose/recordings", "handpose/tracks", "handpose/tracking",
              "handpose/drawing", "handpose/experiments/test_tracking_figures.py", "tools/test_track.py",
              "tools/test_track_refusals.py", "tools/test_measure_tracking.py", "tools/test_record.py",
-             "tools/test_make_recording.py")  # fmt: skip
+             "tools/test_make_recording.py", "tools/exercises")  # fmt: skip
 HANDS = ("handpose", "tools")  # about half of the time
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from docs.making.made import ROOT, Made
+from docs.making.markdown import title_of
 from tools.exercises.checking import steps
 from tools.exercises.exercise import Exercise
 from tools.exercises.relu import OneAtZero
@@ -54,13 +55,8 @@ def _list() -> Iterator[str]:
 def _chapter(number: int) -> str:
     """A link to the chapter by its title, to the book where there is no such chapter yet."""
     for path in sorted((ROOT / "docs" / "book").glob(f"{number}_*.md")):
-        return f"[{number}. {_title(path)}](../book/{path.name})"
+        return f"[{title_of(path.read_text(encoding='utf-8'))}](../book/{path.name})"
     return f"[{number}](../book/README.md)"
-
-
-def _title(path: Path) -> str:
-    first = path.read_text(encoding="utf-8").split("\n", 1)[0]
-    return re.sub(r"^#*\s*(chapter\s*)?\d*[.:]?\s*", "", first, flags=re.IGNORECASE)
 
 
 def _example() -> Iterator[str]:

@@ -2,7 +2,7 @@
 
     [the gradient](../layers/hand/kinematics.py#L79 "Kinematics.backward")
 
-symbols.py says which names there are. The first time the line may be left out. Code, and titles of several words, stay.
+symbols.py says which names there are. The first time the line may be left out. Titles of several words stay.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ import re
 from pathlib import Path
 
 from docs.making import symbols
+from docs.making.markdown import Link, with_links
 
-MARK = re.compile(r'\]\((?!https?:)([^)\s#]+)(?:#L\d+)? "([\w.]+)"\)')
-CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
+MARK = re.compile(r'(#L\d+)? "[\w.]+"\)')  # what a document with such a link has
 
 
 def current(text: str, document: Path) -> str:
     """The text of a document with the lines as they are now. Raises ValueError if a file has no such name."""
 
-    def with_line(match: re.Match[str]) -> str:
-        path = document.parent / match[1]
-        if path.suffix not in symbols.SUFFIXES or not path.is_file():  # a link that leads nowhere is another test's
-            return match[0]
+    def with_line(link: Link) -> str:
+        name, _, anchor = link.target.partition("#")
+        path = document.parent / name
+        wanted = re.fullmatch(r"[\w.]+", link.title) and re.fullmatch(r"(L\d+)?", anchor)
+        if not wanted or path.suffix not in symbols.SUFFIXES or not path.is_file():
+            return link.target  # one that leads nowhere is another test's
         try:
-            return f']({match[1]}#L{symbols.line_of(path, match[2])} "{match[2]}")'
+            return f"{name}#L{symbols.line_of(path, link.title)}"
         except ValueError as error:
             raise ValueError(f"{document.name}: {error}, which a link names") from None
 
-    pieces = CODE.split(text)
-    pieces[::2] = [MARK.sub(with_line, piece) for piece in pieces[::2]]
-    return "".join(pieces)
+    return with_links(text, with_line)

@@ -10,11 +10,12 @@ import pytest
 from docs.making.figures.drawn import as_svg, new_figure, shows_the_same
 
 
-def drawn(value: float = 2.0, word: str = "here", pixel: float = 1.0) -> bytes:
-    """A line, a word, a patch, points and an image."""
+def drawn(value: float = 2.0, word: str = "here", pixel: float = 1.0, title: str = "a") -> bytes:
+    """A line, a word, a patch, points, an image, and a title above them."""
     from matplotlib.patches import Circle
 
     figure: Any = new_figure(2, 2)
+    figure.suptitle(title)
     axes = figure.add_subplot()
     axes.plot([0, 1], [1, value])
     axes.text(0.5, 0.5, word)
@@ -30,7 +31,7 @@ def test_the_same_figure_is_the_same() -> None:
     assert drawn() == drawn()
 
 
-@pytest.mark.parametrize("change", [{"value": 2.01}, {"word": "there"}, {"pixel": 0.9}], ids=str)
+@pytest.mark.parametrize("change", [{"value": 2.01}, {"word": "there"}, {"pixel": 0.9}, {"title": "b"}], ids=str)
 def test_another_value_or_word_is_another_figure(change: Any) -> None:
     """A thousandth of the largest value is what may differ."""
     assert not shows_the_same(drawn(), drawn(**change))

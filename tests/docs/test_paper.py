@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from docs.making.markdown import anchor_of
 from handpose.experiments.networks import NETWORKS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -25,8 +26,7 @@ FROM_FILES = {"nyu_data", "whole", "needs_real", "published_score"}  # of which 
 def sections(text: str) -> dict[str, str]:
     """What stands below each heading, down to the next, by the heading's anchor."""
     parts = re.split(r"^#+ (.*)\n", text, flags=re.MULTILINE)
-    anchors = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in parts[1::2]]
-    return dict(zip(anchors, parts[2::2]))
+    return dict(zip(map(anchor_of, parts[1::2]), parts[2::2]))
 
 
 def test_table_1_is_theirs_and_ours() -> None:

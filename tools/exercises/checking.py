@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from netlib.errors import NetlibError
 from tools.exercises import network
-from tools.exercises.exercise import Case, Check, Exercise, Part, Tell, agree, first_difference
+from tools.exercises.exercise import Case, Check, Exercise, Part, Tell, agree, first_difference, unwarned
 from tools.exercises.explaining import advice, sentences
 from tools.exercises.reading import ReadersFile, told
 
@@ -51,8 +50,7 @@ def _checked(exercise: Exercise, check: Check, part: Part, reader: ReadersFile |
     """Run the cases of a step."""
     for case in check.cases:
         try:
-            with np.errstate(all="ignore"), warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with unwarned():
                 found = first_difference(case, case.run(part), case.wanted(part))
         except (Exception, SystemExit) as error:
             lines = [*_stopped(case, error, reader), *_elsewhere(exercise, check, part, error)]
@@ -82,8 +80,7 @@ def _elsewhere(exercise: Exercise, check: Check, part: Part, error: BaseExceptio
     if isinstance(error, NotImplementedError):
         return
     for case in check.cases:
-        with np.errstate(all="ignore"), warnings.catch_warnings(), contextlib.suppress(Exception, SystemExit):
-            warnings.simplefilter("ignore")
+        with unwarned(), contextlib.suppress(Exception, SystemExit):
             found = first_difference(case, case.run(part), case.wanted(part))
             said = found and advice(exercise, part, found)
             if said:
@@ -107,8 +104,7 @@ def in_network(
     title = exercise.last.format(iterations)
     ours = np.array(network.our_losses(iterations))
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with unwarned():
             found = exercise.train(part, iterations, tell)
     except (Exception, SystemExit) as error:
         where = reader.where(error.__cause__ or error) if reader else None

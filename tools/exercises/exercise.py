@@ -7,7 +7,9 @@ ones on the same numbers, until one gives what the reader's part gave.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,6 +132,14 @@ class Difference:
     got: Array
     wanted: Array
     count: int = 0
+
+
+@contextlib.contextmanager
+def unwarned() -> Iterator[None]:
+    """Within it nothing is said of numbers that overflow, and the like: what a part computes is compared."""
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def agree(got: Array, wanted: Array, tolerance: float) -> Array:

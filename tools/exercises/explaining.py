@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 
 import numpy as np
 
 from netlib.blob import Array
-from tools.exercises.exercise import Case, Difference, Exercise, Part, Values, agree, first_difference
+from tools.exercises.exercise import Case, Difference, Exercise, Part, Values, agree, first_difference, unwarned
 
 NO_IDEA = "This is none of the usual mistakes. Compare your lines with the formulas at the top of the file."
 FACTORS = 1e-5  # how well a constant factor must fit all numbers
@@ -77,8 +76,7 @@ def _passes(case: Case, part: Part) -> bool:
 def _run(case: Case, part: Part) -> Values | None:
     """What a part computes, None if it fails."""
     try:
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with unwarned():
             return case.run(part)
     except Exception:  # another mistake than this one
         return None

@@ -36,8 +36,8 @@ class ReadersFile:
             tree = ast.parse(text, str(path))
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:  # ValueError: a NUL in it
             raise ExerciseError(f"{path}{self._line_of(error)}: {reason_of(error)}") from error
-        self.lines = {name: node.lineno for name, node in _functions(tree)}
-        self.to_do = {name: line for name, node in _functions(tree) if (line := _raises_not_implemented(node))}
+        self.lines = {name: node.lineno for name, node in functions(tree)}
+        self.to_do = {name: line for name, node in functions(tree) if (line := _raises_not_implemented(node))}
         self.needed = {name for name in self.to_do if name in exercise.names or _is_used(name, tree)}
         module = self._load(exercise)
         missing = [name for name in exercise.names if not _has(module, name)]
@@ -81,7 +81,8 @@ def told(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
-def _functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
+def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
+    """The functions of a file by name, its methods as ``Class.method``."""
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
             yield node.name, node

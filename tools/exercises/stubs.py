@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import re
 import textwrap
-from collections.abc import Iterator
 
 from netlib import files
 from netlib.paths import ROOT
 from tools.exercises.exercise import Exercise
+from tools.exercises.reading import functions
 
 WIDTH = 116  # of a comment, with its indentation
 
@@ -18,24 +18,14 @@ def stub(exercise: Exercise) -> str:
     """The text of the file that a reader begins with. Raises DataError if our source cannot be read."""
     text = files.read_text(ROOT / exercise.file, "the source")
     lines, tree = text.splitlines(), ast.parse(text)
-    for name, function in sorted(_wanted(tree, exercise), key=lambda pair: -pair[1].lineno):
+    there = dict(functions(tree))
+    for name in sorted(exercise.to_do, key=lambda name: -there[name].lineno):
+        function = there[name]
         first, last = _body(function)
         lines[first - 1 : last] = _instead(exercise.to_do[name], function.body[0].col_offset)
     text = "\n".join(lines) + "\n"
     text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
     return f"# Write what raises NotImplementedError, then: python tools/exercise.py {exercise.name}\n{text}"
-
-
-def _wanted(tree: ast.Module, exercise: Exercise) -> Iterator[tuple[str, ast.FunctionDef]]:
-    """The functions whose bodies go. Raises KeyError if the source has none of such a name."""
-    there = {}
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef):
-            there[node.name] = node
-        elif isinstance(node, ast.ClassDef):
-            there |= {f"{node.name}.{f.name}": f for f in node.body if isinstance(f, ast.FunctionDef)}
-    for name in exercise.to_do:
-        yield name, there[name]
 
 
 def _body(function: ast.FunctionDef) -> tuple[int, int]:

@@ -38,9 +38,9 @@ def as_svg(figure: Any) -> bytes:
     return file.getvalue()
 
 
-def shows_the_same(there: bytes, content: bytes) -> bool:
+def shows_the_same(there: bytes, wanted: bytes) -> bool:
     """Whether two files show the same values and words."""
-    a, b = _said(there), _said(content)
+    a, b = _said(there), _said(wanted)
     return a is not None and b is not None and len(a) == len(b) and all(_alike(x, y) for x, y in zip(a, b))
 
 
@@ -63,9 +63,12 @@ def _told(figure: Any) -> Iterator[dict[str, Any]]:
     from matplotlib.patches import Patch
     from matplotlib.text import Text
 
+    for text in figure.texts:
+        yield {"kind": "Text", "words": text.get_text(), "values": []}
     for axes in figure.axes:
-        own = [a for a in (*axes.get_children(), *figure.texts) if a is not axes.patch]
-        for artist in own:
+        for artist in axes.get_children():
+            if artist is axes.patch:
+                continue
             words = ""
             values: Any = np.zeros(0)
             if isinstance(artist, Text):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,38 +10,42 @@ import numpy as np
 from docs.making.figures.drawn import new_figure
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
+from netlib.blob import Array
 
-SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)
+SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)  # they lead the arm to (3, 4) and (3, 6)
 BONES = (5.0, 2.0)
 FINGERS = {"thumb": "#882255", "index": "#332288", "middle": "#117733", "ring": "#aa7700", "little": "#0077bb"}
 PALM = "#555555"
 HALF_CUBE = 150.0
 
 
-def arm_joints() -> np.ndarray[Any, Any]:
-    """Shoulder, elbow and wrist of the arm of chapter 6: (0, 0), (3, 4), (3, 6)."""
-    turns = np.cumsum((SHOULDER, ELBOW))
+def arm_joints(theta: Sequence[float] | Array = (SHOULDER, ELBOW)) -> Array:
+    """Shoulder, elbow and wrist (3, 2) of the arm of chapter 6."""
+    turns = np.cumsum(theta)
     steps = np.stack([np.cos(turns), np.sin(turns)], axis=1) * np.array(BONES)[:, None]
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
+def arm_torques(places: Array, force: Array) -> list[float]:
+    """What a force on the wrist does to the shoulder and to the elbow."""
+    levers = places[2] - places[:2]
+    return [float(x * force[1] - y * force[0]) for x, y in levers]
 
 
 def arm() -> Any:
     """The arm of chapter 6 with the frame of each joint."""
     figure = new_figure(5.2, 4.6)
     axes = _plane(figure)
-    joints = arm_joints()
-    _bones(axes, joints)
-    for place, turn, name in zip(joints, (0.0, SHOULDER, SHOULDER + ELBOW), ("world", "elbow", "wrist")):
+    places = arm_joints()
+    _bones(axes, places)
+    for place, turn, name in zip(places, (0.0, SHOULDER, SHOULDER + ELBOW), ("world", "elbow", "wrist")):
         for axis, colour in ((0.0, "#cc3311"), (np.pi / 2, "#117733")):
             tip = place + 1.1 * np.array([np.cos(turn + axis), np.sin(turn + axis)])
             axes.annotate("", tip, place, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6})
         axes.text(*(place + (0.25, -0.45)), f"{name} ({place[0]:g}, {place[1]:g})", fontsize=9)
     axes.text(0.95, 0.28, "53.13°", fontsize=8, color="#333333")
     axes.text(3.75, 4.95, "+ 36.87°", fontsize=8, color="#333333")
-    axes.set(
-        xlim=(-1.2, 6.2),
-        ylim=(-1.0, 7.6),
-    )
+    axes.set(xlim=(-1.2, 6.2), ylim=(-1.0, 7.6))
     axes.set_title("bones 5 and 2; of a frame, x red and y green", fontsize=10)
     return figure
 
@@ -49,17 +54,35 @@ def lever() -> Any:
     """A force on the wrist of that arm, and its lever about either joint."""
     figure = new_figure(5.2, 4.6)
     axes = _plane(figure)
-    joints, force = arm_joints(), np.array([1.0, 2.0])
-    _bones(axes, joints)
-    wrist = joints[2]
+    places, force = arm_joints(), np.array([1.0, 2.0])
+    _bones(axes, places)
+    wrist = places[2]
     axes.annotate("", wrist + force, wrist, arrowprops={"arrowstyle": "->", "color": "#cc3311", "lw": 2})
     axes.text(*(wrist + force + (0.15, -0.1)), "f = (1, 2)", color="#cc3311")
-    for pivot, name, torque in zip(joints[:2], ("shoulder", "elbow"), (0, -2)):
+    for pivot, name, torque in zip(places, ("shoulder", "elbow"), arm_torques(places, force)):
         axes.plot(*np.array([pivot, wrist]).T, "--", color="#888888", lw=1)
-        arm_ = wrist - pivot
-        told = f"{name}: lever ({arm_[0]:g}, {arm_[1]:g})\ntorque {torque:g}"
+        x, y = np.round(wrist - pivot, 6) + 0.0
+        told = f"{name}: lever ({x:g}, {y:g})\ntorque {round(torque, 6) + 0.0:g}"
         axes.text(*(pivot + (0.35, -0.55)), told, fontsize=9)
     axes.set(xlim=(-1.2, 6.8), ylim=(-1.2, 8.6), title="torque = lever × force")
+    return figure
+
+
+def reach() -> Any:
+    """The arm of chapter 6 led to a target by its own torques: poses after some steps of gradient descent."""
+    figure = new_figure(5.2, 4.2)
+    axes = _plane(figure)
+    target, theta = np.array([-3.0, 5.0]), np.array([SHOULDER, ELBOW])
+    shown = (0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 100)
+    for step in range(max(shown) + 1):
+        places = arm_joints(theta)
+        if step in shown:
+            shade = str(0.85 - 0.075 * shown.index(step))
+            axes.plot(*places.T, "o-", color=shade, ms=4, lw=2)
+        theta = theta - 0.01 * np.array(arm_torques(places, places[2] - target))
+    axes.plot(*target, "x", color="#cc3311", ms=10, mew=2)
+    axes.set(xlim=(-4.2, 4.2), ylim=(-0.6, 7.4))
+    axes.set_title(f"after {', '.join(map(str, shown))} steps", fontsize=10)
     return figure
 
 
@@ -100,28 +123,6 @@ def _plane(figure: Any) -> Any:
     return axes
 
 
-def _bones(axes: Any, joints: np.ndarray[Any, Any]) -> None:
-    axes.plot(*joints.T, color="#999999", lw=5, solid_capstyle="round", zorder=0)
-    axes.plot(*joints.T, "o", color="#222222", ms=6)
-
-
-def reach() -> Any:
-    """The arm of chapter 6 led to a target by its own torques: poses after some steps of gradient descent."""
-    figure = new_figure(5.2, 4.2)
-    axes = _plane(figure)
-    target, theta = np.array([-3.0, 5.0]), np.array([SHOULDER, ELBOW])
-    shown = (0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 100)
-    for step in range(101):
-        turns = np.cumsum(theta)
-        elbow = BONES[0] * np.array([np.cos(turns[0]), np.sin(turns[0])])
-        wrist = elbow + BONES[1] * np.array([np.cos(turns[1]), np.sin(turns[1])])
-        if step in shown:
-            shade = str(0.85 - 0.075 * shown.index(step))
-            axes.plot(*np.array([(0.0, 0.0), elbow, wrist]).T, "o-", color=shade, ms=4, lw=2)
-        force = wrist - target
-        torques = [lever[0] * force[1] - lever[1] * force[0] for lever in (wrist, wrist - elbow)]
-        theta = theta - 0.01 * np.array(torques)
-    axes.plot(*target, "x", color="#cc3311", ms=10, mew=2)
-    axes.set(xlim=(-4.2, 4.2), ylim=(-0.6, 7.4))
-    axes.set_title("after 0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 100 steps", fontsize=10)
-    return figure
+def _bones(axes: Any, places: Array) -> None:
+    axes.plot(*places.T, color="#999999", lw=5, solid_capstyle="round", zorder=0)
+    axes.plot(*places.T, "o", color="#222222", ms=6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,6 +105,7 @@ def _drawn_as(shape: tuple[int, ...]) -> tuple[int, float, float]:
     return 1, shape[0] / wide, float(wide)
 
 
+@functools.cache
 def first_maps() -> tuple[Array, Array, Array]:
     """A rendered hand (128, 128), the packaged network's first kernels (8, 5, 5), its first maps (8, 124, 124)."""
     weights = checked_weights(read_card(SYNTHETIC_HAND))

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
+from docs.making.figures.pictures import first_maps
 from handpose.data.crops import crop_pixels, restore_joints
 from handpose.drawing.hands import bones, colours
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM
-from handpose.predicting.nets import hand_layer, trained
+from handpose.predicting.nets import skeleton_to_fit, trained
 from handpose.predicting.packaged import SYNTHETIC_HAND
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import Skeleton
@@ -33,8 +34,6 @@ class Seen(NamedTuple):
     joints: Array
     true_inputs: Array
     inputs: Array
-    first_maps: Array  # convL1 of the first frame, after ReLU
-    filters: Array
     skeleton: Skeleton
 
 
@@ -47,22 +46,20 @@ def seen() -> Seen:
     net = trained(SYNTHETIC_HAND / "deploy.prototxt", SYNTHETIC_HAND / "synthetic_hand.caffemodel.h5")
     net.blobs["depth"].reshape(*depth.shape)
     joints = net.forward(depth=depth)["pred"].reshape(-1, 31, 3).copy()
-    inputs = net.blobs["DoF"].data.copy()
-    net.blobs["depth"].reshape(1, *depth.shape[1:])
-    net.forward(depth=depth[:1])
-    hand = hand_layer(net)
-    assert hand is not None
     return Seen(
         depth[:, 0],
         np.concatenate([f.center_uvd for f in frames]),
         np.concatenate([f.joint for f in frames]).reshape(-1, 31, 3),
         joints,
         np.concatenate([f.dof for f in frames if f.dof is not None]),
-        inputs,
-        net.blobs["convL1"].data[0].copy(),
-        net.params["convL1"][0].data[:, 0].copy(),
-        hand.skeleton,
+        net.blobs["DoF"].data.copy(),
+        skeleton_to_fit(net),
     )
+
+
+def joint_colours(skeleton: Skeleton) -> list[tuple[float, ...]]:
+    """Each joint's colour as matplotlib has them: red, green, blue, up to 1."""
+    return [tuple(channel / 255 for channel in reversed(colour)) for colour in colours(skeleton)]
 
 
 def hinge() -> Any:
@@ -110,7 +107,7 @@ def six_hands() -> Any:
     """The first six held-out frames: the predicted skeleton in colours, the true one in white."""
     s = seen()
     figure = new_figure(8.5, 6.0)
-    own = [tuple(channel / 255 for channel in reversed(colour)) for colour in colours(s.skeleton)]
+    own = joint_colours(s.skeleton)
     for n, axes in enumerate(figure.subplots(2, 3).flat):
         axes.imshow(0.8 * (1 - s.depth[n]) / 2, cmap="gray", vmin=0, vmax=1)
         for joints, true in ((s.truth[n], True), (s.joints[n], False)):
@@ -138,8 +135,8 @@ def joint_errors() -> Any:
     bars, bent = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1.5, 1)})
     errors = np.linalg.norm(s.joints - s.truth, axis=2).mean(axis=0) * CUBE_MM / 2
     order = np.argsort(errors)
-    own = [tuple(channel / 255 for channel in reversed(colours(s.skeleton)[j])) for j in order]
-    bars.barh(np.arange(len(order)), errors[order], color=own)
+    own = joint_colours(s.skeleton)
+    bars.barh(np.arange(len(order)), errors[order], color=[own[j] for j in order])
     bars.set_yticks(np.arange(len(order)), [s.skeleton.joint_names[j] for j in order], fontsize=6)
     bars.set_xlabel("mean error, mm")
     bars.set_title(f"{len(s.joints)} held-out frames")
@@ -155,12 +152,12 @@ def joint_errors() -> Any:
 
 def filters() -> Any:
     """The eight filters of convL1, and what they make of the first frame."""
-    s = seen()
+    _, kernels, maps = first_maps()
     figure = new_figure(8.5, 2.6)
-    largest = float(np.abs(s.filters).max())
+    largest = float(np.abs(kernels).max())
     for n, (above, below) in enumerate(figure.subplots(2, 8).T):
-        above.imshow(s.filters[n], cmap="PuOr", vmin=-largest, vmax=largest)
-        below.imshow(s.first_maps[n][::2, ::2], cmap="gray")
+        above.imshow(kernels[n], cmap="PuOr", vmin=-largest, vmax=largest)
+        below.imshow(maps[n][::2, ::2], cmap="gray")
         above.set_axis_off()
         below.set_axis_off()
     return figure

@@ -62,19 +62,21 @@ def faults(site: Path) -> Iterator[str]:
             continue  # a server shows it under any address, so its links begin with that of the site
         for target in dict.fromkeys(links.to + links.loads):
             parts = urlsplit(target)
+            found, anchor = _place(name, unquote(parts.path)), unquote(parts.fragment)
             if parts.scheme or parts.netloc:
                 if target in links.loads and parts.scheme not in CARRIED:
                     yield f"{name} loads {target}: it must not need the net"
-                continue
-            found = (
-                posixpath.normpath(posixpath.join(posixpath.dirname(name), unquote(parts.path))) if parts.path else name
-            )
-            found = posixpath.normpath(posixpath.join(found, "index.html")) if parts.path.endswith("/") else found
-            anchor = unquote(parts.fragment)
-            if found not in files:
+            elif found not in files:
                 yield f"{name} links to {target}: there is no {found}"
             elif anchor and found in pages and anchor not in pages[found].anchors:
                 yield f"{name} links to {target}: {found} has no #{anchor}"
+
+
+def _place(page: str, path: str) -> str:
+    """Where a link of a page leads, from the root of the site; of a folder, to its page."""
+    if not path:
+        return page
+    return posixpath.normpath(posixpath.join(posixpath.dirname(page), path, "index.html" if path.endswith("/") else ""))
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -86,7 +88,7 @@ def main(argv: list[str] | None = None) -> int:
     found = list(faults(Path(arguments[0])))
     for fault in found:
         print(f"error: {fault}", file=sys.stderr)
-    print(f"{'every link leads somewhere' if not found else f'{len(found)} links lead nowhere'}")
+    print(f"{len(found)} links lead nowhere" if found else "every link leads somewhere")
     return 1 if found else 0
 
 

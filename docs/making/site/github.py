@@ -4,81 +4,18 @@
     inside an item         two or three columns deeper are enough: here they become four per level
     ``<details>``          has Markdown inside: here it is told so
 
-Links to source files and folders lead to their pages. Code stays as it is, fenced or between backquotes.
+Code stays as it is.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
 
-FENCE = re.compile(r"^ *(`{3,}(?=[^`]*$)|~{3,})")
+from docs.making.markdown import HEADING, blocks
+
 ITEM = re.compile(r"^( *)([-+*]|\d{1,9}[.)])( +)(?=\S)")
 DELIMITERS = re.compile(r"^ *\|?(?: *:?-+:? *\|)+(?: *:?-+:? *)?$")
 RAW = re.compile(r"^ *<(details|summary)>")
-HEADING = re.compile(r"^(#+) +(.*?)(?: +#+)? *$")
-# A link or an image, after its text: `](target "title")`; a definition: `[name]: target`; or code, which is passed by.
-CODE_OR_LINK = re.compile(
-    r"(?P<code>(?<!`)(?P<ticks>`+)(?!`)(?:(?!\n\n).)+?(?<!`)(?P=ticks)(?!`))"
-    r"|(?P<before>\]\(\s*<?|^ {0,3}\[[^\]\n]+\]: +<?)"
-    r"(?P<target>(?<=<)[^<>\n]+(?=>)|[^\s<>()]+(?:\([^\s()]*\)[^\s<>()]*)?)",
-    re.MULTILINE | re.DOTALL,
-)
-OUTSIDE = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*:|//")
-
-
-def anchor_of(heading: str, separator: str = "-") -> str:
-    """The anchor that GitHub gives a heading."""
-    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", separator)
-
-
-def title_of(text: str) -> str | None:
-    """The first heading of a document, without its marks."""
-    for code, lines in blocks(text):
-        for line in lines if not code else ():
-            if heading := HEADING.match(line):
-                return re.sub(r"\\(.)", r"\1", heading[2].replace("`", ""))
-    return None
-
-
-def blocks(text: str) -> Iterator[tuple[bool, list[str]]]:
-    """The lines of a document, fenced code apart: (it is code, its lines with the fences)."""
-    lines: list[str] = []
-    fence = ""
-    for line in text.split("\n"):
-        found = FENCE.match(line)
-        if fence:
-            lines.append(line)
-            if found and found[1].startswith(fence) and not line.strip(" " + fence[0]):
-                yield True, lines
-                lines, fence = [], ""
-        elif found:
-            yield False, lines
-            lines, fence = [line], found[1]
-        else:
-            lines.append(line)
-    yield bool(fence), lines
-
-
-def links(text: str) -> Iterator[str]:
-    """What a document links to or shows, as it stands there, other places than this project left out."""
-    for code, lines in blocks(text):
-        if not code:
-            for match in CODE_OR_LINK.finditer("\n".join(lines)):
-                if match["target"] and not OUTSIDE.match(match["target"]):
-                    yield match["target"]
-
-
-def with_links(text: str, changed: Callable[[str], str]) -> str:
-    """The document with ``changed(target)`` in place of every such target."""
-
-    def replace(match: re.Match[str]) -> str:
-        if not match["target"] or OUTSIDE.match(match["target"]):
-            return match[0]
-        return match["before"] + changed(match["target"])
-
-    pieces = (lines if code else [CODE_OR_LINK.sub(replace, "\n".join(lines))] for code, lines in blocks(text) if lines)
-    return "\n".join("\n".join(piece) for piece in pieces)
 
 
 def for_python_markdown(text: str) -> str:

@@ -19,7 +19,8 @@ from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
 from mkdocs.structure.files import File, Files, InclusionLevel  # noqa: E402
 from mkdocs.structure.pages import Page  # noqa: E402
 
-from docs.making.site import folders, github, navigation, sources  # noqa: E402
+from docs.making.markdown import anchor_of, with_links  # noqa: E402
+from docs.making.site import folders, github, highlighting, navigation, sources  # noqa: E402
 from docs.making.site.published import Published, published  # noqa: E402
 
 HERE = ROOT / "docs/making/site"
@@ -31,7 +32,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     site = SITE["now"] = published(ROOT, **({"code": config.extra["code"]} if "code" in config.extra else {}))
     _source.cache_clear()
     config.nav = navigation.of(site)
-    config.mdx_configs.setdefault("toc", {})["slugify"] = github.anchor_of
+    config.mdx_configs.setdefault("toc", {})["slugify"] = anchor_of
     fences = config.mdx_configs.setdefault("pymdownx.superfences", {}).setdefault("custom_fences", [])
     if not fences:
         fences.append({"name": "prototxt", "class": "highlight", "format": prototxt_block})
@@ -64,7 +65,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """GitHub's Markdown as Python-Markdown wants it, with links to pages instead of files."""
     site = SITE["now"]
-    linked = github.with_links(markdown, lambda target: site.link(page.file.src_uri, target))
+    linked = with_links(markdown, lambda link: site.link(page.file.src_uri, link.target))
     return github.for_python_markdown(linked)
 
 
@@ -85,7 +86,7 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
 
 def prototxt_block(source: str, *args: Any, **options: Any) -> str:
     """A fenced block of prototxt, which Pygments does not know."""
-    code = "\n".join(sources.coloured(source, "x.prototxt"))
+    code = "\n".join(highlighting.coloured(source, "x.prototxt"))
     return f'<div class="highlight"><pre><code>{code}\n</code></pre></div>'
 
 

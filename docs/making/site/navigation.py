@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from docs.making.site import github
+from docs.making import markdown
 from docs.making.site.published import Published
 
 CODE = ("layers", "netlib", "handpose", "fast", "tools", "prototxt")
@@ -58,6 +58,6 @@ def _reference(site: Published) -> list[Any]:
     """The documents of docs/ itself, in the order of the README's list: its paragraph with most links to them."""
     found = [path for path in site.documents if posixpath.dirname(path) == "docs"]
     readme = (site.root / "README.md").read_text(encoding="utf-8")
-    paragraphs = [[link for link in github.links(text) if link in found] for text in readme.split("\n\n")]
-    named = max(paragraphs, key=len)
+    paragraphs = ([link.target for link in markdown.links(text)] for text in readme.split("\n\n"))
+    named = max(([target for target in targets if target in found] for targets in paragraphs), key=len)
     return sorted(found, key=lambda path: (named.index(path) if path in named else len(named), path))

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
 
+from docs.making import markdown
 from docs.making.code_blocks import shown_files
 from docs.making.made import ROOT
-from docs.making.site import github
 
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/book/*.md", "docs/exercises/**/*.md",
              "docs/results/*.md")  # fmt: skip
@@ -70,7 +70,7 @@ class Published:
 
     def title(self, document: str) -> str:
         """Its first heading."""
-        return github.title_of((self.root / document).read_text(encoding="utf-8")) or document
+        return markdown.title_of((self.root / document).read_text(encoding="utf-8")) or document
 
     def telling(self, path: str) -> list[str]:
         """The documents that link to a file, or show code of it."""
@@ -134,7 +134,8 @@ def published(root: Path = ROOT, code: Iterable[str] = CODE) -> Published:
         if document in site.documents:
             continue
         site.documents.append(document)
-        targets = [target.partition("#")[0] for target in github.links((root / document).read_text(encoding="utf-8"))]
+        links = markdown.links((root / document).read_text(encoding="utf-8"))
+        targets = [link.target.partition("#")[0] for link in links]
         paths = dict.fromkeys(readme_of(root, resolved(document, target)) for target in targets if target)
         paths |= dict.fromkeys(sorted(shown_files(root / document)))
         site.linked[document] = [path for path in paths if not path.startswith("../") and (root / path).exists()]

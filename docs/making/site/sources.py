@@ -8,28 +8,17 @@ from __future__ import annotations
 
 import ast
 import functools
-import itertools
 import posixpath
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 
-from pygments.lexers import get_lexer_for_filename
-from pygments.token import STANDARD_TYPES
-from pygments.util import ClassNotFound
-
+from docs.making.site.highlighting import coloured
 from docs.making.site.published import Published, its_tests, twin_of
 
-Piece = tuple[str, str]  # the class that the theme colours it by, and the text
-Linked = Callable[[str], str | None]  # the address of a file's page, seen from this one; None: it has none
-PROTOTXT = re.compile(
-    r"(?P<c1>#[^\n]*)|(?P<s2>\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*')|(?P<nt>[A-Za-z_]\w*)(?=\s*[:{])"
-    r"|(?P<mf>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\b)|(?P<kc>\b(?:true|false|[A-Z][A-Z0-9_]+)\b)|(?P<p>[{}:\[\],])"
-)
 FILE_NAME = re.compile(r"(?<![\w./])[\w/]+\.(?:py|prototxt)(?!\w)")
 CODE = "<!-- the code of this file -->"
-UNCOLOURED = {"", "n", "p", "w", "err"}  # names and punctuation: they look like plain text
 NEWLINE = "\n"  # Python 3.10 takes no backslash inside an f-string
 FILLED = 88  # columns; a paragraph with no line but its last shorter than this is flowing text
 A_SENTENCE = 60  # columns; a single line that is no formula and longer than this is a sentence
@@ -90,41 +79,6 @@ class Source:
             if not line.startswith("#"):
                 return
             yield number, line.removeprefix("#").removeprefix(" ")
-
-
-def pieces(text: str, path: str) -> Iterator[Piece]:
-    """The text of a file or of a block of code, in pieces of one colour. ``path`` says the language by its ending."""
-    if path.endswith(".prototxt"):
-        at = 0
-        for match in PROTOTXT.finditer(text):
-            yield "", text[at : match.start()]
-            yield match.lastgroup or "", match[0]
-            at = match.end()
-        yield "", text[at:]
-        return
-    try:
-        lexer = get_lexer_for_filename(path, stripnl=False, ensurenl=False)
-    except ClassNotFound:
-        yield "", text
-        return
-    for kind, run in itertools.groupby(lexer.get_tokens(text), key=lambda token: STANDARD_TYPES.get(token[0], "")):
-        yield kind, "".join(value for _, value in run)  # the name of a module comes in pieces
-
-
-def coloured(text: str, path: str, linked: Linked = lambda path: None) -> list[str]:
-    """The HTML of each line. Imported modules that have a page are links to it."""
-    lines = [""]
-    for kind, value in pieces(text, path):
-        for index, part in enumerate(value.split("\n")):
-            if index:
-                lines.append("")
-            shown = escape(part, quote=False)
-            if kind == "nn" and (address := linked(_file_of(part) + ".py") or linked(_file_of(part) + "/__init__.py")):
-                shown = f'<a href="{address}">{shown}</a>'
-            if part.strip() and kind not in UNCOLOURED:
-                shown = f'<span class="{kind}">{shown}</span>'
-            lines[-1] += shown
-    return lines
 
 
 def page(source: Source, site: Published) -> str:
@@ -249,7 +203,3 @@ def _path(path: str, site: Published) -> str:
         address = posixpath.relpath(f"{whole}/index.html", posixpath.dirname(path))
         made.append(f'<a href="{address}">{folder}</a>' if whole in site.folders else folder)
     return " / ".join([*made, escape(name)])
-
-
-def _file_of(module: str) -> str:
-    return module.replace(".", "/")

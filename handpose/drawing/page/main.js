@@ -32,7 +32,7 @@ showLimits(body);
 /* ------------------------------------------------------------------------------------------------ poses */
 
 const isFree = (d) => !body.whole.fixed[d];
-const limited = (d) => isFree(d) && body.whole.upper[d] - body.whole.lower[d] < 1000;
+const isLimited = (d) => isFree(d) && body.whole.limits(d).every(Number.isFinite);
 const ofAll = (value, which) => Object.fromEntries(
   [...body.whole.dofs.keys()].filter(which).map((d) => [d, value(d)]),
 );
@@ -40,7 +40,7 @@ const ofAll = (value, which) => Object.fromEntries(
 byId("initial").addEventListener("click", () => body.move(ofAll(() => 0, isFree)));
 byId("random").addEventListener("click", () => {
   const { lower, upper } = body.whole;
-  body.move(ofAll((d) => lower[d] + Math.random() * (upper[d] - lower[d]), limited));
+  body.move(ofAll((d) => lower[d] + Math.random() * (upper[d] - lower[d]), isLimited));
 });
 
 function offerPoses() {

@@ -5,6 +5,8 @@
 import { parse, PrototxtError } from "./prototxt.js";
 import { placeOf, read } from "./messages.js";
 
+const FAR = 1000; // a limit that is farther away is none
+
 export class Skeleton {
   /* dofs, joints             names in file order
      initial, lower, upper    per DoF; limits are of the input
@@ -34,6 +36,11 @@ export class Skeleton {
   /* The value of every DoF. */
   theta(inputs) {
     return this.initial.map((initial, d) => (this.fixed[d] ? initial : inputs[d] + initial));
+  }
+
+  /* The limits of an input, -Infinity or Infinity where it has none. */
+  limits(d) {
+    return [this.lower[d] < -FAR ? -Infinity : this.lower[d], this.upper[d] > FAR ? Infinity : this.upper[d]];
   }
 
   /* How far each input is beyond its limits: above the upper one, or, negative, below the lower one. */

@@ -5,7 +5,6 @@ import { element, shown } from "./elements.js";
 const DEGREES = 180 / Math.PI;
 const BEYOND = 0.15; // of the range between the limits, that a slider goes on beyond them
 const OPEN_TURN = Math.PI, OPEN_LENGTH = 1.5; // how far a slider without limits goes
-const FAR = 1000; // a limit that is farther away is none
 
 export class Sliders {
   constructor(box, body) {
@@ -50,7 +49,7 @@ export class Sliders {
       const value = `${shown(whole.initial[d] * this.scale(d), 1)} ${unit}, fixed`;
       return element("div", { class: "dof fixed" }, label, element("output", { id }, value));
     }
-    const [low, high] = this.limits(d), limited = low > -Infinity && high < Infinity;
+    const [low, high] = whole.limits(d), limited = low > -Infinity && high < Infinity;
     const open = turns ? OPEN_TURN : OPEN_LENGTH, more = limited ? BEYOND * (high - low) : 0;
     const from = (low > -Infinity ? low : -open) - more, to = (high < Infinity ? high : open) + more;
     const scale = this.scale(d), change = (event) => {
@@ -75,18 +74,13 @@ export class Sliders {
     return element("div", { class: "dof" }, label, slider, number, said, limits, bar, torque);
   }
 
-  limits(d) {
-    const { lower, upper } = this.body.whole;
-    return [lower[d] < -FAR ? -Infinity : lower[d], upper[d] > FAR ? Infinity : upper[d]];
-  }
-
   update() {
     const { body } = this, { whole, inputs, torques } = body, beyond = whole.beyond(inputs);
     const most = (turns) => Math.max(...torques.map((torque, d) => (whole.turns[d] === turns ? Math.abs(torque) : 0)));
     const largest = new Map([true, false].map((turns) => [turns, most(turns)]));
     this.box.classList.toggle("pushed", torques.some((torque) => torque !== 0));
     for (const { d, slider, number, bar, torque, unit } of this.rows) {
-      const value = inputs[d] * this.scale(d), turns = whole.turns[d], [low, high] = this.limits(d);
+      const value = inputs[d] * this.scale(d), turns = whole.turns[d], [low, high] = whole.limits(d);
       slider.value = value;
       if (document.activeElement !== number) number.value = shown(value, 1);
       const out = beyond[d] !== 0, row = slider.parentElement, scale = largest.get(turns);

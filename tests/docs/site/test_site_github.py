@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from docs.making.site.github import anchor_of, for_python_markdown, links, title_of, with_links
+from docs.making.site.github import for_python_markdown
 
 CHANGED = {
     "a list after a paragraph": ("text\n- a\n- b\n", "text\n\n- a\n- b\n"),
@@ -40,33 +40,3 @@ def test_what_is_changed(text: str, wanted: str) -> None:
 def test_what_is_kept(text: str) -> None:
     """To the last space."""
     assert for_python_markdown(text) == text
-
-
-def test_links_are_found_and_code_is_passed_by() -> None:
-    """Links, images and definitions of this project, in their order."""
-    text = (
-        "[a](b.md#c) and ![d](e.png 'title'), [`f`](g.py#L3-L8), [out](https://x.y), `[no](no.md)`, ``[`no`](no)``\n"
-        "```\n[no](no.md)\n```\n[h](<i j.md>)\n\n[k]: l.md\n[m](#here) [n](mailto:x@y.z) [o](p_(q).md)\n"
-    )
-    assert list(links(text)) == ["b.md#c", "e.png", "g.py#L3-L8", "i j.md", "l.md", "#here", "p_(q).md"]
-
-
-def test_links_are_changed_where_they_stand() -> None:
-    """Titles, code and other addresses stay."""
-    text = '[a](b.md "b.md")\n```\n[a](b.md)\n```\n`[a](b.md)` [x](http://b.md)\n'
-    assert with_links(text, lambda target: f"../{target}") == text.replace("(b.md ", "(../b.md ")
-
-
-@pytest.mark.parametrize(
-    "heading, anchor",
-    [("The gradient, by torques", "the-gradient-by-torques"), ("`x` and y_z", "x-and-y_z"), ("What? (2)", "what-2")],
-)
-def test_anchors_are_github_s(heading: str, anchor: str) -> None:
-    """Lower case, marks left out, spaces made hyphens."""
-    assert anchor_of(heading) == anchor
-
-
-def test_the_title_is_the_first_heading() -> None:
-    """One in code is none."""
-    assert title_of("text\n```bash\n# no\n```\n# The `net` of \\_x\n## more\n") == "The net of _x"
-    assert title_of("text") is None

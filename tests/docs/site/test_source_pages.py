@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.making.site import folders, sources
+from docs.making.site import folders, highlighting, sources
 from docs.making.site.check import read
 from docs.making.site.published import CODE, ROOT, published
 from docs.making.site.sources import Source
@@ -73,12 +73,12 @@ def test_what_flows(lines: list[str], flows: bool) -> None:
 def test_prototxt_has_colours() -> None:
     """Names of fields, strings, numbers, constants, comments; and not a letter is lost."""
     text = 'layer { type: "ReLU"  lr_mult: -1.5e-3 phase: TRAIN }  # "why"\n'
-    pieces = [(kind, piece) for kind, piece in sources.pieces(text, "x.prototxt") if kind and kind != "p"]
+    pieces = [(kind, piece) for kind, piece in highlighting.pieces(text, "x.prototxt") if kind and kind != "p"]
     assert pieces == [
         ("nt", "layer"), ("nt", "type"), ("s2", '"ReLU"'), ("nt", "lr_mult"), ("mf", "-1.5e-3"), ("nt", "phase"),
         ("kc", "TRAIN"), ("c1", '# "why"'),
     ]  # fmt: skip
-    assert "".join(piece for _, piece in sources.pieces(text, "x.prototxt")) == text
+    assert "".join(piece for _, piece in highlighting.pieces(text, "x.prototxt")) == text
 
 
 def test_the_comment_at_the_head_of_a_prototxt_is_its_docstring() -> None:

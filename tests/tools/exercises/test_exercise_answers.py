@@ -41,7 +41,7 @@ def all_steps(exercise: Exercise, part: Any, iterations: int, reader: ReadersFil
 
 
 def test_the_dozen_is_there() -> None:
-    """Those that the book asks for, in its order, each with more than five mistakes."""
+    """Those that the book asks for, in its order, each with eight mistakes at least."""
     assert set(EXERCISES) == {
         "relu", "inner_product", "convolution", "pooling", "split", "euclidean_loss", "sgd", "resume",
         "joint_transform", "torque_gradient", "phys_limit", "dropout",
@@ -110,7 +110,7 @@ def adding(cls: Any) -> Any:
 
 
 def leaving(cls: Any) -> Any:
-    """Leaves the zeros of its gradient unwritten, or the last element."""
+    """Leaves the zeros of its gradient unwritten."""
 
     class Leaving(cls):
         def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

@@ -64,7 +64,7 @@ def test_modules_stand_after_those_that_they_import(tmp_path: Path, monkeypatch:
     assert re.findall(r"^modules\.(\w) = ", script, re.MULTILINE) == ["c", "b", "a"]
     assert "return { D, c };" in script and "const {\n  c,\n} = modules.c;" in script and "export" not in script
     (tmp_path / "c.js").write_text('import { a } from "./a.js";\nexport const c = a;\n')
-    with pytest.raises(AssertionError, match=r"a\.js imports itself, by a and c|a and b and c"):
+    with pytest.raises(AssertionError, match=r"a\.js imports itself, by a and b and c"):
         script_of("a")
     (tmp_path / "c.js").write_text("export default 1;\n")
     with pytest.raises(AssertionError, match=r"c\.js: what is left of it"):
@@ -89,5 +89,5 @@ def test_pages_are_the_same_every_time() -> None:
     data = content(skeleton.load())
     assert page("x", data) == page("x", data)
     (made,) = hand_page.made()
-    content_now = made.make()
-    assert b'"fist":{' in content_now and content_now.startswith(b"<!DOCTYPE html>")
+    packaged = made.make()
+    assert b'"fist":{' in packaged and packaged.startswith(b"<!DOCTYPE html>")
