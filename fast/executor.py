@@ -12,6 +12,8 @@ import weakref
 from collections.abc import Iterable, Sequence
 from functools import partial
 
+import numpy as np
+
 from fast.plan import plan, whole
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob, LazilyCleared
@@ -106,7 +108,7 @@ class SlicedExecutor(Executor):
 
     def reveal(self, blob: Blob) -> None:
         """Somebody looks at a hidden blob: store it from now on, with what the last pass put there."""
-        with self.one_thread:
+        with self.one_thread, np.errstate(all="ignore"):  # as in the pass whose values are computed again
             self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
             self._looked = True
             self._replan()

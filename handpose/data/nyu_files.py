@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.bad_frames import WRONG_SIZE, BadFrameError
 from handpose.data.flaws import Flaw, recognise
 from handpose.data.images import read_png, unpack_depth
+from handpose.data.matlab_file import read_variables
 from handpose.data.published_frames import PublishedFrames, read_centers
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import (
@@ -71,7 +72,7 @@ def read_annotation(path: Path) -> NyuAnnotation:
         found = _read_hdf5(path) if h5py.is_hdf5(path) else _read_matlab(path)
     except NetlibError:
         raise
-    except Exception as error:  # of a damaged file, SciPy's reader may raise anything
+    except Exception as error:  # of a damaged file, a reader may raise anything
         told = " ".join(str(error).split())[:120]
         raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {told}") from None
     for name in ("joint_uvd", "joint_xyz"):
@@ -88,16 +89,9 @@ def read_annotation(path: Path) -> NyuAnnotation:
 
 def _read_matlab(path: Path) -> dict[str, Any]:
     """The variables of a file of version 5."""
-    if path.stat().st_size >= 128 and scipy.io.matlab.matfile_version(str(path))[0] == 0:
-        raise DataError(f"{path}: a MATLAB file of version 4, or none; expected version 5 or 7.3")
-    known = {name: shape for name, shape, _ in scipy.io.whosmat(str(path))}
-    _check_names(path, list(known))
-    found: dict[str, Any] = {}
-    for name in ("joint_uvd", "joint_xyz"):  # one after the other, and of each the first camera only: they are large
-        whole = scipy.io.loadmat(str(path), variable_names=[name])[name]
-        found[name] = whole[:1].copy() if whole.ndim == 4 else whole
-    if "made_from" in known:
-        found["made_from"] = np.ravel(scipy.io.loadmat(str(path), variable_names=["made_from"])["made_from"])[0]
+    found = read_variables(path, ("joint_uvd", "joint_xyz"), ("made_from",))
+    if "made_from" in found:
+        found["made_from"] = np.ravel(found["made_from"])[0]
     return found
 
 

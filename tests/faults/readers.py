@@ -977,7 +977,7 @@ READERS: tuple[Reader, ...] = (
     Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
            lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),
     Reader("depth picture", ("handpose/data/images.py",), make_depth, read_depth, exact=True),
-    Reader("nyu annotation", ("handpose/data/nyu_files.py",), make_nyu, read_nyu),
+    Reader("nyu annotation", ("handpose/data/nyu_files.py", "handpose/data/matlab_worker.py"), make_nyu, read_nyu),
     Reader("icvl labels", ("handpose/data/icvl_files.py",), make_icvl, read_icvl),
     Reader("centres", ("handpose/data/published_frames.py",), make_centers, read_centers),
     Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/hdf5.py"),

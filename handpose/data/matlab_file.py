@@ -1,0 +1,51 @@
+"""Variables of a MATLAB file of version 5, read by a process of its own (matlab_worker.py): a bad file may end it."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+
+from netlib.errors import DataError, reason_of
+
+WORKER = Path(__file__).with_name("matlab_worker.py")
+SECONDS, BYTES_PER_SECOND = 60.0, 5e6  # that it may take: so many, and one more for so many bytes of the file
+
+
+def read_variables(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+    """Arrays of numbers, of those with four axes the first item; ``optional`` ones if they are there.
+
+    Raises DataError.
+    """
+    folders = sorted({str(Path(str(module.__file__)).parent.parent) for module in (np, scipy)})
+    command = [sys.executable, "-I", str(WORKER), str(path.absolute()), ",".join([*names, *optional]), *folders]
+    limit = SECONDS + path.stat().st_size / BYTES_PER_SECOND
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=limit, check=False,
+                              env=environment)  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise DataError(f"{path}: damaged: SciPy's reader does not come to an end with it") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: no process can be started: {reason_of(error)}") from None
+    if done.returncode:
+        raise DataError(f"{path}: damaged: SciPy's reader crashes on it (status {done.returncode})")
+    stream, arrays = io.BytesIO(done.stdout), {}
+    while line := stream.readline():
+        told = json.loads(line)
+        if "fault" in told:
+            raise DataError(f"{path}: {told['fault']}")
+        if "variables" in told and (missing := [name for name in names if name not in told["variables"]]):
+            there = ", ".join(sorted(told["variables"])) or "none"
+            raise DataError(f"{path}: no variable {missing[0]!r}; it has {there}")
+        if "name" in told:
+            arrays[told["name"]] = np.lib.format.read_array(stream, allow_pickle=False)
+    return arrays

@@ -1,0 +1,52 @@
+"""Read variables of a MATLAB file of version 5, in a program of its own: on a damaged file SciPy's reader may crash.
+
+    python -I matlab_worker.py FILE NAME,NAME... FOLDER...
+
+writes to standard output lines of JSON: ``{"variables": [...]}`` that the file has; for each NAME that is there
+``{"name": ...}``, and the array in NumPy's format; or ``{"fault": "..."}``. Of an array of four axes only the first
+item: NYU's has three cameras, and is large. FOLDERs hold the packages NumPy and SciPy.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+
+sys.path += sys.argv[3:]
+
+import numpy as np
+import scipy.io
+
+
+def main(path: str, names: list[str]) -> None:
+    """Write what there is."""
+    out = sys.stdout.buffer
+    try:
+        if scipy.io.matlab.matfile_version(path)[0] == 0:
+            _line({"fault": "a MATLAB file of version 4, or none; expected version 5 or 7.3"})
+            return
+        there = [name for name, _, _ in scipy.io.whosmat(path)]
+        _line({"variables": there})
+        for name in names:
+            if name in there:
+                array = scipy.io.loadmat(path, variable_names=[name])[name]
+                if array.dtype.kind not in "fiuU":
+                    _line({"fault": f"{name} is {array.dtype} of shape {array.shape}, expected numbers"})
+                    return
+                _line({"name": name})
+                image = io.BytesIO()  # NumPy would write past the buffer of a pipe
+                np.save(image, array[:1] if array.ndim == 4 else array, allow_pickle=False)
+                out.write(image.getbuffer())
+        out.flush()
+    except Exception as error:  # of a damaged file, SciPy's reader may raise anything
+        _line({"fault": f"not a readable MATLAB file, perhaps truncated: {' '.join(str(error).split())[:120]}"})
+
+
+def _line(told: dict[str, object]) -> None:
+    sys.stdout.buffer.write(json.dumps(told).encode() + b"\n")
+    sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2].split(","))
