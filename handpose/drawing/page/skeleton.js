@@ -5,6 +5,8 @@
 import { parse, PrototxtError } from "./prototxt.js";
 import { placeOf, read } from "./messages.js";
 
+export const MOST = 1000; // joints, and DoFs: of more there would be no end of sliders
+
 export class Skeleton {
   /* dofs, joints             names in file order
      initial, lower, upper    per DoF; limits are of the input
@@ -17,6 +19,11 @@ export class Skeleton {
     this.param = param;
     this.name = param.name;
     if (!param.joint.length) throw new PrototxtError(placeOf(param), "no joint in this file; expected a skeleton");
+    for (const [many, what] of [[param.joint, "joints"], [param.dof, "DoFs"]]) {
+      if (many.length > MOST) {
+        throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
+      }
+    }
     this.dofs = unique(param.dof, "DoF");
     this.joints = unique(param.joint, "joint");
     this.checkNumbers();

@@ -49,7 +49,7 @@ def test_the_first_element_that_differs_is_named() -> None:
         (RIGHT * 2, "Everything is 2 times what it should be: a factor is missing, or one too many."),
         (RIGHT + 0.5, "Everything is 0.5 more than it should be: a constant is added, or left out."),
         (RIGHT * 0, "All of it is 0: nothing was written"),
-        (RIGHT * np.nan, "All of it is NaN, as it was before: nothing was written."),
+        (RIGHT * np.nan, "All of it is NaN, as it was before: nothing was written, or something was added"),
         (changed((1, 2), np.nan), "It is NaN, as it was before: this element was never written"),
     ],
 )
