@@ -11,6 +11,8 @@ import re
 from pathlib import Path
 
 from docs.making import symbols
+from docs.making.made import place_of
+from netlib.errors import NetlibError, reason_of
 
 MARK = re.compile(r'\]\((?!https?:)([^)\s#]+)(?:#L\d+)? "([\w.]+)"\)')
 CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
@@ -25,8 +27,9 @@ def current(text: str, document: Path) -> str:
             return match[0]
         try:
             return f']({match[1]}#L{symbols.line_of(path, match[2])} "{match[2]}")'
-        except ValueError as error:
-            raise ValueError(f"{document.name}: {error}, which a link names") from None
+        except (OSError, SyntaxError, ValueError, NetlibError) as error:
+            place = place_of(document, text, text.find(match[0]))
+            raise ValueError(f"{place}: {reason_of(error)}, which a link names") from None
 
     pieces = CODE.split(text)
     pieces[::2] = [MARK.sub(with_line, piece) for piece in pieces[::2]]

@@ -167,7 +167,8 @@ def _coarse(got: Array, wanted: Array) -> str | None:
         if wanted.size > 1 and (got == np.trunc(wanted)).all():
             how = "whole numbers"
         for dtype, tolerance in COARSE.items():
-            if wanted.size > 1 and (got == got.astype(dtype)).all() and agree(got, wanted, tolerance).all():
+            lost = (wanted != wanted.astype(dtype)).mean() > 0.5  # else numbers of that type say nothing
+            if wanted.size > 1 and lost and (got == got.astype(dtype)).all() and agree(got, wanted, tolerance).all():
                 how = how or dtype
     return how and (
         f"The numbers are right as far as {how} can hold them: somewhere on the way is an array of that type. Use that "
