@@ -149,11 +149,12 @@ def joints_of_side(joints: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------------------------------------- screens
 
 
-def test_a_phone_and_the_dark(visit: Visit, bare: Path) -> None:
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_phone_and_the_dark(width: int, visit: Visit, bare: Path) -> None:
     """Nothing is wider than a phone; dark paper where the system is dark."""
-    tab = visit(bare, viewport={"width": 390, "height": 800}, color_scheme="dark")
+    tab = visit(bare, viewport={"width": width, "height": 800}, color_scheme="dark")
     tab.evaluate("hand.body.push(0, [90, -90, 90])")  # the widest rows
-    assert tab.evaluate("document.documentElement.scrollWidth") == 390
+    assert tab.evaluate("document.documentElement.scrollWidth") == width
     assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 28)"
 
 
