@@ -47,11 +47,11 @@ def main(argv: list[str] | None = None) -> int:
                         help="of the network in the last step, 0 for none (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.name is not None and args.name not in EXERCISES:
-        known = ", ".join(EXERCISES)
-        parser.error(f"there is no exercise {args.name!r}{did_you_mean(args.name, EXERCISES)}; there are {known}")
-    if args.name is None and (args.start or args.file):
+        known, meant = ", ".join(EXERCISES), did_you_mean(args.name.lower(), EXERCISES)
+        parser.error(f"there is no exercise {args.name!r}{meant}; there are {known}")
+    if args.name is None and (args.start or args.file is not None):
         parser.error("--start and --file need the NAME of an exercise")
-    if args.start and args.file:
+    if args.start and args.file is not None:
         parser.error("--start writes NAME.py; give --file when you check it")
     return guarded(run, args)
 
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     exercise = EXERCISES[args.name]
     if args.start:
         return start(exercise)
-    return check(exercise, Path(args.file) if args.file else file_of(exercise), args.iterations)
+    return check(exercise, Path(args.file) if args.file is not None else file_of(exercise), args.iterations)
 
 
 def show_all() -> int:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 
 from docs.making import documents, exercises, figures, hand_page, pictures
 from docs.making.made import ROOT, Made
+from netlib.errors import NetlibError
 
 PIECES: tuple[Callable[[], Iterator[Made]], ...] = (
     documents.made, figures.made, pictures.made, exercises.made, hand_page.made,
@@ -24,7 +25,7 @@ def main() -> int:
             for made in piece():
                 if made.update():
                     print(f"wrote {made.path.relative_to(ROOT)}")
-    except ValueError as error:  # a document names what is not there
+    except (OSError, ValueError, NetlibError) as error:  # a document names what is not there
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0

@@ -12,26 +12,46 @@ that of the module. No name: the whole file. Methods lose their indentation.
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import textwrap
 from pathlib import Path
 
-from docs.making.made import ROOT
+from docs.making.made import ROOT, place_of
 from docs.making.symbols import statement_of
+from netlib.errors import reason_of
 
-MARK = re.compile(r"^<!-- code: (\S+\.\w+)((?: [\w.]+)*) -->\n(```(\w*)\n.*?^```\n)?", re.MULTILINE | re.DOTALL)
+MARK = re.compile(r"^<!-- code: (\S+\.\w+)((?: [\w.]+)*) -->\n(```(\w*)\n.*?^```(?:\n|\Z))?", re.MULTILINE | re.DOTALL)
 LANGUAGES = {".py": "python", ".prototxt": "prototxt", ".js": "js"}
 
 
 def current(text: str, document: Path) -> str:
     """The text of a document with the code as it is now. Raises ValueError if a file has no such name."""
-    return MARK.sub(_shown, text)
+    return MARK.sub(functools.partial(_told, document), text)
+
+
+def _told(document: Path, match: re.Match[str]) -> str:
+    try:
+        if match[3] is None and match.string.startswith("```", match.end()):
+            raise ValueError("the block under this mark has no end: expected ``` on a line of its own")
+        if match[3] and re.search(r"^```.", match[3].partition("\n")[2], re.MULTILINE):  # the next one begins in it
+            raise ValueError("the block under this mark has no end before the next begins")
+        return _shown(match)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"{place_of(document, match.string, match.start())}: {reason_of(error)}") from error
 
 
 def _shown(match: re.Match[str]) -> str:
     name, wanted = match[1], match[2].split()
     path = ROOT / name
-    text = path.read_text(encoding="utf-8")
+    if not path.resolve().is_relative_to(ROOT):
+        raise ValueError(f"{name} is no file of this project")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"cannot read {name}: {reason_of(error)}") from error
+    if wanted and path.suffix != ".py":
+        raise ValueError(f"{name} has no names to show a part by: only Python files have")
     pieces = [piece_of(text, one, name) for one in wanted] or [text]
     language = LANGUAGES.get(path.suffix, "")
     body = "\n\n".join(piece.rstrip("\n") for piece in pieces)

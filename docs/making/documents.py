@@ -9,6 +9,7 @@ from pathlib import Path
 
 from docs.making import code_blocks, exercises, line_links
 from docs.making.made import ROOT, Made
+from netlib.errors import reason_of
 
 # What tells that a document has something to be made, and the change that makes it: (text, document) -> text.
 CHANGES: tuple[tuple[re.Pattern[str], Callable[[str, Path], str]], ...] = (
@@ -21,13 +22,24 @@ CHANGES: tuple[tuple[re.Pattern[str], Callable[[str, Path], str]], ...] = (
 def made() -> Iterator[Made]:
     """Every document of the project in which something is made."""
     for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]):
-        text = path.read_text(encoding="utf-8")
+        if path.is_dir():
+            continue
+        text = _text_of(path)
         if any(mark.search(text) for mark, _ in CHANGES):
             yield Made(path, functools.partial(_wanted, path))
 
 
 def _wanted(path: Path) -> bytes:
-    return current(path.read_text(encoding="utf-8"), path).encode()
+    return current(_text_of(path), path).encode()
+
+
+def _text_of(path: Path) -> str:
+    """The text of a document. Raises ValueError if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        what = f"not UTF-8 (byte {error.start})" if isinstance(error, UnicodeDecodeError) else reason_of(error)
+        raise ValueError(f"{path.relative_to(ROOT)}: cannot read: {what}") from error
 
 
 def current(text: str, path: Path) -> str:

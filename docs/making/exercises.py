@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from docs.making.made import ROOT, Made
+from docs.making.made import ROOT, Made, place_of
 from docs.making.markdown import title_of
 from tools.exercises.checking import steps
 from tools.exercises.exercise import Exercise
@@ -20,7 +20,7 @@ from tools.exercises.stubs import stub
 from tools.exercises.table import EXERCISES
 
 FOLDER = ROOT / "docs" / "exercises"
-MARK = re.compile(r"^<!-- exercises: (\w+) -->\n.*?^<!-- end -->\n", re.MULTILINE | re.DOTALL)
+MARK = re.compile(r"^<!-- exercises: (\w+) -->\n(?:.*?^(<!-- end -->)\n)?", re.MULTILINE | re.DOTALL)
 
 
 def made() -> Iterator[Made]:
@@ -34,12 +34,17 @@ def _stub(exercise: Exercise) -> bytes:
 
 
 def current(text: str, document: Path) -> str:
-    """The text of a document with the list and the example as they are now."""
-    return MARK.sub(_between_marks, text)
+    """The text of a document with the list and the example as they are now. Raises ValueError for another mark."""
+    return MARK.sub(functools.partial(_between_marks, document), text)
 
 
-def _between_marks(match: re.Match[str]) -> str:
-    lines = {"list": _list, "example": _example}[match[1]]()
+def _between_marks(document: Path, match: re.Match[str]) -> str:
+    place, known = place_of(document, match.string, match.start()), {"list": _list, "example": _example}
+    if match[1] not in known:
+        raise ValueError(f"{place}: no {match[1]!r} is made; expected {' or '.join(known)}")
+    if match[0].count("<!-- exercises:") > 1 or not match[2]:
+        raise ValueError(f"{place}: this mark has no <!-- end -->")
+    lines = known[match[1]]()
     return f"<!-- exercises: {match[1]} -->\n" + "\n".join(lines) + "\n<!-- end -->\n"
 
 

@@ -11,7 +11,9 @@ import re
 from pathlib import Path
 
 from docs.making import symbols
+from docs.making.made import place_of
 from docs.making.markdown import Link, with_links
+from netlib.errors import NetlibError, reason_of
 
 MARK = re.compile(r'(#L\d+)? "[\w.]+"\)')  # what a document with such a link has
 
@@ -27,7 +29,8 @@ def current(text: str, document: Path) -> str:
             return link.target  # one that leads nowhere is another test's
         try:
             return f"{name}#L{symbols.line_of(path, link.title)}"
-        except ValueError as error:
-            raise ValueError(f"{document.name}: {error}, which a link names") from None
+        except (OSError, SyntaxError, ValueError, NetlibError) as error:
+            place = place_of(document, text, text.find(f'{link.target} "{link.title}"'))
+            raise ValueError(f"{place}: {reason_of(error)}, which a link names") from None
 
     return with_links(text, with_line)

@@ -10,6 +10,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def place_of(document: Path, text: str, offset: int) -> str:
+    """``docs/x.md:12``: the line of a document on which the character ``offset`` of its text stands."""
+    name = document.relative_to(ROOT) if document.is_relative_to(ROOT) else document.name
+    return f"{name}:{text.count(chr(10), 0, offset) + 1}"
+
+
 @dataclass(frozen=True)
 class Made:
     """What ``path`` has to hold now: ``make()`` says it, or raises ValueError if the file names what is not there.

@@ -37,7 +37,7 @@ def test_lines_are_put(document: Path, text: str, made: str | None) -> None:
 
 def test_a_name_that_is_gone(document: Path) -> None:
     """The document and the file are told."""
-    with pytest.raises(ValueError, match=r"page\.md: box\.py has no Bag, which a link names"):
+    with pytest.raises(ValueError, match=r"page\.md:1: box\.py has no Bag, which a link names"):
         line_links.current('[it](box.py#L4 "Bag")', document)
 
 

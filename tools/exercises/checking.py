@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -52,7 +51,9 @@ def _checked(exercise: Exercise, check: Check, part: Part, reader: ReadersFile |
         try:
             with unwarned():
                 found = first_difference(case, case.run(part), case.wanted(part))
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit, or one of the reader's own
             lines = [*_stopped(case, error, reader), *_elsewhere(exercise, check, part, error)]
             return Step(check.title, False, tuple(lines))
         if found is not None:
@@ -71,6 +72,8 @@ def _stopped(case: Case, error: BaseException, reader: ReadersFile | None) -> It
     yield f"{where or 'error'}: {error if isinstance(error, NetlibError) else told(error)}"
     if isinstance(error, AttributeError) and re.search("no setter|can't set", str(error)):
         yield "data and diff are arrays that others hold, too: write into them, with [...] = on the left."
+    if reader and not where:
+        yield f"It was raised outside of {reader.path}: look at what yours returns, and what it does to its arguments."
     if case.title:
         yield f"It happened with {case.title}."
 
@@ -80,12 +83,17 @@ def _elsewhere(exercise: Exercise, check: Check, part: Part, error: BaseExceptio
     if isinstance(error, NotImplementedError):
         return
     for case in check.cases:
-        with unwarned(), contextlib.suppress(Exception, SystemExit):
-            found = first_difference(case, case.run(part), case.wanted(part))
-            said = found and advice(exercise, part, found)
-            if said:
-                yield f"And with {case.title}: {said}"
-                return
+        try:
+            with unwarned():
+                found = first_difference(case, case.run(part), case.wanted(part))
+                said = found and advice(exercise, part, found)
+        except KeyboardInterrupt:
+            raise
+        except BaseException:
+            continue
+        if said:
+            yield f"And with {case.title}: {said}"
+            return
 
 
 def _place(case: Case, reader: ReadersFile | None) -> Sequence[str]:
@@ -102,11 +110,13 @@ def in_network(
 ) -> Step:
     """The last step: train the paper's network with the part in it, and compare the losses with ours."""
     title = exercise.last.format(iterations)
-    ours = np.array(network.our_losses(iterations))
     try:
+        ours = np.array(network.our_losses(iterations))
         with unwarned():
             found = exercise.train(part, iterations, tell)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         where = reader.where(error.__cause__ or error) if reader else None
         return Step(title, False, (f"{where or 'error'}: {error if isinstance(error, NetlibError) else told(error)}",))
     wrong = np.flatnonzero(~agree(found, ours, exercise.drift))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import numpy as np
 
 from netlib.blob import Array
 from tools.exercises.exercise import Case, Difference, Exercise, Part, Values, agree, first_difference, unwarned
 
+T = TypeVar("T")
 NO_IDEA = "This is none of the usual mistakes. Compare your lines with the formulas at the top of the file."
 FACTORS = 1e-5  # how well a constant factor must fit all numbers
+COARSE = {"float16": 2e-3, "float32": 3e-6}  # how far numbers of fewer digits may be off
 
 
 def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str]:
@@ -49,7 +52,7 @@ def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
     that agrees with the reader's part in most other results.
     """
     for remedy in exercise.remedies:
-        if remedy.looks_like(found.got) and _passes(found.case, remedy.cured(part)):
+        if remedy.looks_like(found.got) and _passes(found.case, part, remedy.cured):
             return remedy.advice
     like = [m for m in exercise.mistakes if _same(found, _run(found.case, m.part) or {})]
     before = [case for case in _before(exercise, found.case) if _passes(case, part)] if like else []
@@ -68,17 +71,29 @@ def _before(exercise: Exercise, case: Case) -> Iterator[Case]:
             yield from check.cases[: check.cases.index(case)]
 
 
-def _passes(case: Case, part: Part) -> bool:
-    got = _run(case, part)
-    return got is not None and first_difference(case, got, case.wanted(part)) is None
+def _passes(case: Case, part: Part, changed: Callable[[Part], Part] = lambda part: part) -> bool:
+    """Is a case right with a part, or with what is made of it?"""
+
+    def passes() -> bool:
+        made = changed(part)
+        return first_difference(case, case.run(made), case.wanted(made)) is None
+
+    return bool(_tried(passes))
 
 
 def _run(case: Case, part: Part) -> Values | None:
     """What a part computes, None if it fails."""
+    return _tried(lambda: case.run(part))
+
+
+def _tried(compute: Callable[[], T]) -> T | None:
+    """What is computed, None if it fails: a part can have another mistake than this one."""
     try:
         with unwarned():
-            return case.run(part)
-    except Exception:  # another mistake than this one
+            return compute()
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # SystemExit, or one of the reader's own
         return None
 
 
@@ -116,29 +131,52 @@ def _pattern(found: Difference) -> str | None:
         return _pattern_of_shapes(got, wanted)
     if np.isnan(got).all() and not np.isnan(wanted).all():
         return (
-            "All of it is NaN, as it was before: nothing was written. Write into the array, with [...] = on the left."
+            "All of it is NaN, as it was before: nothing was written, or something was added to it. Write into the "
+            "array, with [...] = on the left."
         )
     if np.isnan(got[found.index]) and not np.isnan(wanted[found.index]):
         return (
             "It is NaN, as it was before: this element was never written, or it was computed from one that was not. "
             "Every element has to be written."
         )
+    if np.isinf(got[found.index]) and np.isfinite(wanted[found.index]):
+        return "It is infinite: something was divided by 0, or grew beyond what the numbers can hold."
     if not np.isfinite(got).all() or not np.isfinite(wanted).all():
         return None
     if (got == 0).all():
         return "All of it is 0: nothing was written into the array, or 0 was written over what was there."
+    if said := _coarse(got, wanted):
+        return said
     factor = float(np.vdot(got, wanted)) / max(float(np.vdot(wanted, wanted)), 1e-300)
-    if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and abs(factor) > FACTORS:
+    if wanted.size > 1 and agree(got, factor * wanted, FACTORS).all() and min(abs(factor), abs(factor - 1)) > FACTORS:
         if abs(factor + 1) < FACTORS:
             return "Everything has the wrong sign."
         return f"Everything is {factor:.5g} times what it should be: a factor is missing, or one too many."
-    off = got - wanted
-    if wanted.size > 1 and np.ptp(off) <= FACTORS * max(1.0, float(np.abs(wanted).max())):
+    off, near = got - wanted, FACTORS * max(1.0, float(np.abs(wanted).max()))
+    if wanted.size > 1 and np.ptp(off) <= near < abs(float(off.flat[0])):
         return f"Everything is {float(off.flat[0]):.5g} more than it should be: a constant is added, or left out."
     return None
 
 
+def _coarse(got: Array, wanted: Array) -> str | None:
+    """What is said of numbers that were right until they were stored in a type with fewer digits."""
+    how = None
+    with np.errstate(all="ignore"):  # numbers that a type does not reach
+        if wanted.size > 1 and (got == np.trunc(wanted)).all():
+            how = "whole numbers"
+        for dtype, tolerance in COARSE.items():
+            lost = (wanted != wanted.astype(dtype)).mean() > 0.5  # else numbers of that type say nothing
+            if wanted.size > 1 and lost and (got == got.astype(dtype)).all() and agree(got, wanted, tolerance).all():
+                how = how or dtype
+    return how and (
+        f"The numbers are right as far as {how} can hold them: somewhere on the way is an array of that type. Use that "
+        "of the arrays you are given."
+    )
+
+
 def _pattern_of_shapes(got: Array, wanted: Array) -> str | None:
+    if got.shape == () != wanted.shape:
+        return "It is a single number: nobody has given it a shape, or all was summed."
     if got.ndim and got.shape == wanted.shape[::-1]:
         return "The axes are in the opposite order."
     return None

@@ -97,8 +97,8 @@ class WeightGradientTransposed(InnerProduct):
 
 
 class Means(InnerProduct):
-    """dw and db are divided by the number of items. They are sums over the items: whoever wants a mean, as a loss,
-    divides in its own gradient.
+    """A gradient of the parameters is divided by the number of items. dw and db are sums over the items: whoever wants
+    a mean, as a loss, divides in its own gradient.
     """
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

@@ -119,7 +119,8 @@ export class Body {
 
   /* The joints that nothing of the skeleton hangs on: fingertips. */
   get tips() {
-    return [...this.skeleton.joints.keys()].filter((j) => !this.skeleton.parents.includes(j));
+    const parents = new Set(this.skeleton.parents);
+    return [...this.skeleton.joints.keys()].filter((j) => !parents.has(j));
   }
 
   /* Where the bone of a joint begins, mm: at its parent, of a root where its motions put it; null without a bone. */

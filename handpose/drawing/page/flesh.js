@@ -5,7 +5,7 @@
 
 import { PrototxtError } from "./prototxt.js";
 import { placeOf } from "./messages.js";
-import { indexOf } from "./skeleton.js";
+import { indexOf, MOST } from "./skeleton.js";
 import { toWorld } from "./kinematics.js";
 import { add, times } from "./vectors.js";
 
@@ -15,6 +15,11 @@ export class Flesh {
   constructor(skeleton, whole) {
     const { flesh } = skeleton.param, joint = (owner, field) => indexOf(whole.joints, owner, field, "joint");
     if (!flesh.capsule.length) throw new PrototxtError(placeOf(flesh), "no capsule in the flesh");
+    for (const [many, what] of [[flesh.capsule, "capsules"], [flesh.offset, "offsets"]]) {
+      if (many.length > MOST) {
+        throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
+      }
+    }
     this.capsules = flesh.capsule.map((c) => {
       const [from, to, radii] = [joint(c, "from"), joint(c, "to"), c.radius];
       if (![1, 2].includes(radii.length) || !radii.every((r) => r > 0 && r < Infinity)) {

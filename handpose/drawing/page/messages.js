@@ -53,7 +53,8 @@ export function read(tree, kind, what = kind) {
       const known = Object.keys(specs).join(", ");
       throw new PrototxtError(field.place, `unknown field '${field.name}'; known fields: ${known}`);
     }
-    given.set(field.name, [...(given.get(field.name) ?? []), field]);
+    if (!given.has(field.name)) given.set(field.name, []);
+    given.get(field.name).push(field);
   }
   const message = {};
   for (const [name, fields] of given) message[name] = valueOfField(fields, specs[name]);
@@ -108,7 +109,7 @@ function valueOf(field, kind) {
 /* The value of a scalar, or null if it is not of that kind. */
 function scalar(value, kind) {
   if (kind === "string" || value.kind === "string") return kind === value.kind ? value.text : null;
-  if (kind === "bool") return BOOLS[value.text] ?? null;
+  if (kind === "bool") return Object.hasOwn(BOOLS, value.text) ? BOOLS[value.text] : null;
   if (kind === "axis") return AXES.includes(value.text) ? value.text : AXES[integer(value.text)] ?? null;
   return number(value);
 }

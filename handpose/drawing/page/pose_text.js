@@ -4,6 +4,7 @@ import { parse, PrototxtError } from "./prototxt.js";
 import { read } from "./messages.js";
 import { said } from "./skeleton.js";
 
+export const LARGEST = 1e6; // of an input: what is farther away no picture shows
 const DIGITS = 9; // significant: a joint is where it was to 1e-8
 
 const written = (number) => said(Number(number.toPrecision(DIGITS)));
@@ -28,11 +29,16 @@ export function asDofs(body) {
 
 /* The inputs {index: value} that a text says, in either form. Throws an Error with one line. */
 export function inputsOf(text, body) {
-  return /\bdof\s*[{<]/.test(text) ? fromDofs(text, body.skeleton) : fromList(text, body.skeleton);
+  const inputs = /\bdof\s*[{<]/.test(text) ? fromDofs(text, body.skeleton) : fromList(text, body.skeleton);
+  for (const [d, value] of Object.entries(inputs)) {
+    if (Math.abs(value) <= LARGEST) continue; // NaN is not
+    throw new Error(`${body.skeleton.dofs[d]}: ${said(value)} is no pose; expected numbers up to ${LARGEST}`);
+  }
+  return inputs;
 }
 
 function fromList(text, skeleton) {
-  const inside = /\[+([^[\]]*)\]+/.exec(text)?.[1] ?? text;
+  const inside = /\[([^[\]]*)\]/.exec(text)?.[1] ?? text;
   const words = inside.split(/[\s,]+/).filter(Boolean), count = skeleton.dofs.length;
   const bad = words.find((word) => !Number.isFinite(Number(word)));
   if (bad !== undefined) {

@@ -12,12 +12,15 @@ const TOKENS = [
   ["mark", /[{}<>[\]:,;]/y],
 ];
 const ESCAPE = /\\(?:([0-7]{1,3})|[xX]([0-9a-fA-F]{1,2})|u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|(.))/gs;
+const LONGEST = 10_000; // characters of a string
+const LONGEST_LINE = 500; // characters of an error
 const SIMPLE_ESCAPES = { n: 10, r: 13, t: 9, a: 7, b: 8, f: 12, v: 11, "\\": 92, "'": 39, '"': 34, "?": 63 };
 
 /* Text that is not a valid prototxt, or says what a skeleton cannot be: one line that begins with the place. */
 export class PrototxtError extends Error {
   constructor(place, message) {
-    super(`${place.source}:${place.line}:${place.column}: error: ${message}`);
+    const shown = message.length > LONGEST_LINE ? `${message.slice(0, LONGEST_LINE)} ...` : message;
+    super(`${place.source}:${place.line}:${place.column}: error: ${shown}`);
   }
 }
 
@@ -29,21 +32,23 @@ export function parse(text, source) {
 
 function tokens(text, source) {
   const found = [];
-  let offset = 0, line = 1, lineStart = 0;
+  let offset = 0, line = 1, column = 1;
   for (;;) {
     SKIP.lastIndex = offset;
     const skipped = SKIP.exec(text);
     if (skipped) {
-      line += skipped[0].split("\n").length - 1;
-      if (skipped[0].includes("\n")) lineStart = offset + skipped[0].lastIndexOf("\n") + 1;
+      const lines = skipped[0].split("\n"), last = [...lines.at(-1)].length;
+      line += lines.length - 1;
+      column = lines.length > 1 ? last + 1 : column + last;
       offset += skipped[0].length;
     }
-    const place = { source, line, column: [...text.slice(lineStart, offset)].length + 1 };
+    const place = { source, line, column };
     if (offset >= text.length) return [...found, { kind: "end", text: "", place }];
     const token = tokenAt(text, offset);
     if (!token) throw new PrototxtError(place, lexicalFault(text.slice(offset).split("\n", 1)[0]));
     found.push({ ...token, place });
     offset += token.text.length;
+    column += [...token.text].length;
   }
 }
 
@@ -64,6 +69,9 @@ function lexicalFault(rest) {
 
 /* What a string between quotes stands for. Escapes are bytes, all else itself. */
 function unquote(token) {
+  if (token.text.length > LONGEST) {
+    throw new PrototxtError(token.place, `string of ${token.text.length} characters; at most ${LONGEST} are read`);
+  }
   const inside = token.text.slice(1, -1), bytes = [], encoder = new TextEncoder();
   let end = 0;
   for (const match of inside.matchAll(ESCAPE)) {
@@ -125,7 +133,7 @@ class Parser {
   fields() {
     const fields = [];
     while (this.token.kind === "word" && !this.token.text.startsWith("-")) {
-      fields.push(...this.field());
+      for (const field of this.field()) fields.push(field); // a list may be longer than a call's arguments
       if (this.at(",;")) this.take();
     }
     return fields;
@@ -160,7 +168,7 @@ class Parser {
     }
     if (kind !== "string") throw this.fail("a value");
     const bytes = [];
-    while (this.token.kind === "string") bytes.push(...unquote(this.take()));
+    while (this.token.kind === "string") for (const byte of unquote(this.take())) bytes.push(byte);
     return { kind, text: new TextDecoder().decode(new Uint8Array(bytes)), place };
   }
 

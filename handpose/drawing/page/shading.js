@@ -7,7 +7,10 @@ export const COLOURS = { // red, green, blue, of a joint by the first part of it
   thumb: [240, 90, 80], index: [250, 165, 40], middle: [90, 200, 90], ring: [60, 185, 225], little: [170, 95, 225],
 };
 export const GREY = [150, 150, 150]; // of all other joints
-export const colourOf = (name) => COLOURS[name.split("_")[0]];
+export function colourOf(name) {
+  const [part] = name.split("_");
+  return Object.hasOwn(COLOURS, part) ? COLOURS[part] : undefined; // a joint may be called "constructor"
+}
 
 const SKIN = [235, 165, 120], TINT = 0.2, DARKEST = 0.42;
 const LIGHT = [-0.35, -0.45, -0.82]; // y down: from the upper left, behind the viewer

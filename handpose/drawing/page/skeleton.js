@@ -6,6 +6,7 @@ import { parse, PrototxtError } from "./prototxt.js";
 import { placeOf, read } from "./messages.js";
 
 const FAR = 1000; // a limit that is farther away is none
+export const MOST = 1000; // joints, and DoFs: of more there would be no end of sliders
 
 export class Skeleton {
   /* dofs, joints             names in file order
@@ -19,6 +20,11 @@ export class Skeleton {
     this.param = param;
     this.name = param.name;
     if (!param.joint.length) throw new PrototxtError(placeOf(param), "no joint in this file; expected a skeleton");
+    for (const [many, what] of [[param.joint, "joints"], [param.dof, "DoFs"]]) {
+      if (many.length > MOST) {
+        throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
+      }
+    }
     this.dofs = unique(param.dof, "DoF");
     this.joints = unique(param.joint, "joint");
     this.checkNumbers();

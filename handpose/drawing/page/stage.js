@@ -86,6 +86,7 @@ export class Stage {
   drawSkeleton(pen) {
     const { body, viewer } = this, pixels = body.joints.map((joint) => viewer.pixel(joint)), { skeleton } = body;
     const order = [...skeleton.joints.keys()].sort((i, j) => pixels[j][2] - pixels[i][2]);
+    const tips = new Set(body.tips);
     pen.lineCap = "round";
     for (const j of order) {
       const from = body.startOf(j), [u, v] = pixels[j];
@@ -94,7 +95,7 @@ export class Stage {
         pen.strokeStyle = pen.fillStyle = style;
         pen.lineWidth = 2.5 + wide;
         if (from) line(pen, viewer.pixel(from), pixels[j]);
-        disc(pen, u, v, (body.tips.includes(j) ? 4.5 : 3) + wide / 2);
+        disc(pen, u, v, (tips.has(j) ? 4.5 : 3) + wide / 2);
       }
     }
   }

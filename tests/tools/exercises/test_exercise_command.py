@@ -84,6 +84,8 @@ def test_no_file_at_all(work: Path, capsys: pytest.CaptureFixture[str], monkeypa
     [
         (["relo"], "there is no exercise 'relo' (did you mean 'relu'?); there are relu, inner_product"),
         (["--start"], "--start and --file need the NAME of an exercise"),
+        (["EuclideanLoss"], "(did you mean 'euclidean_loss'?)"),
+        (["--file", ""], "--start and --file need the NAME of an exercise"),
         (["--file", "relu.py"], "--start and --file need the NAME of an exercise"),
         (["relu", "--start", "--file", "mine.py"], "--start writes NAME.py; give --file when you check it"),
         (["relu", "--iterations", "-1"], "expected a whole number"),

@@ -15,13 +15,15 @@ RIGHT = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]])
 NOTHING_KNOWN = dataclasses.replace(EXERCISES["relu"], mistakes=(), remedies=(), checks=())
 
 
-def told(got: np.ndarray, wanted: np.ndarray = RIGHT, exercise: Exercise = NOTHING_KNOWN) -> list[str]:
+def told(
+    got: np.ndarray, wanted: np.ndarray = RIGHT, exercise: Exercise = NOTHING_KNOWN, tolerance: float = 1e-6
+) -> list[str]:
     """What is said of a result."""
 
     def run(part: np.ndarray) -> Values:
         return {"y": part}
 
-    case = Case("some options", run, lambda part: {"y": wanted}, "Caffe has", {"y": "nc"}, 1e-6, "forward")
+    case = Case("some options", run, lambda part: {"y": wanted}, "Caffe has", {"y": "nc"}, tolerance, "forward")
     found = first_difference(case, run(got), case.wanted(got))
     assert found is not None
     return list(sentences(exercise, got, found))
@@ -49,7 +51,10 @@ def test_the_first_element_that_differs_is_named() -> None:
         (RIGHT * 2, "Everything is 2 times what it should be: a factor is missing, or one too many."),
         (RIGHT + 0.5, "Everything is 0.5 more than it should be: a constant is added, or left out."),
         (RIGHT * 0, "All of it is 0: nothing was written"),
-        (RIGHT * np.nan, "All of it is NaN, as it was before: nothing was written."),
+        (RIGHT * np.nan, "All of it is NaN, as it was before: nothing was written, or something was added"),
+        (changed((1, 2), np.inf), "It is infinite: something was divided by 0"),
+        (np.trunc(RIGHT), "The numbers are right as far as whole numbers can hold them"),
+        (changed((1, 2), 6.5 + 2**-16), "This is none of the usual mistakes."),
         (changed((1, 2), np.nan), "It is NaN, as it was before: this element was never written"),
     ],
 )
@@ -64,6 +69,17 @@ def test_a_shape_that_differs() -> None:
     assert first == "y has the shape (3, 2), it should be (2, 3) (some options)."
     assert second == "The axes are in the opposite order."
     assert told(RIGHT[:1])[0].startswith("y has the shape (1, 3)")
+    assert told(RIGHT.sum())[1].startswith("It is a single number")
+
+
+def test_nearly_right_is_no_factor() -> None:
+    """Of 1, and no constant of 0."""
+    wanted = np.random.default_rng(0).normal(size=(2, 3))
+    assert told(wanted * (1 + 3e-6), wanted)[1].startswith("This is none of the usual mistakes.")
+    assert told(wanted.astype(np.float16), wanted)[1].startswith("The numbers are right as far as float16 can hold")
+    assert told(wanted.astype(np.float32), wanted, tolerance=1e-10)[1].startswith(
+        "The numbers are right as far as float32"
+    )
 
 
 def test_what_is_not_finite_must_be_where_it_should() -> None:

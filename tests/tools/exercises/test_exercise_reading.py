@@ -143,3 +143,78 @@ def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     Path("relu.py").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ExerciseError, match="is not UTF-8"):
         ReadersFile(RELU, Path("relu.py"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("forward(self, bottom: Blobs, top: Blobs)", "forward(self, bottom)",
+         "ReLU.forward takes (self, bottom); expected (self, bottom, top)"),
+        ("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs)",
+         "backward(self, bottom, top, propagate_down)",
+         "ReLU.backward takes (self, bottom, top, propagate_down); expected (self, top, propagate_down, bottom)"),
+        ("    def forward", "    @staticmethod\n    def forward", "ReLU.forward is a staticmethod; expected none"),
+        ("top[0].data[...] =", "yield\n        top[0].data[...] =", "ReLU.forward has a yield or an async"),
+        ("class ReLU(Layer)", "class ReLU", "ReLU is no such class; expected class ReLU(Layer), as in the stub"),
+    ],
+)  # fmt: skip
+def test_a_part_of_another_kind(old: str, new: str, said: str, write: Write) -> None:
+    """It is told before anything runs, with what was expected."""
+    path = write()
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ExerciseError) as error:
+        ReadersFile(RELU, path)
+    assert str(error.value).startswith("relu.py:") and said in str(error.value)
+
+
+def test_other_names_and_more_arguments_will_do(write: Write) -> None:
+    """If the part can be called as ours."""
+    path = write()
+    text = path.read_text().replace("reshape(self, bottom: Blobs, top: Blobs)", "reshape(me, bottom, top, more=1)")
+    path.write_text(text.replace("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:",
+                                 "backward(self, *all):\n        top, _, bottom = all"))  # fmt: skip
+    reader = ReadersFile(RELU, path)
+    assert all(step.passed for step in steps(RELU, reader.part, reader))
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        ("type('Own', (BaseException,), {})('x')", "Own: x"),
+        ("GeneratorExit", "GeneratorExit"),
+        ("type('Own', (Exception,), {'__str__': lambda self: 1 / 0})()", "Own"),
+    ],
+)
+def test_whatever_is_raised_is_told(raised: str, said: str, write: Write) -> None:
+    """Also what is no Exception, and what cannot say itself; the line is found from another folder, too."""
+    assert failed(write(forward=f"import os; os.chdir('/'); raise {raised}"))[0].endswith(f"): {said}")
+
+
+def test_an_error_elsewhere_does_not_hide_a_difference(write: Write) -> None:
+    """Known mistakes are tried on all cases, and a backward that ends the program ends none."""
+    lines = failed(write(forward="top[0].data[...] = np.maximum(bottom[0].data, 0)", backward="raise SystemExit(3)"))
+    assert lines[1].startswith("negative_slope is left out")
+
+
+def test_an_error_after_the_readers_code(write: Write) -> None:
+    """It is said whose fault it may be."""
+    assert failed(write(forward="del top[0]"))[1].startswith("It was raised outside of relu.py: look at what yours")
+
+
+def test_a_file_that_is_called_otherwise(write: Write) -> None:
+    """Python loads no module from it."""
+    path = write().rename("relu.txt")
+    with pytest.raises(ExerciseError, match=r"^relu\.txt: is no module; expected a file whose name ends in \.py$"):
+        ReadersFile(RELU, path)
+
+
+def test_what_only_the_compiler_finds(write: Write) -> None:
+    """With its line, once."""
+    path = write()
+    path.write_text("import os\n" + path.read_text())
+    with pytest.raises(
+        ExerciseError, match=r"^relu\.py:\d+: from __future__ imports must occur at the beginning.*file$"
+    ):
+        ReadersFile(RELU, path)

@@ -149,11 +149,12 @@ def joints_of_side(joints: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------------------------------------- screens
 
 
-def test_a_phone_and_the_dark(visit: Visit, bare: Path) -> None:
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_phone_and_the_dark(width: int, visit: Visit, bare: Path) -> None:
     """Nothing is wider than a phone; dark paper where the system is dark."""
-    tab = visit(bare, viewport={"width": 390, "height": 800}, color_scheme="dark")
+    tab = visit(bare, viewport={"width": width, "height": 800}, color_scheme="dark")
     tab.evaluate("hand.body.push(0, [90, -90, 90])")  # the widest rows
-    assert tab.evaluate("document.documentElement.scrollWidth") == 390
+    assert tab.evaluate("document.documentElement.scrollWidth") == width
     assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 28)"
 
 
@@ -162,3 +163,63 @@ def test_the_text_of_a_skeleton_in_a_page_is_the_skeleton(visit: Visit, bare: Pa
     said = visit(bare).evaluate("hand.data.skeleton")
     assert said["source"] == "nyu.prototxt" and said["text"] == str(schema.to_tree(HAND.param))
     assert body_of(said["text"]).param == HAND.param
+
+
+BIG = "\n".join(f'joint {{ name: "j{i}" }}' for i in range(1001))
+FLESHY = ARM + "flesh { %s }"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (ARM.replace("initial: 0.25", "fixed: constructor"), ":2:49: error: 'fixed' expects true or false, found con"),
+        (BIG, ":1001:7: error: 1001 joints; this page shows at most 1000"),
+        (BIG.replace("joint", "dof") + ARM, ":1001:5: error: 1004 DoFs; this page shows at most 1000"),
+        (FLESHY % ('capsule { from: "hand" to: "hand" radius: 1 } ' * 1001), "1001 capsules; this"),
+        (f'name: "{"x" * 10000}"', ":1:7: error: string of 10002 characters; at most 10000 are read"),
+        ("\t# é\n é", ":2:2: error: unexpected character 'é'"),
+        ("y" * 5000, ":1:5001: error: expected ':' or '{' after '" + "y" * 100),
+        ("name: [" + "1, " * 200_000 + "1]", ":1:11: error: field 'name' is given twice"),
+    ],
+    ids=range(8),
+)
+def test_a_skeleton_file_that_is_refused(tab: Any, text: str, said: str) -> None:
+    """In one line that is not long, at the place where it is; the body that is there stays."""
+    tab.locator("#file").set_input_files({"name": "x.prototxt", "mimeType": "", "buffer": text.encode()})
+    tab.locator("#fault").filter(has_text=said).wait_for()
+    assert len(tab.locator("#fault").inner_text()) < 600 and len(joints_in(tab)) == 31
+
+
+def test_joints_called_as_what_every_object_has(visit: Visit, bare: Path, tmp_path: Path) -> None:
+    """They are drawn as any other."""
+    tab, file = visit(bare), tmp_path / "odd.prototxt"
+    file.write_text(ARM.replace('"hand"', '"constructor"').replace('"elbow"', '"__proto__"'))
+    tab.locator("#file").set_input_files(file)
+    named(tab, "arm")
+    assert (colours(tab)[:, 3] == 255).mean() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1e308 " * 47, "palm_x: 1e+308 is no pose; expected numbers up to 1000000"),
+        ('dof { name: "palm_y" initial: nan }', "palm_y: nan is no pose"),
+        ('dof { name: "palm_y" initial: -inf }', "palm_y: -inf is no pose"),
+        ("[" * 50_000, "is not a number; expected 47 inputs"),
+    ],
+    ids=range(4),
+)
+def test_a_pose_that_is_refused(tab: Any, text: str, said: str) -> None:
+    """Before a slider or a picture has it, and at once."""
+    tab.locator("#pose").fill(text)
+    assert said in tab.locator("#pose-fault").inner_text()
+    assert tab.evaluate("hand.body.inputs.every((value) => Math.abs(value) < 10)")
+
+
+def test_a_number_that_is_too_large_is_not_taken(visit: Visit, bare: Path) -> None:
+    """Typed beside a slider."""
+    tab = visit(bare)
+    number = tab.locator(".dof input[type=number]").first
+    number.fill("1e308")
+    number.press("Enter")
+    assert tab.evaluate("hand.body.inputs[0]") == 0
