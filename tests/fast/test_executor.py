@@ -237,6 +237,15 @@ def test_looking_at_all_shapes_costs_two_passes(net_of: MakeNet, monkeypatch: py
     assert hidden(net) == []
 
 
+def test_a_look_at_what_overflows_warns_of_nothing(net_of: MakeNet) -> None:
+    """The pass itself does not: what is not finite is the solver's to find. (A warning fails the tests.)"""
+    net = net_of(PAPER)
+    for params in net.params.values():
+        params[0].data[...] = 1e30
+    everything(net, batch(3))
+    assert not np.isfinite(net.blobs["p2"].data).all()
+
+
 def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected: dict[str, Arrays]) -> None:
     """A hidden blob still shows the last pass."""
     net = net_of(PAPER)
