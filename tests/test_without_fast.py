@@ -65,12 +65,15 @@ def test_a_solver_trains(bare: Path) -> None:
     shutil.rmtree(bare / "data")
 
 
-# What knows no engine (files of recordings and tracks, pictures, documents, what the campaign damages); exercises,
-# whose nets are always plain; and tracking, which is made of fits that are tested: it takes minutes on that engine.
+# What knows no engine (files of recordings and tracks, data sets, pictures, documents, how a command begins, what the
+# campaign damages); exercises, whose nets are always plain; and finding and tracking, which are made of fits that are
+# tested: they take minutes on that engine.
 ELSEWHERE = ("faults", "docs", "documents", "handpose/recordings", "handpose/tracks", "handpose/tracking",
-             "handpose/drawing", "handpose/experiments/test_tracking_figures.py", "tools/test_track.py",
-             "tools/test_track_refusals.py", "tools/test_measure_tracking.py", "tools/test_record.py",
-             "tools/test_make_recording.py", "tools/exercises")  # fmt: skip
+             "handpose/drawing", "handpose/predicting", "handpose/experiments", "tools/test_track.py",
+             "tools/test_track_refusals.py", "tools/test_measure_tracking.py", "tools/test_measure_finding.py",
+             "tools/test_record.py", "tools/test_make_recording.py", "tools/test_begin.py",
+             "tools/test_make_synthetic.py", "tools/test_prepare_nyu.py", "tools/test_prepare_icvl.py",
+             "tools/exercises")  # fmt: skip
 HANDS = ("handpose", "tools")  # about half of the time
 
 
@@ -83,4 +86,4 @@ def test_all_other_tests_pass(bare: Path, half: str) -> None:
     done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", *folders, *ignored)
     summary = done.stdout.splitlines()[-1]
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    assert int(re.search(r"(\d+) passed", summary)[1]) > 1000, summary  # type: ignore[index]
+    assert int(re.search(r"(\d+) passed", summary)[1]) > 500, summary  # type: ignore[index]
