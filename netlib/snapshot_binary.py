@@ -38,10 +38,12 @@ def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[A
 
 def state_image(state: SolverState) -> bytes:
     """The .solverstate of a training."""
-    extra = json.dumps(state.extra)
-    tree = schema.to_tree(messages.SolverState(state.iter, state.learned_net, (), state.current_step, extra))
+    tree = schema.to_tree(messages.SolverState(state.iter, state.learned_net, (), state.current_step))
     history = [Field("history", binaryproto.tree_of(array), tree.position) for array in state.history]
-    return _fitting(wire.encode(Message(tree.fields + history, tree.position), messages.SolverState))
+    extra = schema.to_tree(messages.SolverState(netlib=json.dumps(state.extra)))
+    # Ours comes first: a file that has lost its end must not look like one of Caffe's, which has no checksum.
+    parts = (extra, Message(tree.fields + history, tree.position))
+    return _fitting(b"".join(wire.encode(part, messages.SolverState) for part in parts))
 
 
 def _fitting(image: bytes) -> bytes:
