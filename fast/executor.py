@@ -108,7 +108,7 @@ class SlicedExecutor(Executor):
 
     def reveal(self, blob: Blob) -> None:
         """Somebody looks at a hidden blob: store it from now on, with what the last pass put there."""
-        with self.one_thread, np.errstate(all="ignore"):  # as in the pass whose values are computed again
+        with self.one_thread:
             self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
             self._looked = True
             self._replan()
@@ -117,8 +117,9 @@ class SlicedExecutor(Executor):
         """Plan anew, and let the new steps know what the old ones knew: values, winners, masks."""
         old = [step for step in self.steps if isinstance(step, SlicedStep)]
         self._plan()
-        for step in old:
-            self._repeat(step)
+        with np.errstate(all="ignore"):  # as in the pass whose values are computed again
+            for step in old:
+                self._repeat(step)
 
     def _repeat(self, old: SlicedStep) -> None:
         """Compute again what ``old`` computed in the last pass; whatever others can see stays as it is."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from docs.making.chromium import chromium
 from docs.making.hand_page import PLACE
 from docs.making.made import ROOT
+from netlib import atomic
 from netlib.errors import NetlibError
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def main() -> int:
     """Take it, and say so."""
     try:
         with chromium() as browser:
-            PICTURE.write_bytes(taken(browser))
+            atomic.replace_bytes(PICTURE, taken(browser))
     except NetlibError as error:
         print(error, file=sys.stderr)
         return 1

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from netlib import atomic
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -33,7 +35,7 @@ class Made:
         if self._is(wanted):
             return False
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.write_bytes(wanted)
+        atomic.replace_bytes(self.path, wanted)
         return True
 
     def is_current(self) -> bool:

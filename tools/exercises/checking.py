@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import numpy as np
 from netlib.errors import NetlibError
 from tools.exercises import network
 from tools.exercises.exercise import Case, Check, Exercise, Part, Tell, agree, first_difference, unwarned
-from tools.exercises.explaining import advice, sentences
+from tools.exercises.explaining import advice, sentences, tried
 from tools.exercises.reading import ReadersFile, told
 
 ADVICE = (
@@ -83,17 +84,14 @@ def _elsewhere(exercise: Exercise, check: Check, part: Part, error: BaseExceptio
     if isinstance(error, NotImplementedError):
         return
     for case in check.cases:
-        try:
-            with unwarned():
-                found = first_difference(case, case.run(part), case.wanted(part))
-                said = found and advice(exercise, part, found)
-        except KeyboardInterrupt:
-            raise
-        except BaseException:
-            continue
-        if said:
+        if said := tried(functools.partial(_known_advice, exercise, case, part)):
             yield f"And with {case.title}: {said}"
             return
+
+
+def _known_advice(exercise: Exercise, case: Case, part: Part) -> str | None:
+    found = first_difference(case, case.run(part), case.wanted(part))
+    return advice(exercise, part, found) if found else None
 
 
 def _place(case: Case, reader: ReadersFile | None) -> Sequence[str]:

@@ -78,15 +78,15 @@ def _passes(case: Case, part: Part, changed: Callable[[Part], Part] = lambda par
         made = changed(part)
         return first_difference(case, case.run(made), case.wanted(made)) is None
 
-    return bool(_tried(passes))
+    return bool(tried(passes))
 
 
 def _run(case: Case, part: Part) -> Values | None:
     """What a part computes, None if it fails."""
-    return _tried(lambda: case.run(part))
+    return tried(lambda: case.run(part))
 
 
-def _tried(compute: Callable[[], T]) -> T | None:
+def tried(compute: Callable[[], T]) -> T | None:
     """What is computed, None if it fails: a part can have another mistake than this one."""
     try:
         with unwarned():
