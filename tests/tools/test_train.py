@@ -172,7 +172,7 @@ def test_mistakes(work, capsys):
         "bad.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean"
     )
     (work / "cut.state").write_bytes((work / state).read_bytes()[:3000])
-    assert "cut.state: byte 890: truncated" in mistake(capsys, ["solver.prototxt", "--snapshot", "cut.state"])
+    assert "cut.state: byte 0: truncated" in mistake(capsys, ["solver.prototxt", "--snapshot", "cut.state"])
 
 
 def test_usage(capsys):
