@@ -15,7 +15,8 @@ from handpose.predicting import finding
 from handpose.predicting.locator import Located, Locator
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import draw_scenes
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
@@ -43,8 +44,8 @@ def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
     """A net that sees the same hand in every crop: as training crops have it, and then so many mm beside."""
 
     def make(*beside: float) -> netlib.Net:
-        prior = PosePrior(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)
-        inputs = HandSampler(prior).hands(np.random.default_rng(0), 1).inputs[0]
+        prior = prior_file.load().but(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)
+        inputs = BodySampler(prior).draw(np.random.default_rng(0), 1).inputs[0]
         inputs[:3] += np.array(beside) / (CUBE_MM / 2)
         net = net_of(NET % 1, netlib.TEST)
         net.params["DoF"][0].data[...], net.params["DoF"][1].data[...] = 0, inputs
@@ -56,8 +57,8 @@ def fixed(net_of: NetOf) -> Callable[..., netlib.Net]:
 @pytest.fixture(scope="module")
 def frame() -> np.ndarray:
     """Depth (424, 512) in mm of a hand some 700 mm before a Kinect v2 and a wall behind it."""
-    sampler, rng = HandSampler(), np.random.default_rng(1)
-    hand = sampler.hands(rng, 1)
+    sampler, rng = BodySampler(), np.random.default_rng(1)
+    hand = sampler.draw(rng, 1)
     flesh = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
     return render_image(flesh, KINECT2, background=1500.0)[0]
 
