@@ -59,8 +59,8 @@ def _refuse_own_sizes(net: Net, hand: HandModel) -> None:
     """Inputs and the skeleton are not the predicted hand where its layer has a second bottom. Raises NetlibError."""
     if len(hand.spec.bottom) > 1:
         raise NetlibError(f"{net.source}: layer {hand.name!r} takes the size of each hand from blob "
-                          f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the layer one "
-                          "bottom")  # fmt: skip
+                          f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
+                          "layer one bottom")  # fmt: skip
 
 
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
