@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import UNDER_BOTH
+
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "site", "*.egg-info")
 
@@ -67,7 +69,7 @@ def test_a_solver_trains(bare: Path) -> None:
 
 # What knows no engine (files of recordings and tracks, data sets, pictures, documents, how a command begins, what the
 # campaign damages); exercises, whose nets are always plain; and finding and tracking, which are made of fits that are
-# tested: they take minutes on that engine.
+# tested: they take minutes on that engine. What runs under both engines where there are two is left out as well.
 ELSEWHERE = ("faults", "docs", "documents", "handpose/recordings", "handpose/tracks", "handpose/tracking",
              "handpose/drawing", "handpose/predicting", "handpose/experiments", "tools/test_track.py",
              "tools/test_track_refusals.py", "tools/test_measure_tracking.py", "tools/test_measure_finding.py",
@@ -82,8 +84,10 @@ def test_all_other_tests_pass(bare: Path, half: str) -> None:
     """On the plain engine alone. In two halves, for two processors."""
     left_out = [*ELSEWHERE, *(HANDS if half == "nets" else ())]
     ignored = [word for name in left_out for word in ("--ignore", f"tests/{name}")]
+    for name in UNDER_BOTH:
+        ignored += ["--ignore-glob", f"*/{name}.py"] if name.startswith("test_") else ["--ignore", f"tests/{name}"]
     folders = [f"tests/{name}" for name in HANDS] if half == "hands" else ["tests"]
     done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", *folders, *ignored)
     summary = done.stdout.splitlines()[-1]
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    assert int(re.search(r"(\d+) passed", summary)[1]) > 500, summary  # type: ignore[index]
+    assert int(re.search(r"(\d+) passed", summary)[1]) > 300, summary  # type: ignore[index]
