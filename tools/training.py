@@ -9,7 +9,7 @@ import contextlib
 import logging
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -38,11 +38,13 @@ def train(
     threads: int | None = None,
     engine: str | None = None,
     log_file: str | Path | None = None,
+    watch: Callable[[Solver], object] | None = None,
 ) -> int:
     """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
+    watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
     """
     with log_to(log_file, append=snapshot is not None) as console:
         chosen = engines.get(engine)
@@ -52,6 +54,8 @@ def train(
         log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
         solver = new_solver(solver_file, snapshot, weights, seed, engine, **changes)
+        if watch is not None:
+            solver.callbacks.append((lambda: watch(solver), lambda: None))
         return solve(solver, console, snapshot)
 
 
