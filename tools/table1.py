@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
 """The paper's Table 1, decided: its networks in its own setting, each trained until it stops mattering.
 
-    python tools/table1.py --hours 8            go on for a night; the next run goes on where this one stopped
-    python tools/table1.py --list               what is done, what is missing, and about how long that takes
-    python tools/table1.py --page               write the page anew from what is done
+    python tools/table1.py --hours 8
+
+goes on for a night, and the next run goes on where this one stopped. What is done and what is missing, and about how long
+that takes, says
+
+    python tools/table1.py --list
 
 The setting is one hand, and a second one to test on, as in NYU; where data/nyu holds NYU itself, it is NYU. Missing
 synthetic data are made. Each network is trained by the paper's solver and by our recipe, half as long again each time,
@@ -26,13 +29,18 @@ import tools
 
 tools.begin(__name__)
 
+from handpose.experiments import ledger, speed, table1_page
 from handpose.experiments.networks import NETWORKS
-from handpose.experiments.plan import Job, lambdas, order
+from handpose.experiments.plan import Job, lambdas, order, report
 from handpose.experiments.recipes import RECIPES
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
+from layers.hand import skeleton as skeletons
+from netlib import atomic
 from tools.arguments import natural, parser_of, positive, weight
-from tools.console import DONE, guarded
+from tools.console import DONE, aligned, guarded, say
+from tools.pictures import make_folder
 from tools.sitting import Sitting
+from tools.table1_pictures import write_pictures
 
 RESULTS = Path(__file__).resolve().parent.parent / "docs" / "results"
 
@@ -41,6 +49,10 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     names = [network.name for network in NETWORKS]
     parser = parser_of(__doc__, nets=True)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--list", action="store_true", help="train nothing, say what is done and what is missing")
+    what.add_argument("--page", action="store_true", help="train nothing, write the page from what is done")
+    what.add_argument("--speed", action="store_true", help="train nothing, measure frames per second on this machine")
     parser.add_argument("--setting", choices=SETTINGS, help="only this one (default: all, NYU if it is there)")
     parser.add_argument("--networks", nargs="+", choices=names, default=names, metavar="NAME",
                         help=f"only these of {', '.join(names)}")  # fmt: skip
@@ -53,6 +65,10 @@ def main(argv: list[str] | None = None) -> int:
                         help="where scored lengths are kept (default: docs/results/table1)")  # fmt: skip
     parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
                         help="where nets, snapshots and logs go (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER",
+                        help="where the page and its pictures go (default: docs/results)")  # fmt: skip
+    parser.add_argument("--lambda-length", type=positive, metavar="N",
+                        help="iterations by weight of PhysLimit (default: where ours was done)")  # fmt: skip
     args = parser.parse_args(argv)
     args.command = shlex.join(["python", "tools/table1.py", *(sys.argv[1:] if argv is None else argv)])
     return guarded(run, args)
@@ -62,10 +78,37 @@ def run(args: argparse.Namespace) -> int:
     """Do what the parsed arguments say."""
     deadline = time.monotonic() + 3600 * args.hours if args.hours is not None else float("inf")
     sitting = Sitting(args.ledger, args.work, args.command, deadline, args.longest, args.threads)
-    status = sitting.run(_jobs(args))
-    if status == DONE and not sitting.is_over and not args.setting:
-        status = sitting.run(lambdas(sitting.ledger_of(_first(args)), _first(args)))
-    return status
+    if args.list:
+        print(aligned(report([*_jobs(args), *_lambdas(args, sitting)], sitting.ledger_of, args.longest)))
+        return DONE
+    if args.speed:
+        speed.write(args.ledger / speed.WHERE, speed.measure())
+    elif not args.page:
+        status = sitting.run(_jobs(args))
+        if status == DONE and not sitting.is_over:
+            status = sitting.run(_lambdas(args, sitting))
+        if status != DONE:
+            return status
+    _write(args)
+    return DONE
+
+
+def _write(args: argparse.Namespace) -> None:
+    """The page and its pictures, from the ledger."""
+    make_folder(args.out)
+    entries = {name: ledger.read_all(args.ledger, name) for name in SETTINGS}
+    for path in write_pictures(args.out, args.ledger, entries, skeletons.load()):
+        say(f"wrote {path}", file=sys.stderr)
+    page = table1_page.page_of(entries, speed.read(args.ledger / speed.WHERE))
+    atomic.replace_text(args.out / "table1.md", page)
+    say(f"wrote {args.out / 'table1.md'}", file=sys.stderr)
+
+
+def _lambdas(args: argparse.Namespace, sitting: Sitting) -> list[Job]:
+    """The trainings by weights of PhysLimit, if all networks are asked for, or it is said how long they are."""
+    first = _first(args)
+    asked = args.lambda_length or (len(args.networks) == len(NETWORKS) and first is not MANY_HANDS)
+    return lambdas(sitting.ledger_of(first), first, args.lambda_length) if asked and 1 in args.seeds else []
 
 
 def _first(args: argparse.Namespace) -> Setting:

@@ -1,12 +1,12 @@
 """What is trained next for Table 1, and when a training is long enough.
 
-A training is done as soon as another half of it changes its error by less than 2%, or raises it: then the one before was
-long enough, and longer ones learn the training frames by heart.
+A training is done as soon as another half of it changes its error by less than 2%, or raises it: then the one before
+was long enough, and longer ones learn the training frames by heart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -110,3 +110,36 @@ def lambdas(ledger: Sequence[Entry], setting: Setting, length: int | None = None
     if length is None and ours.end != "not yet" and ours.counts is not None:
         length = ours.counts.iterations
     return [Job(setting, network, PAPER, 1, length) for network in LAMBDAS] if length else []
+
+
+def report(
+    jobs: Sequence[Job], ledger_of: Callable[[Setting], Sequence[Entry]], longest: int | None = None
+) -> list[list[str]]:
+    """A row for each training: how far it is, and about how many hours it still takes, by the rates in the ledger."""
+    settings = {job.setting.name: job.setting for job in jobs}.values()
+    every = [entry for setting in settings for entry in ledger_of(setting)]
+    rows, total = [["training", "lengths", "error, mm", "state", "hours left"]], 0.0
+    for job in jobs:
+        entries = of_job(ledger_of(job.setting), job)
+        found = verdict(entries, job.recipe.lengths)
+        done = [entry for entry in entries if entry.iterations == job.only] if job.only else found.entries
+        left = _hours(every, job, len(done)) if next_length(ledger_of(job.setting), job, longest) else 0.0
+        state = ("done" if done else "missing") if job.only else found.end if done else "missing"
+        total += left
+        lengths = ", ".join(f"{entry.iterations}" for entry in done) or "–"
+        errors = ", ".join(f"{entry.error_mm:.2f}" for entry in done) or "–"
+        rows.append([str(job), lengths, errors, state, f"{left:.1f}" if left else "–"])
+    return [*rows, ["in total", "", "", "", f"{total:.1f}" if every else "not known"]]
+
+
+def _hours(ledger: Sequence[Entry], job: Job, done: int) -> float:
+    """About how long the rest of a training takes, if it ends where its recipe's trainings did on the mean."""
+    alike = [entry for entry in ledger if entry.recipe == job.recipe.name]
+    if not alike:
+        return 0.0
+    rate = sum(entry.seconds for entry in alike) / sum(entry.iterations for entry in alike)
+    usual = max(done + 1, round(len(alike) / len({entry.key[:4] for entry in alike})), 2)
+    lengths = (job.only,) if job.only else job.recipe.lengths[done:usual]
+    ends = sum(length - job.recipe.branch(length) for length in lengths)
+    begun = 0 if job.only or not done else job.recipe.branch(job.recipe.lengths[done - 1])
+    return rate * (job.recipe.branch(lengths[-1]) - begun + ends) / 3600 if lengths else 0.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.experiments.ledger import DRAWN, THRESHOLDS_MM, Figures, Shown
+from handpose.experiments.ledger import DRAWN, JOINTS, THRESHOLDS_MM, Figures, Shown
 from handpose.experiments.settings import NEAR, Setting
 from handpose.facts import nyu
 from handpose.fitting import angles
@@ -44,13 +44,18 @@ class Truth:
 def truth_of(setting: Setting, fitted: Array) -> Truth:
     """The truth of a setting's test frames. Raises DataError."""
     files = setting.files("test")
-    exact = _column(files, "dof") if setting.has_exact_angles else None
+    exact = _column(files, "dof", fitted.shape[1]) if setting.has_exact_angles else None
     people = None in setting.subjects.values()
-    return Truth(fitted, exact, _column(files, "bones") if people else None)
+    return Truth(fitted, exact, _column(files, "bones", JOINTS) if people else None)
 
 
-def _column(files: list[Path], name: str) -> Array:
-    return np.concatenate([File(path, (name,)).datasets[0].numbers() for path in files])
+def _column(files: list[Path], name: str, width: int) -> Array:
+    """The rows (N, width) of a data set, of all files. Raises DataError."""
+    parts = [File(path, (name,)).datasets[0].numbers() for path in files]
+    for path, part in zip(files, parts):
+        if part.shape[1:] != (width,) or not np.isfinite(part).all():
+            raise DataError(f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers")
+    return np.concatenate(parts)
 
 
 def angles_of(predictions: Predictions, skeleton: Skeleton, told: Callable[[int], None] = lambda done: None) -> Array:

@@ -133,7 +133,7 @@ class Training:
         atomic.replace_text(self._clock, json.dumps(times))
 
     def seconds(self, iterations: int) -> float:
-        """How long a length takes, trunk and end, as measured; a part that nobody measured has the rate of the other."""
+        """How long a length takes, trunk and end, as measured; what was not measured has the rate of the other part."""
         times, branch = self._times(), self.recipe.branch(iterations)
         measured = [times.get(prefix.name, (0, 0.0)) for prefix in (self._trunk, self._end(iterations))]
         rates = [spent / done for done, spent in measured if done]
