@@ -3,7 +3,7 @@
 
     python tools/table1.py --hours 8
 
-goes on for a night, and the next run goes on where this one stopped. What is done and what is missing, and about how long
+goes on for a night, and the next run goes on where this one stopped. What is done, what is missing, and about how long
 that takes, says
 
     python tools/table1.py --list

@@ -1,4 +1,4 @@
-"""handpose/experiments/table1_page.py and handpose/experiments/speed.py; the pictures are in the tests of tools/table1.py"""
+"""handpose/experiments/table1_page.py and speed.py; its pictures are in the tests of tools/table1.py"""
 
 from __future__ import annotations
 
