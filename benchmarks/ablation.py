@@ -30,13 +30,13 @@ from handpose.data import parts
 from handpose.experiments.solver_text import with_fields
 from handpose.predicting import nets
 from handpose.scoring.held_out import figures_of, predict_all
-from handpose.synthetic import workers
+from handpose.synthetic import prior_file, recipes, workers
 from handpose.synthetic.flesh_prior import FleshPrior
-from handpose.synthetic.generator import RECIPES, Generator, Recipe, View
+from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.many import generate
-from handpose.synthetic.pose_prior import PosePrior
+from handpose.synthetic.prior_file import BetaParameter
 from layers.hand import skeleton
-from netlib import atomic, engine
+from netlib import atomic, engine, schema
 from tools import training
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded
@@ -46,9 +46,13 @@ SOLVER = (ROOT / "prototxt" / "synthetic_solver.prototxt").read_text(encoding="u
 DROPOUT = (
     'layer {{ name: "Dropout{0}" type: "Dropout" bottom: "{0}" top: "{0}" dropout_param {{ dropout_ratio: 0.3 }} }}\n'
 )
-NARROW = PosePrior(roll_std=20, roll_uniform=0, pitch_std=16, yaw_std=25, yaw_uniform=0)
-UNCURLED = PosePrior(independent=1.0, curl_own=(1.0, 1.0), finger_noise=0.3)
-SAME = PosePrior(scale_std=0, bone_std=0)
+HAND = prior_file.load()
+NARROW = (
+    HAND.turned("palm_rot_z", std=20.0, any=0.0).turned("palm_rot_x", std=16.0).turned("palm_rot_y", std=25.0, any=0.0)
+)
+_BEND = schema.changed(HAND.bend[0], independent=1.0, own=BetaParameter(1.0, 1.0), noise=0.3)
+UNCURLED = HAND.but(bend=(_BEND,), spread=(schema.changed(HAND.spread[0], noise=0.3),))
+SAME = HAND.but(scale_std=0, bone_std=0)
 
 
 def _replaced(text: str, old: str, new: str) -> str:
@@ -91,7 +95,7 @@ class Study:
     name: str
     title: str
     frames: int | None = None  # if not as many as the others have
-    recipe: Recipe = RECIPES["nyu"]  # of the training data
+    recipe: Recipe = recipes.recipe("nyu")  # of the training data
     net: Callable[[str], str] = str
     solver: Callable[[str], str] = str
     rampup: float = 0.1  # part of the iterations
@@ -118,7 +122,7 @@ OF_NYU = (
     Study("at_once", "the full learning rate at once", rampup=0),
     Study("sgd", "EuclideanLoss and SGD 0.003, the paper's", net=_with_squares, solver=_with_sgd),
 )
-CAMERAS, NYU = RECIPES["cameras"], RECIPES["nyu"]
+CAMERAS, NYU = recipes.recipe("cameras"), recipes.recipe("nyu")
 
 
 def _before_cameras(name: str, title: str, **changed: object) -> Study:
@@ -137,12 +141,12 @@ OF_CAMERAS = (
     _before_cameras("uncut", "no cut forearms", flesh=replace(CAMERAS.flesh, cut=0.0)),
     _before_cameras("same_flesh", "the flesh of `nyu`: whole, bare, of one shape", flesh=NYU.flesh),
     _before_cameras(
-        "nyu_depth", "550 to 1000 mm away instead of 250 to 1200", prior=replace(CAMERAS.prior, depth=NYU.prior.depth)
+        "nyu_depth", "550 to 1000 mm away instead of 250 to 1200", prior=CAMERAS.prior.but(depth=NYU.prior.depth)
     ),
     _before_cameras(
         "upright",
         "the turns of `nyu`: few hands point down",
-        prior=replace(CAMERAS.prior, roll_uniform=NYU.prior.roll_uniform, pitch_std=NYU.prior.pitch_std),
+        prior=CAMERAS.prior.but(turn=NYU.prior.turn),
     ),
 )
 STUDIES = {"nyu": OF_NYU, "cameras": OF_CAMERAS}
@@ -173,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
     if args.recipe != "nyu":
         args.work = args.work / args.recipe
     args.work.mkdir(parents=True, exist_ok=True)
-    base = RECIPES[args.recipe]
+    base = recipes.recipe(args.recipe)
     test = write_frames(args.work / "test", Generator(split="test", recipe=base), 2000)
     rows = ["| | 14 joints, mm | by seed |", "|---|---|---|"]
     for study in (s for s in STUDIES[args.recipe] if not args.only or s.name in args.only):

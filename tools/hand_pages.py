@@ -12,7 +12,7 @@ from handpose.predicting.nets import hand_inputs
 from handpose.predicting.prediction import FramePrediction, Prediction
 from handpose.predicting.predictor import Predictor
 from handpose.synthetic.gestures import poses
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from netlib import atomic
 from netlib.errors import NetlibError
 from tools import findings
@@ -31,7 +31,7 @@ def check_place(path: Path, images: Sequence[str]) -> None:
 def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:
     """One page for all images, with a list to choose from. Raises OSError, NetlibError."""
     hands = [_hand(image, prediction, predictor) for image, prediction in found]
-    sampler = HandSampler()
+    sampler = BodySampler()
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
     atomic.replace_text(path, page("Hands that were found" if len(hands) > 1 else "A hand that was found", data))

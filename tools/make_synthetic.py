@@ -37,8 +37,9 @@ import tools
 
 tools.begin(__name__)
 
+from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import RECIPES, Generator, Split
+from handpose.synthetic.generator import Generator, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
@@ -63,7 +64,7 @@ def main(argv: list[str] | None = None) -> int:
         "--test", type=positive, default=2000, metavar="N", help="frames or places (default: %(default)s)"
     )
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
-    parser.add_argument("--recipe", choices=RECIPES, default="nyu",
+    parser.add_argument("--recipe", choices=recipes.NAMES, default="nyu",
                         help="whose hands, before which camera (default: %(default)s)")  # fmt: skip
     parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     what = "places" if args.places else "frames"
     summary = f"{out}: {args.train} train and {args.test} test {what} (synthetic, seed {args.seed})"
     where = " in NYU's format" if args.raw else ""
-    recipe = RECIPES[args.recipe]
+    recipe = recipes.recipe(args.recipe)
     data: DataSet | RawDataSet
     if args.raw:
         data = RawDataSet(out, args.seed, counts, recipe, args.force)

@@ -40,7 +40,8 @@ from handpose.fitting.depth.objective import Weights
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import skeleton_to_fit, trained
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
-from handpose.synthetic.generator import RECIPES, Generator
+from handpose.synthetic import recipes
+from handpose.synthetic.generator import Generator
 from netlib.blob import Array
 from tools.arguments import add_engine, natural, parser_of, positive
 from tools.console import DONE, aligned, guarded, say
@@ -64,8 +65,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET", help="the net that predicts with them")
-    parser.add_argument("--recipes", choices=RECIPES, nargs="+", default=list(RECIPES), metavar="NAME",
-                        help=f"some of {', '.join(RECIPES)} (default: all)")  # fmt: skip
+    parser.add_argument("--recipes", choices=recipes.NAMES, nargs="+", default=list(recipes.NAMES[:4]), metavar="NAME",
+                        help=f"some of {', '.join(recipes.NAMES)} (default: the first four)")  # fmt: skip
     parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
                         help=f"some of {', '.join(PLANS)} (default: all)")  # fmt: skip
     parser.add_argument("--frames", type=positive, default=2000, metavar="N", help="default: %(default)s")
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     with ProgressBar(args.frames * len(args.recipes) * len(terms)) as progress:
         for recipe in args.recipes:
             for without, own in terms.items():
-                generator = Generator(args.seed, "test", RECIPES[recipe])
+                generator = Generator(args.seed, "test", recipes.recipe(recipe))
                 found = measure(net, DepthFitter(model, errors, own),
                                 frames_of(generator, args.frames), tuple(args.plans), hands=args.hands,
                                 progress=progress)  # fmt: skip

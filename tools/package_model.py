@@ -32,7 +32,8 @@ from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import hand_layer, skeleton_to_fit, trained
-from handpose.synthetic.generator import RECIPES, Generator
+from handpose.synthetic import recipes
+from handpose.synthetic.generator import Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.arguments import natural, parser_of, positive
@@ -48,7 +49,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")
     parser.add_argument("--bits", type=natural, default=10, metavar="N",
                         help="of each mantissa, of 23 (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--recipe", choices=RECIPES, default="cameras", help="of the frames (default: %(default)s)")
+    parser.add_argument(
+        "--recipe", choices=recipes.NAMES, default="cameras", help="of the frames (default: %(default)s)"
+    )
     parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=natural, default=1000, metavar="N",
                         help="of the frames; not that of the training (default: %(default)s)")  # fmt: skip
@@ -82,7 +85,7 @@ def _round(net: Net, bits: int) -> None:
 def _measure(net: Net, args: argparse.Namespace) -> None:
     """Round the weights, measure what they and the fits after them are worth, and write all of it."""
     model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
-    generator = Generator(args.seed, "train", RECIPES[args.recipe])
+    generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:
         exact = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
                                     (), progress=progress)  # fmt: skip

@@ -8,7 +8,7 @@ from docs.making.made import ROOT, Made
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content
 from handpose.synthetic.gestures import poses
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 
 PLACE = ROOT / "docs" / "hand.html"
 
@@ -19,5 +19,5 @@ def made() -> Iterator[Made]:
 
 
 def _page() -> bytes:
-    sampler = HandSampler()
+    sampler = BodySampler()
     return page("The hand", content(sampler.skeleton, poses=poses(sampler))).encode()

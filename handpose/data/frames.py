@@ -2,7 +2,8 @@
 
 depth       (n, 1, 128, 128) float32  the crop in [-1, 1]; crops.py
 joint       (n, 3 K) float32          joints x, y, z in half-cubes from the crop centre, clipped to [-1, 1]
-dof         (n, D) float32            inputs of the hand model that posed the frame; of synthetic frames only
+dof         (n, D) float32            inputs of the model that posed the frame; of synthetic frames only
+bones       (n, K) float32            the signed bone lengths that it was posed with, half-cubes; likewise
 center      (n, 3) float32            crop centre in mm, camera axes
 center_uvd  (n, 3) float32            the same in px, px, mm
 index       (n,) int64                0-based number of the frame in its split
@@ -34,6 +35,7 @@ class Frames:
     index: NDArray[np.int64]
     half_cube: Floats
     dof: Floats | None = None
+    bones: Floats | None = None
 
     @classmethod
     def of(
@@ -45,6 +47,7 @@ class Frames:
         half_cube: ArrayLike,
         index: NDArray[np.int64],
         dof: Array | None = None,
+        bones: Array | None = None,
     ) -> Frames:
         """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and half-cubes in mm.
 
@@ -59,6 +62,7 @@ class Frames:
             index=index,
             half_cube=np.broadcast_to(half_cube, n).astype(np.float32),
             dof=None if dof is None else dof.astype(np.float32),
+            bones=None if bones is None else bones.astype(np.float32),
         )
 
     def __len__(self) -> int:
@@ -66,18 +70,18 @@ class Frames:
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name, in the order of the files."""
-        dof = {} if self.dof is None else {"dof": self.dof}
+        posed = {name: array for name, array in (("dof", self.dof), ("bones", self.bones)) if array is not None}
         others = {name: getattr(self, name) for name in ("center", "center_uvd", "index", "half_cube")}
-        return {"depth": self.depth, "joint": self.joint, **dof, **others}
+        return {"depth": self.depth, "joint": self.joint, **posed, **others}
 
     def rows(self, rows: slice) -> Frames:
         """Some of the frames."""
         return Frames(**{name: array[rows] for name, array in self.arrays().items()})
 
 
-def empty_frames(joints: int, dofs: int | None = None) -> Frames:
-    """No frames, with so many joints and inputs of the hand model: the columns of a file before it has rows."""
+def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> Frames:
+    """No frames, with so many joints and inputs of the model, and bones: the columns of a file before it has rows."""
     none = np.zeros(0)
     inputs = None if dofs is None else np.zeros((0, dofs))
     return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,
-                     np.zeros(0, np.int64), inputs)  # fmt: skip
+                     np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)  # fmt: skip

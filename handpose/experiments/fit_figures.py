@@ -34,8 +34,8 @@ def frames_of(generator: Generator, frames: int) -> Iterator[Block]:
     """The first so many frames of a generator."""
     for number in range(-(-frames // BLOCK)):
         scene, n = generator.scene(number), min(BLOCK, frames - number * BLOCK)
-        joints = scene.hands.joints[:n] * generator.recipe.cube_mm / 2
-        yield Block(scene.depth[:n], scene.center_uvd[:n], scene.camera, joints, scene.hands.inputs[:n])
+        joints = scene.bodies.joints[:n] * scene.cube_mm / 2
+        yield Block(scene.depth[:n], scene.center_uvd[:n], scene.camera, joints, scene.bodies.inputs[:n])
 
 
 @dataclass(frozen=True)

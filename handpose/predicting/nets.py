@@ -43,7 +43,7 @@ def hand_layer(net: Net) -> HandModel | None:
 def has_flesh(model: str | Path) -> bool:
     """Does the skeleton of a net file have flesh, so that it can be fitted to depth? Raises NetlibError."""
     hand = hand_layer(Net(model, TEST))
-    return hand is not None and hand.skeleton.param.flesh is not None
+    return hand is not None and hand.skeleton.param.flesh is not None and len(hand.spec.bottom) == 1
 
 
 def skeleton_to_fit(net: Net) -> Skeleton:
@@ -51,7 +51,16 @@ def skeleton_to_fit(net: Net) -> Skeleton:
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
+    _refuse_own_sizes(net, hand)
     return hand.skeleton
+
+
+def _refuse_own_sizes(net: Net, hand: HandModel) -> None:
+    """Inputs and the skeleton are not the predicted hand where its layer has a second bottom. Raises NetlibError."""
+    if len(hand.spec.bottom) > 1:
+        raise NetlibError(f"{net.source}: layer {hand.name!r} takes the size of each hand from blob "
+                          f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
+                          "layer one bottom")  # fmt: skip
 
 
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
@@ -66,6 +75,7 @@ def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{net.source}: no HandModel layer, so there are no angles")
+    _refuse_own_sizes(net, hand)
     name = hand.spec.bottom[0]
     depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
     if net.blobs["depth"].shape != depth.shape:

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handpose.synthetic.choices import Choices
-from handpose.synthetic.gestures import GESTURES, fingers_of
+from handpose.synthetic.gestures import fingers_of
 from handpose.synthetic.movements import OVERLAP, TOP_SPEED, Movement, Strokes
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.volume import Volume
 from netlib.blob import Array
 
@@ -50,7 +50,7 @@ class Actor:
     """
 
     def __init__(
-        self, rng: np.random.Generator, sampler: HandSampler, person: Person, side: str, volume: Volume, outward: float
+        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: str, volume: Volume, outward: float
     ) -> None:  # fmt: skip
         self.rng, self.sampler, self.person, self.volume = rng, sampler, person, volume
         self.choices = Choices(rng, sampler, person, side, outward)
@@ -80,7 +80,7 @@ class Actor:
         self._turn(*self.choices.palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end)
         middle = self.movement.place.keys[-1]
         while self.time < end:
-            names = names or [str(name) for name in self.rng.permutation(list(GESTURES))]
+            names = names or [str(name) for name in self.rng.permutation(list(self.sampler.poses))]
             began = self.time
             if not self._show(fingers_of(names.pop(), self.person, self.sampler), end):
                 return

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from handpose.synthetic.movements import posed
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 
@@ -26,13 +26,13 @@ class Choices:
     """
 
     def __init__(
-        self, rng: np.random.Generator, sampler: HandSampler, person: Person, side: str, outward: float
+        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: str, outward: float
     ) -> None:  # fmt: skip
         self.rng, self.sampler, self.person, self.side, self.outward = rng, sampler, person, side, outward
 
     def fingers(self, before: Array) -> Array:
         """Fingers (D,), which can be reached from those before without running through each other."""
-        drawn = self.sampler.hands(self.rng, CANDIDATES).inputs
+        drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
         drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
         depth = self.depth_between(before, drawn)
         return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from handpose.flesh.render import Capsules
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracks.track import joints_of
 from netlib.blob import Array
 
@@ -125,7 +125,7 @@ class Movement:
     """
 
     def __init__(
-        self, sampler: HandSampler, person: Person, side: str, fingers: Array, palm: Rotation, arm: Array, place: Array
+        self, sampler: BodySampler, person: Person, side: str, fingers: Array, palm: Rotation, arm: Array, place: Array
     ) -> None:  # fmt: skip
         self.sampler, self.person, self.side = sampler, person, side
         self.fingers, self.palm = Values(fingers), Turns(palm)
@@ -145,7 +145,7 @@ class Movement:
         return np.asarray(posed(self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None])[0])
 
 
-def posed(sampler: HandSampler, person: Person, fingers: Array, palm: Rotation, arm: Array) -> Array:
+def posed(sampler: BodySampler, person: Person, fingers: Array, palm: Rotation, arm: Array) -> Array:
     """The inputs (N, D) of the whole body, such that the middles of crops are at the origin.
 
     fingers  (N, D) of the skeleton
@@ -157,5 +157,5 @@ def posed(sampler: HandSampler, person: Person, fingers: Array, palm: Rotation, 
     z, x, y = palm.as_euler("ZXY").T
     angles = np.stack([z, x, -y], axis=1) - initial[sampler.rotation]
     whole[:, sampler.rotation] = (angles + np.pi) % (2 * np.pi) - np.pi
-    whole[:, sampler.translation] = -palm.apply(person.center_in_palm) - initial[sampler.translation]
+    whole[:, sampler.translation] = -palm.apply(person.center) - initial[sampler.translation]
     return whole

@@ -19,7 +19,7 @@ from handpose.data.crops import restore_joints, window
 from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import frame_name
-from handpose.synthetic.generator import BLOCK, RECIPES, Generator, Recipe, Scene, Split
+from handpose.synthetic.generator import BLOCK, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
 from netlib import atomic
 from netlib.blob import Array
@@ -42,10 +42,11 @@ class RawDataSet:
     """
 
     def __init__(
-        self, out: Path, seed: int, counts: Mapping[Split, int], recipe: Recipe = RECIPES["nyu"], force: bool = False
+        self, out: Path, seed: int, counts: Mapping[Split, int], recipe: Recipe | None = None, force: bool = False
     ) -> None:
         self.out, self.counts = out, counts
         self.missing = []
+        recipe = recipe or Recipe()
         if any(view.camera != NYU for view in recipe.views):
             raise DataError("NYU's format is for frames of NYU's camera; expected a recipe without others")
         for generator in (Generator(seed, split, recipe) for split in counts):
@@ -112,21 +113,21 @@ def write_block(generator: Generator, number: int, folder: Path, count: int) -> 
     scene = generator.scene(number)
     for n in range(min(BLOCK, count - number * BLOCK)):
         # level 1 is twice as fast as OpenCV's default, and these images are mostly empty
-        packed = pack_depth(whole_image(scene, n, generator))
+        packed = pack_depth(whole_image(scene, n))
         png = cv2.imencode(".png", packed, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1].tobytes()
         path = folder / frame_name(number * BLOCK + n)
         atomic.replace(path, lambda temporary, png=png: temporary.write_bytes(png), sync=False)  # type: ignore[misc]
     center = scene.camera.unproject(scene.center_uvd)
-    xyz = restore_joints(scene.hands.joints, center, generator.recipe.cube_mm / 2)
+    xyz = restore_joints(scene.bodies.joints, center, scene.cube_mm / 2)
     return nyu_files.annotation_of(xyz, center)[: count - number * BLOCK]
 
 
-def whole_image(scene: Scene, n: int, generator: Generator) -> NDArray[np.float64]:
+def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:
     """The whole depth image (height, width) in mm of frame ``n`` of a block; 0 around what its crop shows.
 
     Every pixel of the crop fills those pixels of the image that it stands for.
     """
-    camera, cube_mm = scene.camera, generator.recipe.cube_mm
+    camera, cube_mm = scene.camera, scene.cube_mm
     half = cube_mm / 2
     center = scene.center_uvd[n : n + 1]
     crop = scene.depth[n].astype(np.float64)

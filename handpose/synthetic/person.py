@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handpose.facts.nyu import CENTER_IN_PALM
 from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import Capsules
 from handpose.synthetic.flesh_prior import ANYBODY, FleshPrior
-from handpose.synthetic.pose_prior import HandSampler, cut_normal
+from handpose.synthetic.pose_prior import BodySampler, cut_normal
 from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 
@@ -28,6 +27,7 @@ class Person:
     offset   how far capsules end beside their joints, of the skeleton file's
     sleeve   from which part of the forearm on it is worn, and how much thicker it is; thickness 0 is none
     unit_mm  what a length of 1 stands for
+    center   (3,) in units, palm frame: where the middle of a crop is
     """
 
     flesh: Flesh
@@ -37,23 +37,20 @@ class Person:
     offset: float
     sleeve: tuple[float, float]
     unit_mm: float
+    center: Array
 
     @staticmethod
-    def draw(rng: np.random.Generator, sampler: HandSampler, prior: FleshPrior = WHOLE_ARM) -> Person:
+    def draw(rng: np.random.Generator, sampler: BodySampler, prior: FleshPrior = WHOLE_ARM) -> Person:
         """Anybody."""
-        hand, flesh = sampler.hands(rng, 1), sampler.flesh
+        hand, flesh = sampler.draw(rng, 1), sampler.flesh
         size, unit_mm = float(hand.scale[0]), sampler.cube_mm / 2
         radii = flesh.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))
         radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
         radii[flesh.limbs] *= rng.uniform(*prior.limb)
         worn = rng.random() < prior.sleeve
         sleeve = float(rng.uniform(*prior.sleeve_from)), worn * float(rng.uniform(*prior.sleeve_mm)) / unit_mm
-        return Person(flesh, hand.bones[0], size, radii, float(rng.uniform(*prior.offsets)), sleeve, unit_mm)
-
-    @property
-    def center_in_palm(self) -> Array:
-        """(3,) in units, palm frame: where the middle of a crop is."""
-        return np.array(CENTER_IN_PALM) / self.unit_mm * self.size
+        offset = float(rng.uniform(*prior.offsets))
+        return Person(flesh, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size)
 
     def joints(self, inputs: Array) -> Array:
         """Joints (N, K, 3) in units of inputs (N, D) of the whole body."""

@@ -5,7 +5,7 @@ What a locator learns from (``handpose.predicting.locator``): is a hand near, an
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from handpose.data.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import KINECT2, SR305
 from handpose.synthetic.generator import BLOCK, VERSION, Split, View, check_source, numbers_of
-from handpose.synthetic.scenes import PRIOR, draw_scenes
+from handpose.synthetic.prior_file import RangeParameter
+from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
 from netlib.blob import Array
 
@@ -115,7 +116,7 @@ class PlaceGenerator:
     def _of_a_scene(self, rng: np.random.Generator, number: int) -> tuple[NDArray[np.float32], Array]:
         """Crops (PER_SCENE, SIZE, SIZE), and where the hand's middle is (PER_SCENE, 3) in mm from theirs."""
         view, depth = VIEWS[int(rng.integers(len(VIEWS)))]
-        scenes = draw_scenes(rng, 1, view.camera, view.sensor, replace(PRIOR, depth=depth), first=number)
+        scenes = draw_scenes(rng, 1, view.camera, view.sensor, prior_of(RangeParameter(*depth)), first=number)
         image, hand = scenes.depth[0], scenes.center[0]
         places = surface_places(image, view.camera)
         places = rng.permutation(places + rng.normal(0, JITTER_MM, places.shape))

@@ -1,117 +1,76 @@
-"""How hands are held, and whose they are: the prior of synthetic poses, as numbers, and hands drawn from it.
+"""Bodies drawn from a prior: how they are held, where they are, and how they differ in size.
 
 Whose flesh is about them: ``flesh_prior``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.flesh.flesh import Flesh
-from layers.hand import skeleton as skeletons
+from handpose.synthetic import prior_file
+from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
 from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-FINGERS = ("little", "ring", "middle", "index")
 
+class Bodies(NamedTuple):
+    """N posed bodies, in half-cubes from their crop centres."""
 
-@dataclass(frozen=True)
-class PosePrior:
-    """How hands are held, and whose they are. Angles in degrees are of the whole palm, R = Rz Rx Ry."""
-
-    # Global rotation.
-    roll_mean: float = 5.0  # Rz, most hands: normal
-    roll_std: float = 40.0
-    roll_uniform: float = 0.15  # Rz, this fraction: any angle
-    pitch_mean: float = -12.0  # Rx: normal
-    pitch_std: float = 32.0
-    pitch_limit: float = 85.0  # largest |Rx|
-    yaw_std: float = 50.0  # Ry, most hands: normal about 0
-    yaw_uniform: float = 0.40  # Ry, this fraction: any angle
-
-    # Fingers, as fractions of the skeleton's limits: 0 straight, 1 bent.
-    curl_shared: tuple[float, float] = (0.7, 1.0)  # Beta: one curl for all fingers of a hand
-    independent: float = 0.40  # this fraction of hands has ...
-    curl_own: tuple[float, float] = (0.6, 0.8)  # ... Beta: a curl for each finger
-    finger_noise: float = 0.18  # normal, of each angle about its curl, and of the spread about the initial pose
-    thumb: tuple[float, float] = (1.3, 1.3)  # Beta: each thumb angle
-    penetration: float = 5.0  # mm that fingers may sink into each other or the palm; deeper ones are drawn again
-    redraws: int = 8  # at most so often
-
-    # Place. The crop centre is NYU's annotated joint 34, which the model does not have.
-    center_in_palm: tuple[float, float, float] = CENTER_IN_PALM  # mm, palm frame
-    center_jitter: float = 3.0  # mm, normal, each axis
-    center_jitter_wide: float = 7.5  # the same ...
-    wide: float = 0.20  # ... for this fraction
-    depth: tuple[float, float] = (550.0, 1000.0)  # mm, uniform
-    lateral_x: tuple[float, float] = (-0.08, 0.08)  # x / z of the centre: normal, mean and deviation
-    lateral_y: tuple[float, float] = (-0.03, 0.07)  # y / z of the centre: normal, mean and deviation
-
-    # Bones, relative to the skeleton's.
-    scale_std: float = 0.06  # the whole hand
-    bone_std: float = 0.04  # each bone
-    scale_clip: float = 2.5  # both are cut at so many deviations
-
-
-DEFAULT_PRIOR = PosePrior()
-# Hands in front of any camera: every roll, so that hands pointing down are as common as others, near and far.
-ANY_ROLL = PosePrior(
-    roll_uniform=0.6, pitch_std=36.0, depth=(250.0, 1200.0), center_jitter=4.0, center_jitter_wide=10.0
-)
-
-
-class Hands(NamedTuple):
-    """N posed hands, in half-cubes from their crop centres."""
-
-    inputs: Array  # (N, 47) parameters of the model
-    bones: Array  # (N, 33) bone lengths, the flesh's own, too
-    joints: Array  # (N, 31, 3)
+    inputs: Array  # (N, D) parameters of the model
+    bones: Array  # (N, K) bone lengths, the flesh's own, too
+    joints: Array  # (N, K, 3)
     scale: Array  # (N,) size relative to the skeleton
 
 
-class HandSampler:
-    """Draws hands and their crop centres.
+class BodySampler:
+    """Draws bodies and their crop centres.
 
-    skeleton  the NYU hand, whose limits bound the fingers and whose bones are varied
-    flesh     that of the hands, which keeps fingers from running through each other
+    prior     by default that of the NYU hand
+    cube_mm   edge of the crops; the prior's if none is given
+    skeleton  whose limits bound the poses and whose bones are varied; the prior's if none is given
 
-    rotation, translation, thumb  the DoFs of the palm, about z, x, y and along x, y, z, and of the thumb
-    flexions, spreads             (4, 3), (4,) those that bend the fingers of ``FINGERS``, and that spread them
+    rotation     the DoFs of the turns
+    translation  the DoFs along x, y, z of the joint that the crop centre hangs on; none where it has none
+    limbs        the other DoFs that are drawn, ascending
     """
 
-    def __init__(self, prior: PosePrior = DEFAULT_PRIOR, cube_mm: float = CUBE_MM) -> None:
-        self.prior, self.cube_mm = prior, cube_mm
-        self.skeleton = skeletons.load()
+    def __init__(
+        self, prior: PosePrior | None = None, cube_mm: float | None = None, skeleton: Skeleton | None = None
+    ) -> None:
+        self.prior = prior = prior or prior_file.load()
+        self.cube_mm = cube_mm or prior.cube_mm
+        self.skeleton = skeleton or prior.body()
         self.flesh = Flesh(self.skeleton)
         self.kinematics = kinematics_of(self.skeleton)
-        dof = self.skeleton.dof_names.index
-        self._palm = self.skeleton.joint_names.index("palm")
-        self.rotation = [dof(f"palm_rot_{axis}") for axis in "zxy"]
-        self.translation = [dof(f"palm_{axis}") for axis in "xyz"]
-        self.flexions = np.array([[dof(f"{f}_{part}_rot_x") for part in ("base", "pip", "dip")] for f in FINGERS])
-        self.spreads = np.array([dof(f"{f}_base_rot_z") for f in FINGERS])
-        self.thumb = np.array([dof(f"thumb_{d}") for d in ("pip_rot_y", "pip_rot_z", "dip_rot_z", "tip_rot_z")])
+        self.rotation = self._dofs(turn.dof for turn in prior.turn)
+        self.translation = self._translation()
+        self._bent = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
+        self._spread = [self._dofs(spread.dof) for spread in prior.spread]
+        self._between = [self._dofs(between.dof) for between in prior.between]
+        drawn = [dofs for chains in self._bent for dofs in chains] + self._spread + self._between
+        self.limbs = np.sort(np.concatenate([*drawn, np.zeros(0, int)]))
+        self.poses = {pose.name: self._inputs_of(pose) for pose in prior.pose}
 
-    def hands(self, rng: np.random.Generator, count: int) -> Hands:
-        """Draw ``count`` hands in poses in which fingers do not run through each other."""
+    def draw(self, rng: np.random.Generator, count: int) -> Bodies:
+        """Draw ``count`` bodies in poses in which parts do not run through each other."""
         p, sk, flesh, kinematics = self.prior, self.skeleton, self.flesh, self.flesh.kinematics
         scale = 1 + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
-        whole_bones = flesh.whole.bones
-        bones = (
-            whole_bones * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(whole_bones)), p.scale_clip))
-        )
+        own = flesh.whole.bones
+        bones = own * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip))
         inputs = np.zeros((count, len(flesh.whole.initial)))
         inputs[:, self.rotation] = self.rotations(rng, count) - sk.initial[self.rotation]
         todo = np.arange(count)
         depth = np.full(count, np.inf)
         for _ in range(p.redraws):
             trial = inputs[todo]
-            self._draw_fingers(rng, trial)
+            self._draw_limbs(rng, trial)
             ends = flesh.ends(kinematics.forward(trial, bones[todo]), scale[todo])
             found = flesh.penetration(ends, flesh.radii * scale[todo, None, None]) * (self.cube_mm / 2)
             better = found < depth[todo]
@@ -120,54 +79,124 @@ class HandSampler:
             todo = np.flatnonzero(depth > p.penetration)
             if not len(todo):
                 break
-        # The crop centre hangs on the palm; the origin is the crop centre.
-        wide = rng.random((count, 1)) < p.wide
-        jitter = rng.standard_normal((count, 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
-        palm = kinematics.rotation_of(kinematics.forward(inputs, bones), self._palm)
-        center = np.einsum("nij,j->ni", palm, p.center_in_palm) * scale[:, None] + jitter
-        inputs[:, self.translation] = -center / (self.cube_mm / 2) - sk.initial[self.translation]
+        self._place(rng, inputs, bones, scale)
         joints = kinematics.joints(inputs, bones)[:, : len(sk.joint_names)]
-        return Hands(inputs[:, : len(sk.initial)], bones, joints, scale)
+        return Bodies(inputs[:, : len(sk.initial)], bones, joints, scale)
 
     def rotations(self, rng: np.random.Generator, count: int) -> Array:
-        """Draw angles (count, 3) of whole palms about z, x, y in radians."""
-        p = self.prior
-        z = np.where(
-            rng.random(count) < p.roll_uniform,
-            rng.uniform(-180, 180, count),
-            p.roll_mean + p.roll_std * rng.standard_normal(count),
-        )
-        x = np.clip(p.pitch_mean + p.pitch_std * rng.standard_normal(count), -p.pitch_limit, p.pitch_limit)
-        y = np.where(
-            rng.random(count) < p.yaw_uniform,
-            rng.uniform(-180, 180, count),
-            p.yaw_std * rng.standard_normal(count),
-        )
-        return np.asarray(np.deg2rad(np.stack([z, x, y], axis=1)))
-
-    def _draw_fingers(self, rng: np.random.Generator, inputs: Array) -> None:
-        """Set the angles of fingers and thumb in ``inputs`` (N, 47), within their limits."""
-        p, N = self.prior, len(inputs)
-        lower, upper = self.skeleton.lower, self.skeleton.upper
-        own = rng.beta(*p.curl_own, (N, len(FINGERS)))
-        shared = rng.beta(*p.curl_shared, (N, 1))
-        curl = np.where(rng.random((N, 1)) < p.independent, own, shared)[:, :, None]
-        bent = np.clip(curl + p.finger_noise * rng.standard_normal((N, *self.flexions.shape)), 0, 1)
-        inputs[:, self.flexions] = upper[self.flexions] - bent * (upper - lower)[self.flexions]
-        d = self.spreads
-        spread = p.finger_noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
-        inputs[:, d] = np.clip(spread, lower[d], upper[d])
-        d = self.thumb
-        inputs[:, d] = lower[d] + rng.beta(*p.thumb, (N, len(d))) * (upper - lower)[d]
+        """Draw the angles (count, T) of the turns in radians."""
+        angles = [_angles(rng, turn, count) for turn in self.prior.turn]
+        return np.asarray(np.deg2rad(np.stack(angles, axis=1) if angles else np.zeros((count, 0))))
 
     def centers(self, rng: np.random.Generator, count: int, camera: Camera) -> Array:
         """Crop centres (count, 3): px, px, mm; exact in float32, as the labels store them."""
         p = self.prior
-        z = rng.uniform(*p.depth, count)
-        x = (p.lateral_x[0] + p.lateral_x[1] * rng.standard_normal(count)) * z
-        y = (p.lateral_y[0] + p.lateral_y[1] * rng.standard_normal(count)) * z
+        z = rng.uniform(p.depth.low, p.depth.high, count)
+        x = (p.lateral_x.mean + p.lateral_x.std * rng.standard_normal(count)) * z
+        y = (p.lateral_y.mean + p.lateral_y.std * rng.standard_normal(count)) * z
         uvd = camera.project(np.stack([x, y, z], axis=1))
         return uvd.astype(np.float32).astype(np.float64)
+
+    @property
+    def center(self) -> Array:
+        """(3,) in half-cubes: where the centre of crops is in the frame of its joint."""
+        c = self.prior.center
+        return np.array([c.x, c.y, c.z] if c else [0.0, 0.0, 0.0]) / (self.prior.cube_mm / 2)
+
+    def _draw_limbs(self, rng: np.random.Generator, inputs: Array) -> None:
+        """Set the limbs in ``inputs`` (N, D), within their limits."""
+        N, lower, upper = len(inputs), self.skeleton.lower, self.skeleton.upper
+        for bend, chains in zip(self.prior.bend, self._bent):
+            self._bend(rng, inputs, bend, chains)
+        for spread, d in zip(self.prior.spread, self._spread):
+            values = spread.noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
+            inputs[:, d] = np.clip(values, lower[d], upper[d])
+        for between, d in zip(self.prior.between, self._between):
+            inputs[:, d] = lower[d] + rng.beta(between.a, between.b, (N, len(d))) * (upper - lower)[d]
+        if self.prior.blend:
+            self._blend(rng, inputs)
+
+    def _bend(
+        self, rng: np.random.Generator, inputs: Array, bend: BendParameter, chains: list[NDArray[np.int_]]
+    ) -> None:
+        """Set the DoFs of a ``bend``."""
+        N, dofs = len(inputs), np.concatenate(chains)
+        own = rng.beta(bend.own.a, bend.own.b, (N, len(chains)))
+        shared = rng.beta(bend.shared.a, bend.shared.b, (N, 1))
+        part = np.where(rng.random((N, 1)) < bend.independent, own, shared)
+        each = np.repeat(part, [len(d) for d in chains], axis=1)
+        inputs[:, dofs] = self._bent_by(bend, dofs, np.clip(each + bend.noise * rng.standard_normal(each.shape), 0, 1))
+
+    def _blend(self, rng: np.random.Generator, inputs: Array) -> None:
+        """Set the limbs of some bodies to something between two poses with a name."""
+        N, p, d = len(inputs), self.prior, self.limbs
+        lower, upper = self.skeleton.lower[d], self.skeleton.upper[d]
+        poses = np.stack(list(self.poses.values()))[:, d]
+        chosen = rng.random(N) < p.blend
+        first, second = rng.integers(len(poses), size=(2, N))
+        part = rng.random((N, 1))
+        between = (1 - part) * poses[first] + part * poses[second]
+        between += p.blend_noise * rng.standard_normal(between.shape) * (upper - lower)
+        inputs[np.ix_(chosen, d)] = np.clip(between, lower, upper)[chosen]
+
+    def _place(self, rng: np.random.Generator, inputs: Array, bones: Array, scale: Array) -> None:
+        """Move the bodies such that their crop centres, but for the jitter, are at the origin."""
+        p, half = self.prior, self.cube_mm / 2
+        if not len(self.translation) or p.center is None:
+            return
+        wide = rng.random((len(inputs), 1)) < p.wide
+        jitter = rng.standard_normal((len(inputs), 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
+        joint = self.skeleton.joint_names.index(p.center.joint)
+        frame = self.flesh.kinematics.rotation_of(self.flesh.kinematics.forward(inputs, bones), joint)
+        own = (p.center.x, p.center.y, p.center.z)
+        center = np.einsum("nij,j->ni", frame, own) * (scale[:, None] * (self.cube_mm / p.cube_mm)) + jitter
+        inputs[:, self.translation] = -center / half - self.skeleton.initial[self.translation]
+
+    def _inputs_of(self, pose: PoseParameter) -> Array:
+        """The inputs (D,) of a pose with a name."""
+        lower, upper = self.skeleton.lower, self.skeleton.upper
+        inputs = np.zeros(len(lower))
+        chains = {
+            chain.name: (bend, dofs)
+            for bend, own in zip(self.prior.bend, self._bent)
+            for chain, dofs in zip(bend.chain, own)
+        }
+        for part in pose.bend:
+            bend, d = chains[part.of]
+            inputs[d] = self._bent_by(bend, d, np.full(len(d), part.part))
+        for part in pose.at:
+            i = self.skeleton.dof_names.index(part.of)
+            inputs[i] = lower[i] + part.part * (upper - lower)[i]
+        return inputs
+
+    def _bent_by(self, bend: BendParameter, dofs: NDArray[np.int_], part: Array) -> Array:
+        """The inputs (..., n) of DoFs that are bent by so much, 0 to 1."""
+        lower, upper = self.skeleton.lower[dofs], self.skeleton.upper[dofs]
+        if bend.straight == "UPPER":
+            return np.asarray(upper - part * (upper - lower))
+        return np.asarray(lower + part * (upper - lower))
+
+    def _dofs(self, names: Iterable[str]) -> NDArray[np.int_]:
+        return np.array([self.skeleton.dof_names.index(name) for name in names], dtype=int)
+
+    def _translation(self) -> NDArray[np.int_]:
+        """The DoFs that move the centre's joint along x, y, z of the world."""
+        if self.prior.center is None:
+            return np.zeros(0, dtype=int)
+        joint = self.skeleton.joint_names.index(self.prior.center.joint)
+        along = {m.axis: m.dof for m in self.skeleton.motions[joint] if m.kind == "translate" and m.sign > 0}
+        whole = self.skeleton.parents[joint] < 0 and len(along) == 3
+        return np.array([along[axis] for axis in range(3)] if whole else [], dtype=int)
+
+
+def _angles(rng: np.random.Generator, turn: TurnParameter, count: int) -> Array:
+    """Angles (count,) of a turn in degrees."""
+    if turn.any is None:
+        angles = turn.mean + turn.std * rng.standard_normal(count)
+    else:
+        anywhere = rng.random(count) < turn.any
+        angles = np.where(anywhere, rng.uniform(-180, 180, count), turn.mean + turn.std * rng.standard_normal(count))
+    return np.clip(angles, -turn.most, turn.most)
 
 
 def cut_normal(rng: np.random.Generator, shape: tuple[int, ...], cut: float) -> Array:

@@ -25,14 +25,13 @@ from handpose.facts.cameras import NYU, UNIT_MM, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.recordings.recording import DepthFrame, Recording
 from handpose.synthetic.scripts import SCRIPTS, Script
-from handpose.synthetic.sensor import CODED_LIGHT, KINECT, TIME_OF_FLIGHT, Sensor, sense
+from handpose.synthetic.sensor import Sensor, sense, sensor_of
 from handpose.synthetic.stage import SURROUNDINGS, Shot, Stage
 from handpose.synthetic.surroundings import NOWHERE_MM
 from handpose.tracks.reasons import PARTLY
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.errors import DataError, did_you_mean
 
-SENSORS = {"nyu": KINECT, "sr305": CODED_LIGHT}  # of the cameras; of others time of flight
 LONGEST_S = 36000.0
 LARGEST = 1 << 14  # pixels either way, as in a camera.json
 FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # what random numbers are for, beside those of the stage
@@ -76,7 +75,7 @@ class SyntheticRecording(Recording):
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)
-        kind = SENSORS.get(camera.name, TIME_OF_FLIGHT) if isinstance(sensor, str) else sensor
+        kind = sensor_of(camera) if isinstance(sensor, str) else sensor
         self.sensor = kind and kind.settled(self._numbers(FAULTS))
         self.stage = Stage(self.script, camera, length, self._numbers)
         self._last: tuple[int, Shot] | None = None

@@ -12,12 +12,14 @@ from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.flesh.render import Capsules, Floats, in_front, render
 from handpose.synthetic.flesh_prior import ANYBODY, draw_capsules
-from handpose.synthetic.pose_prior import ANY_ROLL, HandSampler, PosePrior
+from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.prior_file import NormalParameter, PosePrior, RangeParameter
+from handpose.synthetic.recipes import any_roll
 from handpose.synthetic.sensor import KINECT, Sensor, sense
 from netlib.blob import Array
 
 KINDS = ("forearm", "body", "clutter")
-PRIOR: PosePrior = replace(ANY_ROLL, depth=(450.0, 900.0), lateral_x=(0.0, 0.12), lateral_y=(0.0, 0.08))
+DEPTH = RangeParameter(450.0, 900.0)
 SEEN = 0.5  # part of a hand's surface that nothing hides
 MOSTLY = 0.9  # part of its joints that are in the image
 ARM_MM = 290.0  # from the elbow to the shoulder
@@ -27,6 +29,11 @@ BODY = (  # from, to, both radii; mm from the middle between the shoulders, x to
     ((-150, -20, 0), (150, -20, 0), 70, 70),  # shoulders
     ((0, -90, 0), (0, -420, 0), 150, 160),  # trunk
 )
+
+
+def prior_of(depth: RangeParameter) -> PosePrior:
+    """Hands held anyhow, at a depth, anywhere in an image."""
+    return any_roll().but(depth=depth, lateral_x=NormalParameter(0.0, 0.12), lateral_y=NormalParameter(0.0, 0.08))
 
 
 class Scenes(NamedTuple):
@@ -40,15 +47,17 @@ class Scenes(NamedTuple):
 
 def draw_scenes(
     rng: np.random.Generator, count: int, camera: Camera = NYU, sensor: Sensor | None = KINECT,
-    prior: PosePrior = PRIOR, first: int = 0,
+    prior: PosePrior | None = None, first: int = 0,
 ) -> Scenes:  # fmt: skip
     """Images of the kinds of ``KINDS`` in turn from number ``first`` on, of right hands held as ``prior`` says.
+
+    By default that of ``prior_of``.
 
     forearm  comes from the camera's side: it is nearer than the hand
     body     its own behind it: upper arm, shoulders, trunk and head, before a wall
     clutter  a table below, bottles and balls beside it, some of them nearer than the hand
     """
-    sampler = HandSampler(prior)
+    sampler = BodySampler(prior or prior_of(DEPTH))
     images, centers, joints, kinds = [], [], [], []
     for n in range(first, first + count):
         kind = KINDS[n % len(KINDS)]
@@ -65,7 +74,7 @@ def draw_scenes(
 
 
 def _visible_scene(
-    rng: np.random.Generator, sampler: HandSampler, camera: Camera, kind: str
+    rng: np.random.Generator, sampler: BodySampler, camera: Camera, kind: str
 ) -> tuple[Floats, Array, Array, float]:
     """An image (1, height, width), centre and joints of its hand, which mostly is seen, and the depth of the wall."""
     own = ~sampler.flesh.limbs
@@ -86,12 +95,12 @@ def _visible_scene(
 
 
 def _hand(
-    rng: np.random.Generator, sampler: HandSampler, camera: Camera, to_camera: bool
+    rng: np.random.Generator, sampler: BodySampler, camera: Camera, to_camera: bool
 ) -> tuple[Capsules, Array, Array]:
     """Capsules of a hand with its arm (1, M), its centre (3,) and its joints (K, 3) in mm."""
     prior = replace(ANYBODY, towards_camera=0.85 if to_camera else 0.3, cut=0.0)
     while True:
-        hands = sampler.hands(rng, 1)
+        hands = sampler.draw(rng, 1)
         center = camera.unproject(sampler.centers(rng, 1, camera))
         capsules = draw_capsules(rng, prior, sampler.flesh, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center)
         arm = (capsules.b - capsules.a)[0, np.flatnonzero(sampler.flesh.limbs)[0]]

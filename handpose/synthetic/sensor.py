@@ -191,3 +191,8 @@ def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
     around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
     depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[n, 0, 0]
     depth.reshape(-1)[dropped] = far[dropped // (H * W), 0, 0]
+
+
+def sensor_of(camera: Camera) -> Sensor:
+    """The faults of a camera of ours; of one that is not known those of time of flight."""
+    return {"nyu": KINECT, "sr305": CODED_LIGHT}.get(camera.name, TIME_OF_FLIGHT)

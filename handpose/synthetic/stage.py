@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from handpose.facts.cameras import Camera
 from handpose.flesh.render import Capsules, Floats, in_front
+from handpose.synthetic import prior_file
 from handpose.synthetic.acts import Actor
 from handpose.synthetic.movements import HandPose, Movement
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import render_image
 from handpose.synthetic.scripts import Script
 from handpose.synthetic.surroundings import NOWHERE_MM, draw_surroundings
 from handpose.synthetic.volume import Volume
 from handpose.tracks.reasons import HIDDEN, LEFT, PARTLY
 
-PRIOR: PosePrior = replace(PosePrior(), roll_uniform=0.0, yaw_uniform=0.1)  # most of the time a palm or a back is seen
 BODY_FAR = 700.0  # mm: before a body hands stay so near
 MOSTLY, HARDLY = 0.9, 0.1  # part of the joints in the image: in sight if as many, gone if not more
 SEEN, COVERED = 0.5, 0.05  # part of the surface that nothing hides: in sight if as much, hidden if less
@@ -50,7 +49,8 @@ class Stage:
 
     def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
         self.script, self.camera = script, camera
-        self.sampler = HandSampler(PRIOR)
+        prior = prior_file.load().turned("palm_rot_z", any=0.0).turned("palm_rot_y", any=0.1)
+        self.sampler = BodySampler(prior)  # most of the time a palm or a back is seen
         who = {role.person for role in script.roles}
         self.people = {person: Person.draw(numbers(PEOPLE, person), self.sampler) for person in who}
         volumes = [self._volume(n) for n in range(len(script.roles))]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import ablation
-from handpose.synthetic.generator import RECIPES
+from handpose.synthetic import recipes
 from netlib import prototxt, schema
 from netlib.messages import SolverParameter
 from netlib.net_parameter import load_parameter
@@ -18,7 +18,7 @@ from netlib.net_parameter import load_parameter
 def test_every_study_is_a_net_and_a_solver(name: str) -> None:
     """That can be read; all but the first, which is the recipe, differ from it in data, net, solver or rampup."""
     recipe = ablation.STUDIES[name][0]
-    assert recipe.recipe == RECIPES[name]
+    assert recipe.recipe == recipes.recipe(name)
     assert len({study.name for study in ablation.STUDIES[name]}) == len(ablation.STUDIES[name])
     for study in ablation.STUDIES[name]:
         net, solver = study.net(ablation.NET), study.solver(ablation.SOLVER)

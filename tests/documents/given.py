@@ -19,7 +19,8 @@ from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.writing import RecordingWriter
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recordings import SyntheticRecording
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
@@ -92,7 +93,7 @@ def data(folder: Path) -> Names:
 
 def _joints_mm(count: int) -> NDArray[np.float64]:
     """(count, 31, 3): hands of the packaged size about the crop's centre."""
-    hands = HandSampler(PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), count)
+    hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), count)
     return kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
 
 

@@ -310,6 +310,23 @@ def read_skeleton(path: Path) -> Any:
     return run_once(netlib.Net("net.prototxt", netlib.TRAIN, seed=1))
 
 
+def make_priors() -> list[str]:
+    """The packaged prior of the hand, beside its skeleton."""
+    folder = ROOT / "prototxt" / "hand"
+    shutil.copy(folder / "nyu.prototxt", "nyu.prototxt")
+    shutil.copy(folder / "nyu_prior.prototxt", "prior.prototxt")
+    return ["prior.prototxt"]
+
+
+def read_prior(path: Path) -> Any:
+    """Load it, and draw hands from it."""
+    from handpose.synthetic import prior_file
+    from handpose.synthetic.pose_prior import BodySampler
+
+    bodies = BodySampler(prior_file.load(path)).draw(np.random.default_rng(0), 4)
+    return bodies.inputs, bodies.joints
+
+
 # ---------------------------------------------------------------------------------------------- weights and states
 
 
@@ -974,6 +991,7 @@ READERS: tuple[Reader, ...] = (
     Reader("net", ("netlib/prototxt.py",), make_nets, read_net),
     Reader("solver", ("netlib/prototxt.py",), make_solver, read_solver),
     Reader("skeleton", ("netlib/prototxt.py",), make_skeletons, read_skeleton),
+    Reader("prior", ("netlib/prototxt.py",), make_priors, read_prior),
     Reader("net to upgrade", ("tools/upgrade_net.py",), lambda: [*make_nets()[:2], *make_old_weights()], read_text_net),
     Reader("message", (), make_messages, read_message),
     Reader("weights hdf5", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"),

@@ -8,7 +8,7 @@ from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.flesh.render import Capsules, Floats, render
 from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsules
-from handpose.synthetic.pose_prior import Hands, HandSampler
+from handpose.synthetic.pose_prior import Bodies, BodySampler
 
 ARM_BEHIND = FleshPrior(towards_camera=-0.2)  # the hand is nearer than the arm, as one holds it to a camera
 
@@ -22,7 +22,7 @@ def render_image(capsules: Capsules, camera: Camera = NYU, background: float = n
 
 
 def capsules_of(
-    sampler: HandSampler, rng: np.random.Generator, hands: Hands, center_mm: object, prior: FleshPrior = DEFAULT_FLESH
+    sampler: BodySampler, rng: np.random.Generator, hands: Bodies, center_mm: object, prior: FleshPrior = DEFAULT_FLESH
 ) -> Capsules:
     """Capsules in mm of hands whose crop centres (N, 3) or (3,) are given in mm."""
     center = np.broadcast_to(np.asarray(center_mm, float), (len(hands.joints), 3))

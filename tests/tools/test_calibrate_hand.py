@@ -11,7 +11,8 @@ import pytest
 from handpose.facts.cameras import KINECT2
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.levenberg_marquardt import fit_joints
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
@@ -24,7 +25,7 @@ HAND = skeletons.load()
 def frames():
     """60 frames of a hand that is a tenth smaller than the packaged one, with a longer thumb."""
     bones = 0.9 * HAND.bones * np.where(np.char.startswith(HAND.joint_names, "thumb"), 1.1, 1)
-    inputs = HandSampler().hands(np.random.default_rng(3), 60).inputs
+    inputs = BodySampler().draw(np.random.default_rng(3), 60).inputs
     inputs[:, :3] += 0.1 * HAND.initial[:3]
     return np.clip(kinematics_of(HAND).joints(inputs, np.tile(bones, (60, 1))), -1, 1)
 
@@ -165,8 +166,8 @@ def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
 def test_size_from_depth(tmp_path, monkeypatch, capsys):
     """Eight whole frames of a hand 0.9 times as large: its size to 3%, in a file that reads back."""
     monkeypatch.chdir(tmp_path)
-    sampler, rng = HandSampler(PosePrior(scale_std=0, bone_std=0)), np.random.default_rng(2)
-    hands = sampler.hands(rng, 8)
+    sampler, rng = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)), np.random.default_rng(2)
+    hands = sampler.draw(rng, 8)
     bones = 0.9 * hands.bones
     smaller = hands._replace(bones=bones, scale=0.9 * hands.scale)
     capsules = capsules_of(sampler, rng, smaller, (20, -10, 650), dataclasses.replace(ARM_BEHIND, thickness_std=0))

@@ -9,7 +9,8 @@ import pytest
 
 from handpose.facts.cameras import ICVL, NYU
 from handpose.facts.nyu import EVALUATION_JOINTS
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from tests.tools.conftest import ROOT
@@ -149,7 +150,7 @@ def test_angles(tmp_path, monkeypatch, capsys):
     """Predictions on the hand model have its angles, and one of three frames one beyond its limit; noise has none."""
     monkeypatch.chdir(tmp_path)
     skeleton, rng = skeletons.load(), np.random.default_rng(0)
-    inputs = HandSampler(PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), 3).inputs
+    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 3).inputs
     bent = inputs.copy()
     dof = skeleton.dof_names.index("index_base_rot_z")
     bent[1, dof] = skeleton.upper[dof] + 0.3

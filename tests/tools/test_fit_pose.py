@@ -9,7 +9,8 @@ import pytest
 
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.hdf5 import File
@@ -23,8 +24,8 @@ FILES = ["part_0.h5", "part_1.h5"]
 @pytest.fixture(scope="module")
 def inputs():
     """Poses of hands with the packaged bones."""
-    prior = PosePrior(scale_std=0, bone_std=0)
-    return HandSampler(prior).hands(np.random.default_rng(2), FRAMES).inputs
+    prior = prior_file.load().but(scale_std=0, bone_std=0)
+    return BodySampler(prior).draw(np.random.default_rng(2), FRAMES).inputs
 
 
 @pytest.fixture

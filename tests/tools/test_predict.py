@@ -18,7 +18,7 @@ from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.predicting import finding, packaged
 from handpose.predicting import nets as nets_of_hands
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
@@ -132,8 +132,8 @@ def frame(snapshot):
 
 def hand_before(camera):
     """Depth (height, width) in whole mm of a hand 700 mm before a camera; 0 where there is none."""
-    sampler, rng = HandSampler(), np.random.default_rng(1)
-    hand = sampler.hands(rng, 1)
+    sampler, rng = BodySampler(), np.random.default_rng(1)
+    hand = sampler.draw(rng, 1)
     flesh = capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND)
     depth = render_image(flesh, camera)[0]
     return np.where(np.isfinite(depth), depth, 0).astype(np.uint16)
@@ -386,8 +386,8 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch, capsys):
     """Fitted, told from a left one, with its error expected; within 2 cm of the truth (14 joints)."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
-    sampler = HandSampler()
-    hand = sampler.hands(rng, 1)
+    sampler = BodySampler()
+    hand = sampler.draw(rng, 1)
     depth = render_image(capsules_of(sampler, rng, hand, (30, -20, 700), ARM_BEHIND), KINECT2)[0]
     cv2.imwrite("frame.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))
     cv2.imwrite("mirrored.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16)[:, ::-1])

@@ -8,7 +8,8 @@ import pytest
 from handpose.experiments.fit_figures import auc, frames_of, joint_errors, measure, roll_of
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.predicting.packaged import load_predictor
-from handpose.synthetic.generator import RECIPES, Generator
+from handpose.synthetic import recipes
+from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
 
 
@@ -17,7 +18,7 @@ def test_figures_of_the_packaged_network() -> None:
     predictor = load_predictor()
     assert predictor.fitter is not None
     done: list[int] = []
-    frames = frames_of(Generator(77, "test", RECIPES["nyu"]), 40)
+    frames = frames_of(Generator(77, "test", recipes.recipe("nyu")), 40)
     found = measure(predictor.net, predictor.fitter, frames, ("fast", "accurate"), hands=True, progress=done.append)
     assert done == [40] and len(found.network) == 40 and found.limbs.shape == (40, 20)
     network, fast, accurate = (np.median(e) for e in (found.network, found.fits["fast"], found.fits["accurate"]))
@@ -30,7 +31,7 @@ def test_figures_of_the_packaged_network() -> None:
 
 def test_frames_are_those_of_the_generator() -> None:
     """As many as were asked for, in blocks of one camera."""
-    blocks = list(frames_of(Generator(1, "test", RECIPES["cameras"]), 70))
+    blocks = list(frames_of(Generator(1, "test", recipes.recipe("cameras")), 70))
     assert [len(block.crops) for block in blocks] == [64, 6]
     assert {len(block.joints) for block in blocks} == {64, 6} and blocks[0].joints.shape[1:] == (31, 3)
 

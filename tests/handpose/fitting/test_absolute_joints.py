@@ -10,7 +10,8 @@ import pytest
 
 from handpose.fitting.absolute_joints import fit_absolute, write_fit
 from handpose.fitting.particle_swarm import fit_joints_by_swarm
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 
@@ -22,7 +23,7 @@ HALF = np.array([150.0, 130.5, 150.0])
 @pytest.fixture
 def xyz() -> np.ndarray:
     """The joints in mm of three hands, of two sizes."""
-    inputs = HandSampler(PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(0), 3).inputs
+    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(0), 3).inputs
     return np.asarray(kinematics_of(SKELETON).joints(inputs) * HALF[:, None, None] + (20, -30, 800))
 
 

@@ -9,7 +9,7 @@ import netlib
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting import calibration, calibration_problem
 from handpose.fitting.calibration import calibrate
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter, text_of
@@ -30,7 +30,7 @@ def person(seed):
 
 
 def poses(count, seed=0):
-    return HandSampler().hands(np.random.default_rng(seed), count).inputs
+    return BodySampler().draw(np.random.default_rng(seed), count).inputs
 
 
 def errors(skeleton, truth):
@@ -137,7 +137,7 @@ def test_joints_that_were_not_seen(exact):
 
 def test_several_people():
     """No hand fits frames of different people: the residual says so."""
-    hands = HandSampler().hands(np.random.default_rng(5), 100)
+    hands = BodySampler().draw(np.random.default_rng(5), 100)
     assert np.mean(calibrate(HAND, hands.joints, starts=2).after) > 1.5 * MM
 
 

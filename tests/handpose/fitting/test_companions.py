@@ -9,13 +9,14 @@ import pytest
 
 import netlib
 from handpose.fitting import companions
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 
 SKELETON = skeleton.load()
-PACKAGED_BONES = PosePrior(scale_std=0, bone_std=0)
+PACKAGED_BONES = prior_file.load().but(scale_std=0, bone_std=0)
 FRAMES = 6
 SEEN_MM = 130.5  # half a cube
 
@@ -23,7 +24,7 @@ SEEN_MM = 130.5  # half a cube
 @pytest.fixture
 def source(tmp_path):
     """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are cut off."""
-    inputs = HandSampler(PACKAGED_BONES).hands(np.random.default_rng(3), FRAMES).inputs
+    inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
     inputs[0, SKELETON.dof_names.index("palm_y")] += 0.6
     write(
         tmp_path / "data" / "part.h5", joint=np.clip(kinematics_of(SKELETON).joints(inputs), -1, 1).reshape(FRAMES, 93)

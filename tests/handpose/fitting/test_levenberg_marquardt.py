@@ -8,7 +8,7 @@ from handpose.facts.cameras import NYU
 from handpose.facts.nyu import EVALUATION_JOINTS, cube_of_test_frame
 from handpose.fitting import angles, levenberg_marquardt
 from handpose.fitting.levenberg_marquardt import fit_joints
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter
@@ -26,7 +26,7 @@ def joints_of(body, inputs):
 @pytest.fixture(scope="module")
 def inputs():
     """40 poses of synthetic hands; their joints are those of the packaged bones."""
-    return HandSampler().hands(np.random.default_rng(7), 40).inputs
+    return BodySampler().draw(np.random.default_rng(7), 40).inputs
 
 
 @pytest.mark.parametrize("limits", [True, False])

@@ -6,7 +6,7 @@ import pytest
 
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.observations import read_observations
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
@@ -24,7 +24,7 @@ def write(path, joints, **more):
 
 @pytest.fixture(scope="module")
 def frames():
-    return np.clip(kinematics_of(HAND).joints(HandSampler().hands(np.random.default_rng(0), 30).inputs) * 0.8, -1, 1)
+    return np.clip(kinematics_of(HAND).joints(BodySampler().draw(np.random.default_rng(0), 30).inputs) * 0.8, -1, 1)
 
 
 def test_annotation_of_a_list(frames, tmp_path):

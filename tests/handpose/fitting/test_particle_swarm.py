@@ -6,7 +6,7 @@ import pytest
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.fitting.particle_swarm import fit_joints_by_swarm
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter
@@ -18,7 +18,7 @@ SKELETON = skeletons.load()
 
 def test_swarm_comes_near_but_fit_comes_nearer():
     """The paper's way on three hands: within a centimetre of a 300 mm cube, and never better than fit."""
-    inputs = HandSampler().hands(np.random.default_rng(7), 40).inputs[:3]
+    inputs = BodySampler().draw(np.random.default_rng(7), 40).inputs[:3]
     targets = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS]
     swarm = fit_joints_by_swarm(SKELETON, targets, EVALUATION_JOINTS, particles=64, generations=150)
     best = fit_joints(SKELETON, targets, EVALUATION_JOINTS)

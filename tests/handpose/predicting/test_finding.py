@@ -10,23 +10,26 @@ from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
 from handpose.predicting import finding
 from handpose.predicting.finding import PALM_MM, depth_around, find_hand, palm_frame, recenter
+from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.nyu_format import whole_image
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib import prototxt, schema
 from netlib.errors import DataError
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 
-EXACT = PosePrior(center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0)  # all centres at one place of a palm
+EXACT = prior_file.load().but(
+    center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0
+)  # all centres at one place of a palm
 COUNT = 16
 
 
 def whole_frames(camera, count=COUNT):
     """Depth images (N, height, width) in mm of hands in free space, and their crop centres (N, 3) in mm."""
-    sampler, rng = HandSampler(), np.random.default_rng(7)
-    hands = sampler.hands(rng, count)
+    sampler, rng = BodySampler(), np.random.default_rng(7)
+    hands = sampler.draw(rng, count)
     center = camera.unproject(sampler.centers(rng, count, camera))
     flesh = capsules_of(sampler, rng, hands, center, ARM_BEHIND)
     return render_image(flesh, camera), center
@@ -57,7 +60,7 @@ def test_in_frames_of_nyus_format():
     """With the sensor's noise, and cut off at the cube: nearly as the comment of the constants says."""
     generator = Generator(seed=3)
     scenes = [generator.scene(number) for number in range(3)]
-    images = [whole_image(scene, n, generator) for scene in scenes for n in range(BLOCK)]
+    images = [whole_image(scene, n) for scene in scenes for n in range(BLOCK)]
     centers = NYU.unproject(np.concatenate([scene.center_uvd for scene in scenes]))
     median, most = np.percentile(distances(images, centers), [50, 90])
     assert median < 33 and most < 58
@@ -121,8 +124,8 @@ def test_too_little_to_be_a_hand():
 @pytest.fixture(scope="module")
 def hands():
     """Inputs (N, 47) of hands as training crops have them, their crop centres (N, 3) in mm, and the sampler."""
-    sampler, rng = HandSampler(prior=EXACT), np.random.default_rng(7)
-    return sampler.hands(rng, COUNT).inputs, NYU.unproject(sampler.centers(rng, COUNT, NYU)), sampler
+    sampler, rng = BodySampler(prior=EXACT), np.random.default_rng(7)
+    return sampler.draw(rng, COUNT).inputs, NYU.unproject(sampler.centers(rng, COUNT, NYU)), sampler
 
 
 def moved(inputs, sampler, by):

@@ -9,7 +9,8 @@ import numpy as np
 
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.scoring.fitted_angles import compare_angles
-from handpose.synthetic.pose_prior import HandSampler, PosePrior
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 
@@ -18,7 +19,7 @@ SKELETON = skeletons.load()
 
 def test_a_method_without_errors() -> None:
     """Its joints lie on the model and within its limits; every fit is watched from its first frame to its last."""
-    inputs = HandSampler(PosePrior(scale_std=0, bone_std=0)).hands(np.random.default_rng(2), 2).inputs
+    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
     truth = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
     watched: list[tuple[str, int, int]] = []
 

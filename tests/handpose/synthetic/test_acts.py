@@ -8,13 +8,14 @@ import pytest
 from handpose.facts.cameras import ICVL, NYU
 from handpose.synthetic.acts import FINGER_SPEED, HAND_SPEED, Act, Actor
 from handpose.synthetic.choices import Choices
-from handpose.synthetic.gestures import GESTURES, fingers_of, poses
+from handpose.synthetic.gestures import fingers_of, poses
 from handpose.synthetic.movements import Movement
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import FINGERS, HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.volume import Volume
 
-SAMPLER = HandSampler()
+SAMPLER = BodySampler()
+FINGERS = ("little", "ring", "middle", "index")
 STEP = 1 / 120
 
 
@@ -33,7 +34,7 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
     fingers = np.stack([movement.fingers.at(t) for t in times])
     place = np.stack([movement.place.at(t) for t in times])
     skeleton = SAMPLER.skeleton
-    bounded = [*SAMPLER.flexions.ravel(), *SAMPLER.thumb]
+    bounded = SAMPLER.limbs
     assert (fingers[:, bounded] <= skeleton.upper[bounded] + 1e-9).all()
     assert (fingers[:, bounded] >= skeleton.lower[bounded] - 1e-9).all()
     speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / STEP
@@ -98,9 +99,9 @@ def test_elbows_stay_on_their_side() -> None:
 
 def test_gestures_as_poses_by_name() -> None:
     """Within the limits, rounded, of every DoF of fingers and thumb and of no other."""
-    sampler = HandSampler()
-    skeleton, found = sampler.skeleton, poses(HandSampler())
-    assert list(found) == list(GESTURES) and found == poses(sampler)
+    sampler = BodySampler()
+    skeleton, found = sampler.skeleton, poses(BodySampler())
+    assert list(found) == list(sampler.poses) and found == poses(sampler)
     for inputs in found.values():
         assert len(inputs) == 20 and not any(name.startswith("palm") for name in inputs)
         for name, value in inputs.items():
@@ -115,17 +116,19 @@ def test_gestures_differ_and_keep_the_limits() -> None:
     person = Person.draw(np.random.default_rng(5), SAMPLER)
     tips = [SAMPLER.skeleton.joint_names.index(f"{finger}_tip") for finger in FINGERS]
     palm = SAMPLER.skeleton.joint_names.index("palm")
-    for name, gesture in GESTURES.items():
-        inputs = fingers_of(name, person, SAMPLER)
+    for pose in SAMPLER.prior.pose:
+        bent = np.array([part.part for part in pose.bend])
+        inputs = fingers_of(pose.name, person, SAMPLER)
         whole = np.zeros((1, len(person.flesh.whole.initial)))
         whole[0, : len(inputs)] = inputs
         joints = person.joints(whole)[0]
         assert person.penetration_mm(whole)[0] <= SAMPLER.prior.penetration
         reach = np.linalg.norm(joints[tips] - joints[palm], axis=1)
-        straight = np.array(gesture.bent) < 0.2
+        straight = bent < 0.2
         if straight.any() and not straight.all():
-            assert reach[straight].min() > reach[np.array(gesture.bent) > 0.7].max(initial=0.0)
-    assert len({fingers_of(name, person, SAMPLER).tobytes() for name in GESTURES}) >= len(GESTURES) - 1  # point is one
+            assert reach[straight].min() > reach[bent > 0.7].max(initial=0.0)
+    names = list(SAMPLER.poses)
+    assert len({fingers_of(name, person, SAMPLER).tobytes() for name in names}) >= len(names) - 1  # point is one
 
 
 def test_choices_can_be_reached() -> None:

@@ -11,28 +11,28 @@ from handpose.data.crops import crop
 from handpose.facts.cameras import NYU
 from handpose.flesh.render import CLEAR_MM, Capsules, normalise_depth, render_crop
 from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from tests.handpose.whole_images import capsules_of, render_image
 
 EXACT = replace(DEFAULT_FLESH, thickness_std=0)
 
 
 @pytest.fixture(scope="module")
-def sampler() -> HandSampler:
+def sampler() -> BodySampler:
     """The default sampler."""
-    return HandSampler()
+    return BodySampler()
 
 
-def drawn(sampler: HandSampler, prior: FleshPrior, count: int = 300, depth: float = 800) -> Capsules:
+def drawn(sampler: BodySampler, prior: FleshPrior, count: int = 300, depth: float = 800) -> Capsules:
     """The capsules of hands before a camera."""
     rng = np.random.default_rng(0)
-    return capsules_of(sampler, rng, sampler.hands(rng, count), (0, 0, depth), prior)
+    return capsules_of(sampler, rng, sampler.draw(rng, count), (0, 0, depth), prior)
 
 
-def test_rendered_hand_equals_its_cropped_image(sampler: HandSampler) -> None:
+def test_rendered_hand_equals_its_cropped_image(sampler: BodySampler) -> None:
     """A hand drawn along the crop's rays is the crop of the hand drawn on the whole image."""
     rng = np.random.default_rng(5)
-    hands = sampler.hands(rng, 3)
+    hands = sampler.draw(rng, 3)
     centers = sampler.centers(rng, 3, NYU)
     flesh = capsules_of(sampler, rng, hands, NYU.unproject(centers))
     direct = normalise_depth(render_crop(flesh, centers, 300.0), centers[:, 2], 300.0)
@@ -40,7 +40,7 @@ def test_rendered_hand_equals_its_cropped_image(sampler: HandSampler) -> None:
         assert (np.abs(direct[n] - crop(whole, centers[n], 300.0)) > 1e-3).sum() <= 5
 
 
-def test_forearms_do_not_point_at_the_camera(sampler: HandSampler) -> None:
+def test_forearms_do_not_point_at_the_camera(sampler: BodySampler) -> None:
     """The last capsule, the forearm, keeps to the side where the wrist can bend so far."""
     flesh = drawn(sampler, DEFAULT_FLESH)
     arm = flesh.b[:, -1] - flesh.a[:, -1]
@@ -49,10 +49,10 @@ def test_forearms_do_not_point_at_the_camera(sampler: HandSampler) -> None:
     assert (drawn(sampler, replace(DEFAULT_FLESH, redraws=0)).b[:, -1, 2] < 700).mean() > 0.1
 
 
-def test_thickness_and_single_radii(sampler: HandSampler) -> None:
+def test_thickness_and_single_radii(sampler: BodySampler) -> None:
     """Radii are the file's times a hand's thickness, and times a factor of each."""
     rng = np.random.default_rng(0)
-    size = sampler.hands(rng, 300).scale
+    size = sampler.draw(rng, 300).scale
     own = sampler.flesh.radii[:, 0] * 150
     exact = drawn(sampler, EXACT).radius_a / size[:, None]
     np.testing.assert_allclose(exact, np.broadcast_to(own, exact.shape))
@@ -62,17 +62,17 @@ def test_thickness_and_single_radii(sampler: HandSampler) -> None:
     assert single.std(axis=1).mean() == pytest.approx(0.1, rel=0.1)
 
 
-def test_offsets(sampler: HandSampler) -> None:
+def test_offsets(sampler: BodySampler) -> None:
     """At 0, capsules end at the joints."""
     rng = np.random.default_rng(0)
-    hands = sampler.hands(rng, 10)
+    hands = sampler.draw(rng, 10)
     capsules = capsules_of(sampler, rng, hands, (0, 0, 800), replace(EXACT, offsets=(0.0, 0.0)))
     own = ~sampler.flesh.limbs
     joints = hands.joints[:, sampler.flesh.start[own]] * 150 + (0, 0, 800)
     np.testing.assert_allclose(capsules.a[:, own], joints, atol=1e-9)
 
 
-def test_cut_forearms_and_sleeves(sampler: HandSampler) -> None:
+def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
     """A cut forearm is shorter; a sleeve lies about it, thicker, from some place to its end."""
     whole, cut = drawn(sampler, EXACT), drawn(sampler, replace(EXACT, cut=1.0, cut_at=(0.25, 0.25)))
     length = [np.linalg.norm(c.b[:, -1] - c.a[:, -1], axis=1) for c in (whole, cut)]
@@ -84,7 +84,7 @@ def test_cut_forearms_and_sleeves(sampler: HandSampler) -> None:
     np.testing.assert_allclose(sleeve.radius_b, arm.radius_b + 10)
 
 
-def test_a_forearm_ends_before_the_camera(sampler: HandSampler) -> None:
+def test_a_forearm_ends_before_the_camera(sampler: BodySampler) -> None:
     """Nothing of it is nearer than CLEAR_MM to the camera's plane, so that it can be rendered."""
     near = drawn(sampler, replace(EXACT, redraws=0), depth=260)
     assert (near.b[:, -1, 2] - near.radius_b[:, -1]).min() >= CLEAR_MM - 1e-9

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from handpose.synthetic.movements import OVERLAP, TOP_SPEED, Movement, Turns, Values, eased, posed
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracks.track import MIRROR
 
-SAMPLER = HandSampler()
+SAMPLER = BodySampler()
 PERSON = Person.draw(np.random.default_rng(3), SAMPLER)
-HAND = SAMPLER.hands(np.random.default_rng(4), 2)
+HAND = SAMPLER.draw(np.random.default_rng(4), 2)
 ARM = np.zeros(len(PERSON.flesh.whole.initial) - len(SAMPLER.skeleton.initial))
 
 
@@ -92,8 +92,8 @@ def test_posed_hands_have_their_middle_at_the_origin() -> None:
     pose = kinematics.forward(whole, np.stack([PERSON.bones, PERSON.bones]))
     joint = SAMPLER.skeleton.joint_names.index("palm")
     np.testing.assert_allclose(kinematics.rotation_of(pose, joint), palm.as_matrix(), atol=1e-9)
-    np.testing.assert_allclose(pose.joints[:, joint] + palm.apply(PERSON.center_in_palm), 0, atol=1e-9)
-    np.testing.assert_array_equal(whole[:, SAMPLER.flexions], fingers[:, SAMPLER.flexions])
+    np.testing.assert_allclose(pose.joints[:, joint] + palm.apply(PERSON.center), 0, atol=1e-9)
+    np.testing.assert_array_equal(whole[:, SAMPLER.limbs], fingers[:, SAMPLER.limbs])
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:

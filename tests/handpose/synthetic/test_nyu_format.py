@@ -19,10 +19,10 @@ def test_the_crop_of_the_image_is_the_crop() -> None:
     generator = Generator(seed=1)
     scene = generator.scene(0)
     for n in range(8):
-        image = whole_image(scene, n, generator)
+        image = whole_image(scene, n)
         assert image.shape == (480, 640) and np.array_equal(image, np.rint(image))
-        again = crop(image, scene.center_uvd[n], generator.recipe.cube_mm)
-        assert np.abs(again - scene.depth[n]).max() * generator.recipe.cube_mm / 2 <= 0.5 + 1e-3
+        again = crop(image, scene.center_uvd[n], scene.cube_mm)
+        assert np.abs(again - scene.depth[n]).max() * scene.cube_mm / 2 <= 0.5 + 1e-3
 
 
 def test_whole_splits_are_kept(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from handpose.synthetic.person import Person
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 
-SAMPLER = HandSampler()
+SAMPLER = BodySampler()
 
 
 def test_people_differ_and_stay_themselves() -> None:

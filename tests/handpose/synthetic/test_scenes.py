@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from handpose.facts.cameras import KINECT2, NYU
-from handpose.synthetic.scenes import KINDS, PRIOR, draw_scenes
+from handpose.synthetic.prior_file import RangeParameter
+from handpose.synthetic.scenes import KINDS, draw_scenes, prior_of
 
 
 def test_scenes() -> None:
@@ -29,7 +28,7 @@ def test_scenes() -> None:
 
 def test_other_cameras_and_distances() -> None:
     """From any number on."""
-    prior = replace(PRIOR, depth=(1100.0, 1200.0))
+    prior = prior_of(RangeParameter(1100.0, 1200.0))
     scenes = draw_scenes(np.random.default_rng(7), 2, KINECT2, None, prior, first=2)
     assert scenes.kind == ["clutter", "forearm"] and scenes.depth.shape == (2, 424, 512)
     assert ((scenes.center[:, 2] > 1080) & (scenes.center[:, 2] < 1220)).all()

@@ -12,8 +12,8 @@ from handpose.facts.cameras import NYU
 from handpose.fitting.depth.body import SIZE, FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.flesh.render import normalise_depth, render_crop
+from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
-from handpose.synthetic.pose_prior import PosePrior
 from handpose.tracking.looking import Aim, Sight
 from handpose.tracking.sizing import SizeKeeper
 
@@ -29,7 +29,7 @@ def looker(model: FleshModel) -> Any:
 @pytest.fixture(scope="module")
 def hands(model: FleshModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) off by a little."""
-    exact = PosePrior(scale_std=0, bone_std=0)
+    exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
     x, uvd = model.variables_of(drawn.hands.inputs[:COUNT]), drawn.center_uvd[:COUNT]
     x[:, SIZE] = np.log(TRUE)

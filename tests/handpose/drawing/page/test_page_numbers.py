@@ -13,7 +13,7 @@ from handpose.facts.cameras import CAMERAS, KINECT2, NYU, Camera
 from handpose.fitting.depth.body import FleshModel
 from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import CLEAR_MM, Capsules, in_front, render_crop
-from handpose.synthetic.pose_prior import HandSampler
+from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
@@ -94,8 +94,8 @@ def check_depth(found: np.ndarray, expected: np.ndarray) -> None:
 @pytest.mark.parametrize("camera", [NYU, KINECT2, Camera("own", 400.5, 380.25, 100.0, 90.0, 320, 240)])
 def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
     """Of any pose, size and girth, with the forearm's own DoFs, wherever the crop is: as the renderer has it."""
-    rng, sampler = np.random.default_rng(2), HandSampler()
-    hands, cube = sampler.hands(rng, 6), 300.0
+    rng, sampler = np.random.default_rng(2), BodySampler()
+    hands, cube = sampler.draw(rng, 6), 300.0
     model = FleshModel(sampler.skeleton, cube / 2)
     x = model.variables_of(hands.inputs)
     x[:, model.own] = rng.uniform(-0.5, 0.5, (len(x), len(model.own)))

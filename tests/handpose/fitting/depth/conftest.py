@@ -11,8 +11,8 @@ from handpose.facts.cameras import NYU
 from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel, Posed
 from handpose.fitting.depth.observation import Observation, observe
 from handpose.fitting.depth.residuals import Residuals
+from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
-from handpose.synthetic.pose_prior import PosePrior
 from layers.hand import skeleton
 
 
@@ -35,7 +35,7 @@ def model() -> FleshModel:
 @pytest.fixture(scope="session")
 def scene(model: FleshModel) -> Scene:
     """Twelve hands with the packaged bones, without noise."""
-    exact = PosePrior(scale_std=0, bone_std=0)
+    exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
     crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
     truth = model.variables_of(drawn.hands.inputs[:12])

@@ -1,0 +1,263 @@
+"""The prior file: how a body is held, where it is and how bodies differ, as text beside its skeleton file.
+
+``prototxt/hand/nyu_prior.prototxt`` is that of the hand; another body has another file. Angles of ``turn`` are in
+degrees and of the whole DoF (input + initial); all other values of DoFs are parts of the range between the limits of
+its input, 0 at the lower and 1 at the upper. Lengths are in mm.
+
+    turn     which way the body as a whole looks: normal, or for a fraction of bodies any angle
+    bend     chains of DoFs that bend together, as the joints of a finger do
+    spread   DoFs about their initial value: normal
+    between  DoFs anywhere between their limits: Beta
+    pose     poses with a name; ``blend`` of all bodies are somewhere between two of them
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from handpose.facts.cameras import CAMERAS
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import NYU_HAND, Skeleton
+from netlib import prototxt, schema
+from netlib.errors import PrototxtError, did_you_mean
+from netlib.paths import find
+from netlib.schema import Double
+
+NYU_PRIOR = NYU_HAND.with_name("nyu_prior.prototxt")
+
+
+@dataclass(frozen=True)
+class NormalParameter:
+    """A normal distribution."""
+
+    mean: Double = 0.0
+    std: Double = 0.0
+
+
+@dataclass(frozen=True)
+class RangeParameter:
+    """A uniform distribution."""
+
+    low: Double
+    high: Double
+
+
+@dataclass(frozen=True)
+class BetaParameter:
+    """A Beta distribution, on 0 to 1."""
+
+    a: Double = 1.0
+    b: Double = 1.0
+
+
+@dataclass(frozen=True)
+class TurnParameter:
+    """A ``turn { ... }``: an angle of the whole body, degrees."""
+
+    dof: str
+    mean: Double = 0.0
+    std: Double = 0.0
+    any: Double | None = None  # this fraction of bodies: any angle
+    most: Double = np.inf  # largest absolute value
+
+
+@dataclass(frozen=True)
+class ChainParameter:
+    """A ``chain { ... }`` of a ``bend``: DoFs from one body part to its end."""
+
+    name: str
+    dof: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class BendParameter:
+    """A ``bend { ... }``: chains whose DoFs share how far they are bent, 0 straight to 1."""
+
+    chain: tuple[ChainParameter, ...]
+    straight: Literal["LOWER", "UPPER"] = "LOWER"  # the limit at which a DoF is straight
+    shared: BetaParameter = BetaParameter()  # how far all chains of a body are bent; but ...
+    independent: Double = 0.0  # ... this fraction of bodies has ...
+    own: BetaParameter = BetaParameter()  # ... another number for each chain
+    noise: Double = 0.0  # normal, of each DoF about its chain's
+
+
+@dataclass(frozen=True)
+class SpreadParameter:
+    """A ``spread { ... }``: DoFs about their initial value."""
+
+    dof: tuple[str, ...]
+    noise: Double  # normal, of the range
+
+
+@dataclass(frozen=True)
+class BetweenParameter:
+    """A ``between { ... }``: DoFs anywhere between their limits, each by itself."""
+
+    dof: tuple[str, ...]
+    a: Double = 1.0  # Beta
+    b: Double = 1.0
+
+
+@dataclass(frozen=True)
+class PartParameter:
+    """How far a chain is bent in a pose, or where a DoF is between its limits."""
+
+    of: str
+    part: Double
+
+
+@dataclass(frozen=True)
+class PoseParameter:
+    """A ``pose { ... }`` with a name. DoFs that it does not name have their initial value."""
+
+    name: str
+    bend: tuple[PartParameter, ...] = ()
+    at: tuple[PartParameter, ...] = ()
+
+
+@dataclass(frozen=True)
+class CenterParameter:
+    """The ``center { ... }``: the middle of crops, in the frame of a joint, mm."""
+
+    joint: str
+    x: Double = 0.0
+    y: Double = 0.0
+    z: Double = 0.0
+
+
+@dataclass(frozen=True)
+class PosePrior:
+    """A whole prior file."""
+
+    skeleton: str  # its file; found from the prior's
+    cube_mm: Double  # edge of the crops; the skeleton's lengths are in half of it
+    depth: RangeParameter  # of the centre
+    camera: str = "nyu"  # that the body is seen by
+    center: CenterParameter | None = None  # none: the origin of the skeleton
+    center_jitter: Double = 0.0  # normal, each axis
+    center_jitter_wide: Double = 0.0  # the same ...
+    wide: Double = 0.0  # ... for this fraction
+    lateral_x: NormalParameter = NormalParameter()  # x / z of the centre
+    lateral_y: NormalParameter = NormalParameter()  # y / z of the centre
+    turn: tuple[TurnParameter, ...] = ()
+    bend: tuple[BendParameter, ...] = ()
+    spread: tuple[SpreadParameter, ...] = ()
+    between: tuple[BetweenParameter, ...] = ()
+    pose: tuple[PoseParameter, ...] = ()
+    blend: Double = 0.0  # this fraction of bodies is between two poses ...
+    blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
+    penetration: Double = np.inf  # that parts may sink into each other; deeper ones are drawn again
+    redraws: int = 8  # at most so often
+    scale_std: Double = 0.0  # normal: the whole body, relative to the skeleton
+    bone_std: Double = 0.0  # normal: each bone
+    scale_clip: Double = 2.5  # both are cut at so many deviations
+
+    def turned(self, dof: str, **changes: float | None) -> PosePrior:
+        """The same with other numbers of one ``turn``."""
+        return self.but(turn=tuple(schema.changed(t, **changes) if t.dof == dof else t for t in self.turn))
+
+    def but(self, **changes: Any) -> PosePrior:
+        """The same with other numbers."""
+        return schema.changed(self, **changes)
+
+    def body(self) -> Skeleton:
+        """The skeleton. Raises PrototxtError, NetlibError."""
+        place = schema.position_of(self, "skeleton")
+        return skeletons.load(find(self.skeleton, place.source))
+
+
+def load(path: str | Path = NYU_PRIOR) -> PosePrior:
+    """The prior of a file; by default that of the NYU hand. Raises PrototxtError, NetlibError."""
+    return _load(Path(path), Path(os.path.realpath(path)))
+
+
+@functools.lru_cache(maxsize=16)
+def _load(path: Path, whole_path: Path) -> PosePrior:
+    prior = schema.read(prototxt.parse_file(path), PosePrior, f"prior {path}")
+    _check(prior)
+    return prior
+
+
+def _check(prior: PosePrior) -> None:
+    """Raise PrototxtError for numbers that mean nothing, and for names that there are not."""
+    skeleton = prior.body()
+    if prior.camera not in CAMERAS:
+        raise _unknown(prior, "camera", prior.camera, CAMERAS)
+    if prior.center is not None and prior.center.joint not in skeleton.joint_names:
+        raise _unknown(prior.center, "joint", prior.center.joint, skeleton.joint_names)
+    normals = (prior.lateral_x, prior.lateral_y)
+    drawn: tuple[object, ...] = (prior, *normals, *prior.turn, *prior.bend, *prior.spread, *prior.between)
+    for message in drawn:
+        _check_numbers(message)
+    bent = [part for bend in prior.bend for part in (bend.shared, bend.own)]
+    betas: list[BetweenParameter | BetaParameter] = [*prior.between, *bent]
+    for beta in betas:
+        _expect(beta, "a", beta.a > 0 and beta.b > 0, "a and b > 0")
+    _expect(prior, "cube_mm", 0 < prior.cube_mm < np.inf, "a length in mm > 0")
+    _expect(prior.depth, "low", 0 < prior.depth.low <= prior.depth.high < np.inf, "0 < low <= high, in mm")
+    _expect(prior, "redraws", prior.redraws > 0, "1 or more")
+    _check_dofs(prior, skeleton)
+    _check_poses(prior, skeleton)
+
+
+def _check_numbers(message: object) -> None:
+    """Deviations are 0 or more, fractions 0 to 1."""
+    for name, value in vars(message).items():
+        if name in ("std", "noise", *(f"{what}_std" for what in ("scale", "bone"))) or name.startswith("center_jitter"):
+            _expect(message, name, 0 <= value < np.inf, "0 or more")
+        elif name in ("any", "independent", "wide", "blend") and value is not None:
+            _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
+
+
+def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
+    """Every DoF is one of the skeleton's and drawn once; those that need limits have some."""
+    chains = [chain for bend in prior.bend for chain in bend.chain]
+    turned: list[tuple[object, str]] = [(turn, turn.dof) for turn in prior.turn]
+    several: list[ChainParameter | SpreadParameter | BetweenParameter] = [*chains, *prior.spread, *prior.between]
+    limited: list[tuple[object, str]] = [(message, dof) for message in several for dof in message.dof]
+    seen: set[str] = set()
+    for message, dof in (*turned, *limited):
+        if dof not in skeleton.dof_names:
+            raise _unknown(message, "dof", dof, skeleton.dof_names)
+        _expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
+        d = skeleton.dof_names.index(dof)
+        _expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
+        seen.add(dof)
+    for message, dof in limited:
+        d = skeleton.dof_names.index(dof)
+        bounded = np.isfinite(skeleton.lower[d]) and np.isfinite(skeleton.upper[d])
+        _expect(message, "dof", bool(bounded), f"limits of DoF {dof!r} in {prior.skeleton}")
+
+
+def _check_poses(prior: PosePrior, skeleton: Skeleton) -> None:
+    """Poses name chains and DoFs that there are, and give parts of their ranges."""
+    chains = [chain.name for bend in prior.bend for chain in bend.chain]
+    drawn = [dof for spread in prior.spread for dof in spread.dof]
+    drawn += [dof for between in prior.between for dof in between.dof]
+    names: set[str] = set()
+    for pose in prior.pose:
+        _expect(pose, "name", pose.name not in names, f"pose {pose.name!r} once")
+        names.add(pose.name)
+        for parts, known in ((pose.bend, chains), (pose.at, drawn)):
+            for part in parts:
+                if part.of not in known:
+                    raise _unknown(part, "of", part.of, known)
+                _expect(part, "part", 0 <= part.part <= 1, "a part of the range, 0 to 1")
+    _expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
+
+
+def _expect(message: object, field: str, true: bool, expected: str) -> None:
+    if not true:
+        raise PrototxtError(schema.position_of(message, field), f"{field}: expected {expected}")
+
+
+def _unknown(message: object, field: str, name: str, known: Iterable[str]) -> PrototxtError:
+    advice = did_you_mean(name, known) or f"; expected one of {', '.join(known)}"
+    return PrototxtError(schema.position_of(message, field), f"unknown {field} {name!r}{advice}")

@@ -1,0 +1,57 @@
+"""Recipes with a name: whose hands, how they are held, and which cameras see them; and those of other bodies."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+from handpose.facts.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
+from handpose.synthetic import prior_file
+from handpose.synthetic.flesh_prior import ANYBODY, OTHER_FLESH, FleshPrior
+from handpose.synthetic.generator import Recipe, Subject, View
+from handpose.synthetic.prior_file import PosePrior, RangeParameter
+from handpose.synthetic.sensor import CODED_LIGHT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
+
+ONE_THICKNESS = FleshPrior(thickness_std=0.0)
+SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # as NYU's second subject: smaller, with proportions of its own
+
+
+def any_roll() -> PosePrior:
+    """Hands in front of any camera: every roll, so that hands pointing down are as common as others, near and far."""
+    wide = prior_file.load().turned("palm_rot_z", any=0.6).turned("palm_rot_x", std=36.0)
+    return wide.but(depth=RangeParameter(250.0, 1200.0), center_jitter=4.0, center_jitter_wide=10.0)
+
+
+def gestures() -> PosePrior:
+    """Most hands are between two gestures, as in recordings of somebody who shows some."""
+    return prior_file.load().but(blend=0.75)
+
+
+def _cameras() -> Recipe:
+    views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
+             View(ICVL, TIME_OF_FLIGHT))  # fmt: skip
+    return Recipe(any_roll(), ANYBODY, views)
+
+
+_RECIPES: dict[str, Callable[[], Recipe]] = {
+    "nyu": Recipe,  # NYU's camera, distances and poses
+    "other_flesh": lambda: Recipe(flesh=OTHER_FLESH, views=(View(NYU, NOISY_KINECT),)),
+    "any_roll": lambda: Recipe(any_roll()),
+    "cameras": _cameras,  # anybody before any camera
+    "one_hand": lambda: Recipe(gestures().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)),
+    "many_hands": lambda: Recipe(gestures()),
+}
+NAMES = tuple(_RECIPES)
+
+
+@functools.cache
+def recipe(name: str) -> Recipe:
+    """The recipe of ``NAMES`` with this name. Raises PrototxtError for a prior file that is not right."""
+    return _RECIPES[name]()
+
+
+def recipe_of(prior: str | Path) -> Recipe:
+    """A body of a prior file, before the camera that the file names. Raises PrototxtError, NetlibError."""
+    loaded = prior_file.load(prior)
+    return Recipe(loaded, views=(View(CAMERAS[loaded.camera], sensor_of(CAMERAS[loaded.camera])),))

@@ -1,0 +1,147 @@
+"""handpose/synthetic/prior_file.py, and bodies of other files than the hand's"""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import CAMERAS
+from handpose.synthetic import prior_file
+from handpose.synthetic.generator import BLOCK, Generator
+from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.recipes import recipe, recipe_of
+from netlib.errors import NetlibError
+
+SKELETON = """\
+name: "tail"
+dof { name: "x" } dof { name: "y" } dof { name: "z" }
+dof { name: "turn" initial: 0.5 }
+dof { name: "a" lower: -1 upper: 0.5 } dof { name: "b" lower: 0 upper: 2 } dof { name: "c" lower: -0.5 upper: 0.5 }
+dof { name: "still" fixed: true }
+joint {
+  name: "root"
+  translate { axis: X dof: "x" } translate { axis: Y dof: "y" } translate { axis: Z dof: "z" }
+  rotate { axis: Z dof: "turn" }
+}
+joint { name: "first" parent: "root" rotate { axis: X dof: "a" } bone { axis: Y length: 0.3 } }
+joint { name: "second" parent: "first" rotate { axis: X dof: "b" } bone { axis: Y length: 0.3 } }
+joint { name: "third" parent: "second" rotate { axis: Z dof: "c" } bone { axis: Y length: 0.2 } }
+flesh {
+  capsule { from: "root" to: "first" radius: 0.1 }
+  capsule { from: "first" to: "second" radius: 0.1 radius: 0.05 }
+  capsule { from: "second" to: "third" radius: 0.05 }
+}
+"""
+PRIOR = """\
+skeleton: "tail.prototxt"
+camera: "kinect2"
+cube_mm: 1000
+center { joint: "root" y: 100 }
+depth { low: 2000 high: 2500 }
+turn { dof: "turn" mean: 30 std: 5 }
+bend { shared { a: 2 b: 2 } chain { name: "tail" dof: "a" dof: "b" } }
+between { dof: "c" }
+pose { name: "curled" bend { of: "tail" part: 1 } at { of: "c" part: 0.5 } }
+"""
+
+
+@pytest.fixture()
+def tail(tmp_path: Path) -> Path:
+    """A prior file with its skeleton beside it."""
+    (tmp_path / "tail.prototxt").write_text(SKELETON)
+    path = tmp_path / "tail_prior.prototxt"
+    path.write_text(PRIOR)
+    return path
+
+
+def test_the_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The packaged prior is found from anywhere, has NYU's hand, and gestures that every finger takes part in."""
+    monkeypatch.chdir(tmp_path)
+    prior = prior_file.load()
+    assert prior.body().name == "nyu" and prior.cube_mm == 300 and prior.camera in CAMERAS
+    assert len(prior.pose) == 11 and all(len(pose.bend) == 4 and len(pose.at) == 4 for pose in prior.pose)
+    again: prior_file.PosePrior = pickle.loads(pickle.dumps(prior.but(redraws=3)))
+    assert again.redraws == 3 and again.body() is prior.body()
+
+
+def test_another_body(tail: Path) -> None:
+    """Its frames are drawn, posed and seen as its files say, in another process, too."""
+    made = recipe_of(tail)
+    assert made.views[0].camera.name == "kinect2"
+    generator: Generator = pickle.loads(pickle.dumps(Generator(3, "train", made)))
+    frames = generator.block(0)
+    skeleton = made.prior.body()
+    assert frames.dof is not None and frames.bones is not None
+    posed = generator.sampler.kinematics.joints(frames.dof.astype(float), frames.bones.astype(float))
+    np.testing.assert_allclose(posed.reshape(BLOCK, -1), frames.joint, atol=1e-6)
+    assert (frames.half_cube == 500).all() and (frames.depth < 1).any(axis=(1, 2, 3)).all()
+    inside = (frames.dof >= skeleton.lower - 1e-6) & (frames.dof <= skeleton.upper + 1e-6)
+    assert inside.all() and (frames.dof[:, skeleton.fixed] == 0).all()
+    turn = np.degrees(frames.dof[:, 3] + 0.5)
+    assert turn.mean() == pytest.approx(30, abs=3) and 2 < turn.std() < 8
+    # a from its lower to its upper limit while b goes from its own to its own
+    np.testing.assert_allclose((frames.dof[:, 4] + 1) / 1.5, frames.dof[:, 5] / 2, atol=1e-6)
+
+
+def test_the_crop_centre(tail: Path) -> None:
+    """Lies where the file says, in the frame of its joint, whatever the turn."""
+    sampler = BodySampler(prior_file.load(tail))
+    bodies = sampler.draw(np.random.default_rng(0), 50)
+    pose = sampler.kinematics.forward(bodies.inputs, bodies.bones)
+    frame = sampler.kinematics.rotation_of(pose, 0)
+    np.testing.assert_allclose(bodies.joints[:, 0] + frame @ [0, 0.2, 0], 0, atol=1e-12)
+
+
+def test_poses_with_a_name(tail: Path) -> None:
+    """Parts of the ranges, and blends of them within the limits."""
+    prior = prior_file.load(tail)
+    sampler = BodySampler(prior)
+    np.testing.assert_allclose(sampler.poses["curled"], [0, 0, 0, 0, 0.5, 2, 0, 0])
+    only = BodySampler(prior.but(blend=1.0))
+    np.testing.assert_allclose(only.draw(np.random.default_rng(0), 20).inputs[:, 4:7] - [0.5, 2, 0], 0, atol=1e-12)
+
+
+def test_one_hand_and_a_second() -> None:
+    """Training frames show the packaged hand; the test split in turn another one, in smaller crops, always the same."""
+    made = recipe("one_hand")
+    hand = made.prior.body()
+    for split, number, same in (("train", 0, True), ("train", 1, True), ("test", 0, True), ("test", 1, False)):
+        scene = Generator(4, split, made).scene(number)  # type: ignore[arg-type]
+        own = scene.bodies.bones[:, : len(hand.bones)]
+        assert (own == own[0]).all() and (own[0] == hand.bones).all() == same
+        assert scene.cube_mm == (300 if same else 261)
+    again = Generator(5, "test", made).scene(3).bodies.bones
+    np.testing.assert_array_equal(again[0, : len(hand.bones)], own[0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('dof: "turn"', 'dof: "trun"', r"tail_prior.prototxt:6:\d+: error: unknown dof 'trun'.*'turn'"),
+        ("std: 5", "std: -5", "std: expected 0 or more"),
+        ("std: 5", "std: nan", "std: expected 0 or more"),
+        ("std: 5", "any: 1.5", "any: expected a fraction"),
+        ('"kinect2"', '"kinect3"', "unknown camera 'kinect3'"),
+        ("cube_mm: 1000", "cube_mm: 0", "cube_mm: expected a length in mm > 0"),
+        ("low: 2000", "low: 3000", "low: expected 0 < low <= high"),
+        ("a: 2 b: 2", "a: 2 b: 0", "expected a and b > 0"),
+        ('between { dof: "c" }', 'between { dof: "a" }', "dof: expected DoF 'a' once"),
+        ('between { dof: "c" }', 'between { dof: "still" }', "dof: expected no fixed DoF such as 'still'"),
+        ('between { dof: "c" }', 'between { dof: "x" }', r"dof: expected limits of DoF 'x' in tail.prototxt"),
+        ('of: "tail"', 'of: "tial"', "unknown of 'tial'.*'tail'"),
+        ("part: 0.5", "part: 1.5", "part: expected a part of the range"),
+        ('joint: "root"', 'joint: "rot"', "unknown joint 'rot'"),
+        ('"tail.prototxt"', '"tial.prototxt"', "tial.prototxt: cannot read"),
+        ("turn {", "trun {", "unknown field 'trun'"),
+        ("cube_mm: 1000", "cube_mm: 1000 blend: 0.5 redraws: 0", "redraws: expected 1 or more"),
+    ],
+)
+def test_refusals(tail: Path, old: str, new: str, message: str) -> None:
+    """What means nothing is one line with its place."""
+    assert old in PRIOR
+    tail.write_text(PRIOR.replace(old, new, 1))
+    with pytest.raises(NetlibError, match=message):
+        prior_file.load(tail)
