@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from handpose.experiments.settings import MANY_HANDS, Setting
+from handpose.experiments.settings import Setting
 
 PROTOTXT = Path(__file__).resolve().parents[2] / "prototxt"
 
@@ -32,7 +32,7 @@ class Network:
 
     def is_for(self, setting: Setting) -> bool:
         """Does the setting have what it needs?"""
-        return (setting.has_exact_angles or self.labels != "exact") and (setting == MANY_HANDS or not self.people)
+        return (setting.has_exact_angles or self.labels != "exact") and (setting.has_many_people or not self.people)
 
 
 OURS = Network("ours", "ours", PROTOTXT / "nyu_train_test.prototxt", (16.9, 12.2))

@@ -45,8 +45,7 @@ def truth_of(setting: Setting, fitted: Array) -> Truth:
     """The truth of a setting's test frames. Raises DataError."""
     files = setting.files("test")
     exact = _column(files, "dof", fitted.shape[1]) if setting.has_exact_angles else None
-    people = None in setting.subjects.values()
-    return Truth(fitted, exact, _column(files, "bones", JOINTS) if people else None)
+    return Truth(fitted, exact, _column(files, "bones", JOINTS) if setting.has_many_people else None)
 
 
 def _column(files: list[Path], name: str, width: int) -> Array:

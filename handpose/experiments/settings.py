@@ -13,9 +13,10 @@ from pathlib import Path
 
 from handpose.data import parts
 from handpose.facts import nyu
+from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import RECIPES, Generator, Split
-from netlib.errors import DataError, did_you_mean
+from handpose.synthetic.generator import Generator, Split
+from netlib.errors import DataError
 from netlib.hdf5 import read_list
 
 SPLITS: tuple[Split, ...] = ("train", "test")
@@ -29,7 +30,7 @@ class Setting:
     name      in the ledger
     title     on the page
     folder    of the data; the fitted angles are in a folder beside it
-    recipe    of ``handpose.synthetic.generator``; None where data must be there
+    recipe    of ``handpose.synthetic.recipes``; None where data must be there
     subjects  of the test frames, by the half of their cube in mm; None: whoever they are
     """
 
@@ -50,6 +51,11 @@ class Setting:
         """Is it known which inputs of the hand model posed a frame?"""
         return self.recipe is not None
 
+    @property
+    def has_many_people(self) -> bool:
+        """Do hands differ from frame to frame, and do the rows tell their bones?"""
+        return None in self.subjects.values()
+
     def list_of(self, split: Split, fitted: bool = False) -> Path:
         """The list of the files of a split; with the fitted angles as labels."""
         return (self.angles if fitted else self.folder) / f"{split}.txt"
@@ -62,10 +68,7 @@ class Setting:
         """The data as they are to be made, or None if they cannot be. Raises DataError."""
         if self.recipe is None:
             return None
-        if self.recipe not in RECIPES:
-            advice = did_you_mean(self.recipe, RECIPES) or f"; known: {', '.join(RECIPES)}"
-            raise DataError(f"setting {self.name!r}: unknown recipe {self.recipe!r}{advice}")
-        recipe = RECIPES[self.recipe]
+        recipe = recipes.recipe(self.recipe)
         return DataSet(self.folder, [(Generator(0, split, recipe), count) for split, count in self.counts.items()])
 
 

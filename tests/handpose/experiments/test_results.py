@@ -12,13 +12,13 @@ import pytest
 from handpose.experiments.results import Truth, angles_of, figures, frames_to_show, truth_of
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL
 from handpose.scoring.held_out import Predictions
-from handpose.synthetic.generator import RECIPES, Generator
+from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 
 SKELETON = skeleton.load()
-FRAMES = Generator(5, "test", RECIPES["nyu"]).block(0)
+FRAMES = Generator(5, "test").block(0)
 assert FRAMES.dof is not None
 INPUTS = FRAMES.dof[:24].astype(np.float64)
 HALF_CUBE = np.where(np.arange(24) % 8 < 4, 150.0, 130.5)
