@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterator
 
 from netlib import engine
 from netlib.errors import NetlibError
@@ -41,3 +43,14 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
 def threads_of(ranks: Ranks) -> int | None:
     """How many threads each rank has by default, where several share a machine; None: as ever."""
     return None if ranks.count == 1 else max(1, engine.available_cpus() // ranks.beside)
+
+
+@contextlib.contextmanager
+def ended_together(ranks: Ranks) -> Iterator[None]:
+    """Within it, an error of one rank ends all of them; only rank 0 raises it."""
+    try:
+        yield
+    except NetlibError as error:
+        agreed = ranks.fail(error)
+        if ranks.rank == 0:
+            raise agreed from (error if agreed is not error else error.__cause__)

@@ -1,21 +1,26 @@
 #!/usr/bin/env python3
-"""The paper's Table 1: train its four networks, and DeepPrior's, on the same data, and compare them.
+"""The paper's Table 1, decided: its networks in its own setting, each trained until it stops mattering.
 
-    make table1                         or: python tools/table1.py --iterations 10000
+    python tools/table1.py --hours 8
 
-The data are those of data/nyu: synthetic hands (tools/make_synthetic.py) or the NYU data set (tools/prepare_nyu.py).
-All networks are trained with the paper's solver; snapshots and logs go to snapshots/table1, and a stopped run goes on
-where it was. The table, the figures and the text around them are written to docs/results.
+goes on for a night, and the next run goes on where this one stopped. What is done, what is missing, and about how long
+that takes, says
+
+    python tools/table1.py --list
+
+The setting is one hand, and a second one to test on, as in NYU; where data/nyu holds NYU itself, it is NYU. Missing
+synthetic data are made. Each network is trained by the paper's solver and by our recipe, half as long again each time,
+until that changes its error by less than 2%; then from another seed; then on hands of many people; then with other
+weights of PhysLimit. Every length that was scored is a file in docs/results/table1: it is never trained again, on
+whatever machine the next run is. docs/results/table1.md and its pictures are written from these files.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import shlex
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -24,121 +29,98 @@ import tools
 
 tools.begin(__name__)
 
-import numpy as np
-
-import netlib
-from handpose.drawing.comparisons import side_by_side
-from handpose.experiments import table1_page
+from handpose.experiments import ledger, speed, table1_page
 from handpose.experiments.networks import NETWORKS
-from handpose.experiments.results import Answers, angles_of, result_of
-from handpose.experiments.trainings import data_name, training_of
-from handpose.experiments.true_angles import fit_true_angles
-from handpose.predicting.nets import crops_of, trained
-from handpose.scoring.held_out import predict_all
-from handpose.scoring.published_predictions import nyu_benchmark, score_on
+from handpose.experiments.plan import Job, lambdas, order, report
+from handpose.experiments.recipes import RECIPES
+from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
 from layers.hand import skeleton as skeletons
-from layers.hand.skeleton import Skeleton
 from netlib import atomic
-from netlib.blob import Array
-from netlib.errors import NetlibError, reason_of
-from netlib.hdf5 import read_list
-from netlib.net import Net
-from tools import pictures, plots, training
-from tools.advice import on_missing_data
-from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, duration, guarded, say
+from tools.arguments import natural, parser_of, positive, weight
+from tools.console import DONE, aligned, guarded, say
+from tools.pictures import make_folder
+from tools.sitting import Sitting
+from tools.table1_pictures import write_pictures
 
-DATA, ANGLES = Path("data/nyu"), Path("data/nyu_angles")  # as the prototxt files of the networks have them
 RESULTS = Path(__file__).resolve().parent.parent / "docs" / "results"
-DRAWN = 4  # frames in the picture of hands
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
+    names = [network.name for network in NETWORKS]
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("--iterations", type=positive, default=10000, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=1, metavar="N", help="default: %(default)s")
-    parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER", help="default: docs/results")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--list", action="store_true", help="train nothing, say what is done and what is missing")
+    what.add_argument("--page", action="store_true", help="train nothing, write the page from what is done")
+    what.add_argument("--speed", action="store_true", help="train nothing, measure frames per second on this machine")
+    parser.add_argument("--setting", choices=SETTINGS, help="only this one (default: all, NYU if it is there)")
+    parser.add_argument("--networks", nargs="+", choices=names, default=names, metavar="NAME",
+                        help=f"only these of {', '.join(names)}")  # fmt: skip
+    parser.add_argument("--recipe", choices=RECIPES, help="only this one (default: both)")
+    parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
+    parser.add_argument("--hours", type=weight, metavar="H", help="end after about so many hours")
+    parser.add_argument("--longest", type=positive, metavar="N", help="train for no more than N iterations")
+    parser.add_argument("--threads", type=positive, metavar="N", help="of training (default: one per processor)")
+    parser.add_argument("--ledger", type=Path, default=RESULTS / "table1", metavar="FOLDER",
+                        help="where scored lengths are kept (default: docs/results/table1)")  # fmt: skip
     parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
-                        help="where snapshots and logs go (default: %(default)s)")  # fmt: skip
+                        help="where nets, snapshots and logs go (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER",
+                        help="where the page and its pictures go (default: docs/results)")  # fmt: skip
+    parser.add_argument("--lambda-length", type=positive, metavar="N",
+                        help="iterations by weight of PhysLimit (default: where ours was done)")  # fmt: skip
     args = parser.parse_args(argv)
+    args.command = shlex.join(["python", "tools/table1.py", *(sys.argv[1:] if argv is None else argv)])
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train what is not trained yet, evaluate, write."""
-    skeleton = skeletons.load()
-    with on_missing_data():
-        files = {split: read_list(str(DATA / f"{split}.txt"), None) for split in ("train", "test")}
-    for folder in (args.work, args.out):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise NetlibError(f"{folder}: cannot make the folder: {reason_of(error)}") from None
-    work = args.work / data_name(files["train"])  # networks trained on other data are other networks
-    work.mkdir(exist_ok=True)
-    for split in ("train", "test"):
-        truth = _fit(split, files[split], skeleton)
-    found = []
-    for network in NETWORKS:
-        planned = training_of(network, files["train"], work, args.iterations, args.seed)
-        if not planned.final.is_file():
-            _say(f"training {network.title}: {planned}")
-            weights = [planned.weights] if planned.weights else []
-            status = training.train(planned.solver, snapshot=planned.snapshot, weights=weights, log_file=planned.log)
-            if status != DONE:
-                return status
-        predictions = predict_all(trained(network.model, planned.final))
-        if predictions.dof is None:
-            _say(f"{network.title}: fitting the hand to {len(predictions.joints)} frames of predicted joints")
-        found.append(Answers(network, predictions, angles_of(predictions, skeleton)))
-    _write(args, found, truth, skeleton)
+    """Do what the parsed arguments say."""
+    deadline = time.monotonic() + 3600 * args.hours if args.hours is not None else float("inf")
+    sitting = Sitting(args.ledger, args.work, args.command, deadline, args.longest, args.threads)
+    if args.list:
+        print(aligned(report([*_jobs(args), *_lambdas(args, sitting)], sitting.ledger_of, args.longest)))
+        return DONE
+    if args.speed:
+        speed.write(args.ledger / speed.WHERE, speed.measure())
+    elif not args.page:
+        status = sitting.run(_jobs(args))
+        if status == DONE and not sitting.is_over:
+            status = sitting.run(_lambdas(args, sitting))
+        if status != DONE:
+            return status
+    _write(args)
     return DONE
 
 
-def _fit(split: str, files: Sequence[Path], skeleton: Skeleton) -> Array:
-    """The true angles of a split, fitted if that is not done yet: inputs (N, D)."""
-    begun = time.perf_counter()
-    inputs, residuals = fit_true_angles(split, files, ANGLES, skeleton)
-    _say(f"{split}: the hand fitted to {len(inputs)} frames, {np.nanmean(residuals):.2f} mm left, "
-         f"{duration(time.perf_counter() - begun)}")  # fmt: skip
-    return inputs
-
-
-def _write(args: argparse.Namespace, found: Sequence[Answers], truth: Array, skeleton: Skeleton) -> None:
-    """The page with its pictures, and the figures as JSON; the page is printed, too."""
-    first = found[0].predictions
-    made_from, frames = first.made_from, len(first.joints)
-    benchmark = replace(nyu_benchmark(), name=f"test set ({made_from})")
-    scores = {answers.network.title: score_on(benchmark, answers.joint_errors()) for answers in found}
-    plots.plot_joint_errors(scores, benchmark, frames, args.out / table1_page.JOINTS)
-    _say(f"wrote {args.out / table1_page.JOINTS}")
-    errors = {answers.network.title: answers.angle_errors(truth, skeleton) for answers in found}
-    plots.plot_angle_errors(errors, skeleton, args.out / table1_page.ANGLES)
-    _draw(args.out / table1_page.HANDS, found, skeleton)
-    results = {answers.network.name: result_of(answers, truth, skeleton) for answers in found}
-    networks = [answers.network for answers in found]
-    page = table1_page.page_of(networks, results, made_from, frames, args.iterations, args.seed)
+def _write(args: argparse.Namespace) -> None:
+    """The page and its pictures, from the ledger."""
+    make_folder(args.out)
+    entries = {name: ledger.read_all(args.ledger, name) for name in SETTINGS}
+    for path in write_pictures(args.out, args.ledger, entries, skeletons.load()):
+        say(f"wrote {path}", file=sys.stderr)
+    page = table1_page.page_of(entries, speed.read(args.ledger / speed.WHERE))
     atomic.replace_text(args.out / "table1.md", page)
-    figures = {"iterations": args.iterations, "seed": args.seed, "data": made_from, "frames": frames,
-               "networks": {name: asdict(result) for name, result in results.items()}}  # fmt: skip
-    atomic.replace_text(args.out / "table1.json", json.dumps(figures, indent=2) + "\n")
-    print(page)
+    say(f"wrote {args.out / 'table1.md'}", file=sys.stderr)
 
 
-def _draw(path: Path, found: Sequence[Answers], skeleton: Skeleton) -> None:
-    """The hands of all networks in a few frames, of small to large error of ours."""
-    ours = next(answers.predictions for answers in found if answers.network.name == "ours")
-    order = np.argsort(np.linalg.norm(ours.joints - ours.truth, axis=2).mean(axis=1))
-    chosen = order[(np.linspace(0.1, 0.9, DRAWN) * (len(order) - 1)).astype(int)]
-    crops = crops_of(Net(found[0].network.model, netlib.TEST), chosen)
-    methods = {answers.network.title: answers.predictions.joints[chosen] for answers in found}
-    sheet = side_by_side(crops, methods, ours.truth[chosen], skeleton, ours.half_cube[chosen])
-    pictures.write_image(path, sheet)
+def _lambdas(args: argparse.Namespace, sitting: Sitting) -> list[Job]:
+    """The trainings by weights of PhysLimit, if all networks are asked for, or it is said how long they are."""
+    first = _first(args)
+    asked = args.lambda_length or (len(args.networks) == len(NETWORKS) and first is not MANY_HANDS)
+    return lambdas(sitting.ledger_of(first), first, args.lambda_length) if asked and 1 in args.seeds else []
 
 
-def _say(text: str) -> None:
-    say(text, file=sys.stderr)
+def _first(args: argparse.Namespace) -> Setting:
+    """The setting that is the paper's."""
+    return SETTINGS[args.setting] if args.setting else REAL if is_real_nyu() else ONE_HAND
+
+
+def _jobs(args: argparse.Namespace) -> list[Job]:
+    """The trainings that are asked for."""
+    recipes = [RECIPES[args.recipe]] if args.recipe else list(RECIPES.values())
+    networks = [network for network in NETWORKS if network.name in args.networks]
+    return list(order(_first(args), None if args.setting else MANY_HANDS, networks, recipes, args.seeds))
 
 
 if __name__ == "__main__":

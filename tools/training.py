@@ -9,7 +9,7 @@ import contextlib
 import logging
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -17,14 +17,13 @@ from typing import Any, Literal
 import netlib
 from netlib import engine as engines
 from netlib import prototxt
-from netlib.errors import NetlibError
 from netlib.ranks import ALONE, Ranks
 from netlib.solver import Solver
 from tools import advice
 from tools.caffe_log import BarHandler, log_to
 from tools.console import DONE, duration
 from tools.progress import ProgressBar
-from tools.ranks import threads_of
+from tools.ranks import ended_together, threads_of
 
 log = logging.getLogger("netlib")
 
@@ -42,27 +41,16 @@ def train(
     engine: str | None = None,
     log_file: str | Path | None = None,
     ranks: Ranks = ALONE,
+    watch: Callable[[Solver], object] | None = None,
 ) -> int:
     """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
     ranks     who trains together; only rank 0 logs, and raises
+    watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
     """
-    try:
-        return _train(solver_file, snapshot, weights, max_iter, seed, threads, engine, log_file, ranks)
-    except NetlibError as error:
-        agreed = ranks.fail(error)
-        if ranks.rank:
-            return DONE  # rank 0 says what there is to say, and ends with its status
-        raise agreed from error
-
-
-def _train(
-    solver_file: str | Path, snapshot: str | Path | None, weights: Sequence[str | Path], max_iter: int | None,
-    seed: int | None, threads: int | None, engine: str | None, log_file: str | Path | None, ranks: Ranks,
-) -> int:  # fmt: skip
-    with log_to(None if ranks.rank else log_file, append=snapshot is not None) as console:
+    with ended_together(ranks), log_to(None if ranks.rank else log_file, append=snapshot is not None) as console:
         if ranks.rank:
             log.setLevel(logging.CRITICAL)
         chosen = engines.get(engine)
@@ -73,7 +61,10 @@ def _train(
         log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
         solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
+        if watch is not None:
+            solver.callbacks.append((lambda: watch(solver), lambda: None))
         return solve(solver, console, snapshot)
+    return DONE  # of another rank than 0: what there is to say, rank 0 says, and ends with its status
 
 
 def new_solver(

@@ -1,89 +1,147 @@
-"""What the networks of Table 1 reach on the test set, and which of the paper's findings these figures confirm."""
+"""What a network of Table 1 reaches on the test frames of a setting: the figures of its entry in the ledger."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from handpose.experiments.networks import Network
+from handpose.experiments.ledger import DRAWN, JOINTS, THRESHOLDS_MM, Figures, Shown
+from handpose.experiments.settings import NEAR, Setting
 from handpose.facts import nyu
 from handpose.fitting import angles
 from handpose.fitting.levenberg_marquardt import fit_joints
+from handpose.predicting.nets import crops_of
 from handpose.scoring import metrics
 from handpose.scoring.held_out import Predictions, figures_of
+from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.hdf5 import File
+from netlib.net import Net
+
+CHOSEN = list(nyu.EVALUATION_JOINTS)
 
 
 @dataclass(frozen=True)
-class Result:
-    """The figures of a network."""
+class Truth:
+    """What is known of the test frames beside their joints.
 
-    error_14_mm: float
-    error_mm: float
-    angle_deg: float  # mean over the 23 rotations
-    out_of_limits: float | None  # fraction of frames; None for networks without angles
-    within_40_mm: float
+    fitted  (N, D) inputs of the hand fitted to the joints
+    exact   (N, D) inputs that posed the frames; None for real ones
+    bones   (N, K) signed lengths of the persons' bones in half-cubes; None where all have the skeleton's
+    """
 
-
-@dataclass(frozen=True)
-class Answers:
-    """What a network says of the test set: its predictions, and the angles of the hand in them."""
-
-    network: Network
-    predictions: Predictions
-    inputs: Array  # (N, D) of the hand model
-
-    def joint_errors(self) -> Array:
-        """(N, 14) mm."""
-        chosen, scale = list(nyu.EVALUATION_JOINTS), self.predictions.half_cube[:, None, None]
-        joints, truth = self.predictions.joints[:, chosen], self.predictions.truth[:, chosen]
-        return metrics.joint_errors(joints * scale, truth * scale)
-
-    def angle_errors(self, truth: Array, skeleton: Skeleton) -> Array:
-        """(N, R) degrees, against the true inputs (N, D)."""
-        return angles.angle_errors(skeleton, self.inputs, truth)
+    fitted: Array
+    exact: Array | None = None
+    bones: Array | None = None
 
 
-def angles_of(predictions: Predictions, skeleton: Skeleton) -> Array:
+def truth_of(setting: Setting, fitted: Array) -> Truth:
+    """The truth of a setting's test frames. Raises DataError."""
+    files = setting.files("test")
+    exact = _column(files, "dof", fitted.shape[1]) if setting.has_exact_angles else None
+    return Truth(fitted, exact, _column(files, "bones", JOINTS) if setting.has_many_people else None)
+
+
+def _column(files: list[Path], name: str, width: int) -> Array:
+    """The rows (N, width) of a data set, of all files. Raises DataError."""
+    parts = [File(path, (name,)).datasets[0].numbers() for path in files]
+    for path, part in zip(files, parts):
+        if part.shape[1:] != (width,) or not np.isfinite(part).all():
+            raise DataError(f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers")
+    return np.concatenate(parts)
+
+
+def angles_of(predictions: Predictions, skeleton: Skeleton, told: Callable[[int], None] = lambda done: None) -> Array:
     """Inputs (N, D) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
     if predictions.dof is not None:
         return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
-    return fit_joints(skeleton, predictions.joints.astype(np.float64), limits=True, starts=4).inputs
+    joints = predictions.joints.astype(np.float64)
+    return fit_joints(skeleton, joints, limits=True, starts=4, progress=told).inputs
 
 
-def result_of(answers: Answers, truth: Array, skeleton: Skeleton) -> Result:
-    """The figures of a network; ``truth`` are the true inputs (N, D)."""
-    figures = figures_of(answers.predictions, skeleton)
-    return Result(
-        error_14_mm=figures["error_14_mm"],
-        error_mm=figures["error_mm"],
-        angle_deg=float(answers.angle_errors(truth, skeleton).mean()),
-        out_of_limits=figures.get("out_of_limits"),
-        within_40_mm=figures["within_40_mm"],
-    )
+def subjects_of(setting: Setting, half_cube: Array) -> dict[str, NDArray[np.bool_]]:
+    """Which test frames (N,) show each subject. Raises DataError for a frame of nobody."""
+    found = {name: np.full(len(half_cube), True) if size is None else np.abs(half_cube - size) < NEAR
+             for name, size in setting.subjects.items()}  # fmt: skip
+    nobody = ~np.any(list(found.values()), axis=0)
+    if nobody.any():
+        known = ", ".join(f"{size:g} ({name})" for name, size in setting.subjects.items())
+        raise DataError(f"{setting.list_of('test')}: half_cube of frame {nobody.argmax()} is "
+                        f"{half_cube[nobody][0]:g} mm, expected one of {known}")  # fmt: skip
+    return {name: rows for name, rows in found.items() if rows.any()}
 
 
-def findings(results: Mapping[str, Result]) -> list[str]:
-    """The paper's conclusions (Sec. 4.1), each with what the figures here say."""
-    if not set(results) >= {"ours", "no_limit", "direct_joint", "direct_parameter"}:
-        return []
-    ours, free = results["ours"], results["no_limit"]
-    joint, parameter = results["direct_joint"], results["direct_parameter"]
-    on_angles = max(ours.angle_deg, free.angle_deg, parameter.angle_deg)
-    broken = (ours.out_of_limits or 0.0, free.out_of_limits or 0.0)
-    claims = [
-        ("ours is no worse than direct joint on joints", ours.error_14_mm <= joint.error_14_mm,
-         f"{ours.error_14_mm:.2f} and {joint.error_14_mm:.2f} mm"),
-        ("direct joint is better than direct parameter on joints", joint.error_14_mm < parameter.error_14_mm,
-         f"{joint.error_14_mm:.2f} and {parameter.error_14_mm:.2f} mm"),
-        ("direct joint is the worst of the four on angles", joint.angle_deg > on_angles,
-         f"{joint.angle_deg:.2f}° and at most {on_angles:.2f}°"),
-        ("PhysLimit keeps angles within their limits", broken[0] < broken[1] / 2,
-         f"{broken[0]:.1%} and {broken[1]:.1%} of the frames out of limits"),
-        ("at equal accuracy", abs(ours.error_14_mm - free.error_14_mm) < 1,
-         f"{ours.error_14_mm:.2f} and {free.error_14_mm:.2f} mm"),
-    ]  # fmt: skip
-    return [f"- {claim}: {'confirmed' if true else 'not confirmed'}, {figures}" for claim, true, figures in claims]
+def figures(
+    setting: Setting, predictions: Predictions, inputs: Array, truth: Truth, skeleton: Skeleton
+) -> tuple[float, list[Figures]]:
+    """The error in mm over all frames, and the figures of every subject; ``inputs`` are those of ``angles_of``."""
+    errors = joint_errors(predictions.joints, predictions)
+    found = []
+    for name, rows in subjects_of(setting, predictions.half_cube).items():
+        part = _part(predictions, rows)
+        few = errors[rows][:, CHOSEN]
+        fitted = angles.angle_errors(skeleton, inputs[rows], truth.fitted[rows])
+        exact = None if truth.exact is None else angles.angle_errors(skeleton, inputs[rows], truth.exact[rows])
+        of_part = figures_of(part, skeleton)
+        calibrated, scaled = _with_bones(part, inputs[rows], truth.bones, rows, skeleton)
+        found.append(Figures(
+            subject=name,
+            frames=int(rows.sum()),
+            error_14_mm=of_part["error_14_mm"],
+            error_mm=of_part["error_mm"],
+            angle_deg=np.nan if exact is None else float(exact.mean()),
+            fitted_angle_deg=float(fitted.mean()),
+            out_of_limits=of_part.get("out_of_limits", np.nan),
+            within_40_mm=of_part["within_40_mm"],
+            own_bones_mm=calibrated,
+            scaled_mm=scaled,
+            joints_mm=metrics.mean_error_per_joint(errors[rows]).tolist(),
+            success=metrics.success_rate(few, THRESHOLDS_MM).tolist(),
+            angles_deg=(fitted if exact is None else exact).mean(axis=0).tolist(),
+        ))  # fmt: skip
+    return metrics.mean_error(errors[:, CHOSEN]), found
+
+
+def joint_errors(joints: Array, predictions: Predictions) -> Array:
+    """(N, K) mm between some joints (N, K, 3) in half-cubes and the true ones."""
+    scale = predictions.half_cube[:, None, None]
+    return metrics.joint_errors(joints * scale, predictions.truth * scale)
+
+
+def _part(p: Predictions, rows: NDArray[np.bool_]) -> Predictions:
+    """The predictions of some frames."""
+    dof = None if p.dof is None else p.dof[rows]
+    return Predictions(p.joints[rows], p.truth[rows], dof, None, p.half_cube[rows], p.outputs, p.made_from)
+
+
+def _with_bones(
+    part: Predictions, inputs: Array, bones: Array | None, rows: NDArray[np.bool_], skeleton: Skeleton
+) -> tuple[float, float]:
+    """The error in mm over the 14 joints if the angles pose the frames' own bones, and if they pose the skeleton's,
+    scaled for each frame by the one factor that makes them as long as its own in sum."""
+    if bones is None or part.dof is None:
+        return np.nan, np.nan
+    own = bones[rows]
+    scale = np.abs(own).sum(axis=1, keepdims=True) / np.abs(skeleton.bones).sum()
+    kinematics = kinematics_of(skeleton)
+    calibrated, scaled = (metrics.mean_error(joint_errors(kinematics.joints(inputs, b), part)[:, CHOSEN])
+                          for b in (own, skeleton.bones * scale))  # fmt: skip
+    return calibrated, scaled
+
+
+def frames_to_show(setting: Setting, predictions: Predictions) -> list[int]:
+    """Frames of the first subject, evenly spread over the test set; the same for every network."""
+    rows = np.flatnonzero(next(iter(subjects_of(setting, predictions.half_cube).values())))
+    return [int(rows[i]) for i in ((np.arange(DRAWN) + 0.5) / DRAWN * len(rows)).astype(int)]
+
+
+def shown_frames(setting: Setting, predictions: Predictions, net: Net) -> Shown:
+    """Those frames, as they are drawn; ``net`` is one that reads them."""
+    numbers = frames_to_show(setting, predictions)
+    return Shown(numbers, predictions.half_cube[numbers], predictions.truth[numbers], crops_of(net, numbers))

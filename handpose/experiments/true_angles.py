@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from handpose.fitting import companions
@@ -13,9 +13,16 @@ RIDGE = 3e-4  # enough where 31 joints determine nearly all angles
 RECIPE = f"ridge{RIDGE:g}_v{companions.VERSION}"  # all that they depend on beside the joints
 
 
-def fit_true_angles(split: str, files: Sequence[Path], out: Path, skeleton: Skeleton) -> tuple[Array, Array]:
+def fit_true_angles(
+    split: str,
+    files: Sequence[Path],
+    out: Path,
+    skeleton: Skeleton,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[Array, Array]:
     """Fit the hand to the joints of a split, unless that is done already; the angles go to the folder ``out``.
 
-    Returns the inputs (N, D) and what the fit leaves of each joint, (N, K) mm. Raises DataError.
+    Returns the inputs (N, D) and what the fit leaves of each joint, (N, K) mm. ``progress`` is told how many frames
+    more are done. Raises DataError.
     """
-    return companions.fit_list(files, out, f"{split}.txt", skeleton, ridge=RIDGE)
+    return companions.fit_list(files, out, f"{split}.txt", skeleton, ridge=RIDGE, progress=progress)

@@ -792,6 +792,26 @@ def read_companions(path: Path) -> Any:
     _fit_companion()
 
 
+def make_ledger() -> list[str]:
+    """An entry of the ledger of Table 1, the frames that are drawn, and a speed."""
+    import made_ledger
+
+    from handpose.experiments import ledger, speed
+
+    entry = ledger.write(Path("ledger"), made_ledger.entry())
+    ledger.write_shown(Path("ledger"), "one_hand", made_ledger.shown())
+    speed.write(Path("ledger/speed.json"), speed.Speed(100.0, 1000.0, 64, "fast", 2, "a machine"))
+    return [entry.as_posix(), "ledger/one_hand/shown.json", "ledger/speed.json"]
+
+
+def read_ledger(path: Path) -> Any:
+    """As tools/table1.py --page does."""
+    from handpose.experiments import ledger, speed
+
+    return (ledger.read_all(Path("ledger"), "one_hand"), ledger.read_shown(Path("ledger"), "one_hand"),
+            speed.read(Path("ledger/speed.json")))  # fmt: skip
+
+
 def make_components() -> list[str]:
     """Files of joints."""
     return [put_rows("a.h5", 1, joint=(40, 93)), put_rows("b.h5", 2, joint=(40, 93))]
@@ -1005,6 +1025,8 @@ READERS: tuple[Reader, ...] = (
     Reader("labels", ("netlib/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
     Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
+    Reader("ledger of table 1", ("handpose/experiments/ledger.py", "handpose/experiments/speed.py"),
+           make_ledger, read_ledger),
     Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
     Reader("video", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"), make_videos, read_recording),
     Reader("azure kinect", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"),

@@ -16,7 +16,9 @@ SOURCES = [
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
-    "handpose/experiments/trainings.py": "reads the solver that comes with the project, to change it",
+    "handpose/experiments/machine.py": "reads what Linux says of the processor",
+    "handpose/experiments/recipes.py": "reads the solvers that come with the project, to change them",
+    "handpose/experiments/results.py": "asks netlib/hdf5.py for rows, and looks at their shape",
     "handpose/drawing/page/assembly.py": "reads the page that comes with the project",
     "netlib/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files.py": "opens for all others what a user names",
@@ -29,6 +31,7 @@ NO_READERS = {
     "tools/exercises/stubs.py": "reads the project's own source",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.recordings.opening",
+    "tools/sitting.py": "asks netlib/hdf5.py how many rows there are",
     "tools/track.py": "opens recordings by handpose.recordings.opening",
     "tools/package_model.py": "reads back what it has just written",
 }

@@ -1,68 +1,64 @@
-"""tools/table1.py: the paper's five networks on a few synthetic hands, two iterations each."""
+"""tools/table1.py, tools/sitting.py, tools/table1_pictures.py, handpose/experiments/trainings.py: a few frames and
+iterations, narrow networks."""
+
+from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
-import json
 import re
+import time
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import h5py
 import numpy as np
 import pytest
+from made_ledger import entry, shown, trained
 
 import netlib
-from handpose.experiments.principal_components import write_components
-from handpose.experiments.results import Answers, angles_of, result_of
-from handpose.experiments.true_angles import fit_true_angles
-from handpose.scoring.held_out import Predictions
-from layers.hand import skeleton as skeletons
-from layers.hand.bodies import kinematics_of
+from handpose.experiments import ledger, trainings
+from handpose.experiments.networks import LAMBDAS, NETWORKS
+from handpose.experiments.plan import Job
+from handpose.experiments.recipes import ADAM, PAPER
+from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL
+from handpose.experiments.trainings import Training, data_name
 from netlib.errors import DataError
+from netlib.solver_parameter import read
+from tools import sitting as sittings
 from tools import table1, training
+from tools.sitting import Sitting
 
 pytest.importorskip("matplotlib")
 
-SKELETON = skeletons.load()
-NAMES = ["direct_joint", "direct_parameter", "no_limit", "ours", "bottleneck"]
-PICTURES = ["table1_joints.png", "table1_angles.png", "table1_hands.jpg"]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def place(small_data, tmp_path_factory):
-    """A working directory with data/nyu. The networks are narrow there, and their batches 16 and 10."""
-    folder = tmp_path_factory.mktemp("table1")
-    (folder / "data" / "nyu").mkdir(parents=True)
-    for split in ("train", "test"):
-        (folder / "data" / "nyu" / f"{split}.txt").write_text((small_data / f"{split}.txt").read_text())
-    networks = []
-    for network in table1.NETWORKS:
-        text = network.model.read_text()
-        for old, new in {"num_output: 1024": "32", "batch_size: 512": "16", "batch_size: 250": "10"}.items():
-            text = text.replace(old, f"{old.split()[0]} {new}")
-        networks.append(replace(network, model=folder / network.model.name))
-        networks[-1].model.write_text(text)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.setattr(table1, "NETWORKS", tuple(networks))
-        yield folder
-
-
-def run(*options, iterations=2):
-    """Exit status, standard output and standard error of the tool."""
-    arguments = ["--iterations", str(iterations), "--out", "results", "--work", "snapshots", *options]
-    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
-        status = table1.main(arguments)
-    return status, out.getvalue(), err.getvalue()
+LENGTHS = (4, 6, 9)
+RECIPES = {recipe.name: replace(recipe, lengths=LENGTHS, batch=8, every=2) for recipe in (PAPER, ADAM)}
 
 
 @pytest.fixture(scope="module")
-def first(place):
-    """The first run: its output, and its messages."""
-    status, out, err = run()
-    assert status == 0
-    return out, err
+def setting(small_data):
+    """64 training and 24 test frames of the first subject; the sizes do not matter here."""
+    counts = {"train": 64, "test": 24}
+    return replace(ONE_HAND, folder=small_data, recipe="nyu", counts=counts)
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory):
+    """The networks by name, with 32 features for 1024."""
+    folder, found = tmp_path_factory.mktemp("narrow"), {}
+    for network in NETWORKS[:6]:
+        path = folder / network.model.name
+        path.write_text(network.model.read_text().replace("num_output: 1024", "num_output: 32"))
+        found[network.name] = replace(network, model=path)
+    return found
+
+
+def sit(folder, jobs, **options):
+    """Exit status and messages of a sitting, and the sitting."""
+    with contextlib.redirect_stderr(io.StringIO()) as err:
+        one = Sitting(folder / "ledger", folder / "work", "a test", **options)
+        status = one.run(jobs)
+    return status, [line for line in err.getvalue().splitlines() if line.startswith(("[", "the time"))], one
 
 
 def weights(path):
@@ -71,196 +67,209 @@ def weights(path):
         return {f"{layer}/{i}": group[i][...] for layer, group in file["data"].items() for i in group}
 
 
-# -------------------------------------------------------------------------------------------- the page
+def same(one, other):
+    """Are all arrays of two files of weights the same to the last bit?"""
+    a, b = weights(one), weights(other)
+    return a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
 
 
-def test_the_table(first, place):
-    """One row per network, in the paper's order, with the paper's figures; how it was made. It is also printed."""
-    page = (place / "results" / "table1.md").read_text()
-    assert first[0] == page + "\n"
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| ")]
-    titles = [row[0] for row in rows]
-    assert titles == ["network", *(network.title for network in table1.NETWORKS)]
-    for row, network in zip(rows[1:], table1.NETWORKS):
-        assert re.fullmatch(r"\d+\.\d\d \d+\.\d\d° (–|\d+\.\d%) \d+\.\d%", " ".join(row[1:5])), row
-        assert (row[3] == "–") == network.by_fit, "networks without angles cannot break limits"
-        assert row[5:] == (["–", "–"] if network.paper is None else [f"{network.paper[0]}", f"{network.paper[1]}°"])
-    assert "`python tools/table1.py --iterations 2 --seed 1` (`make table1`) on data/nyu (synthetic)" in page
-    assert "Scored on 24 held-out frames" in page and "The data are not the paper's" in page
+# -------------------------------------------------------------------------------------------- training
 
 
-def test_the_figures_are_in_a_file(first, place):
-    """The same numbers, unrounded, with all that they depend on."""
-    figures = json.loads((place / "results" / "table1.json").read_text())
-    facts = {name: figures[name] for name in ("iterations", "seed", "data", "frames")}
-    assert facts == {"iterations": 2, "seed": 1, "data": "synthetic", "frames": 24}
-    assert list(figures["networks"]) == NAMES
-    page = (place / "results" / "table1.md").read_text()
-    for network, found in zip(table1.NETWORKS, figures["networks"].values()):
-        assert f"| {network.title} | {found['error_14_mm']:.2f} | {found['angle_deg']:.2f}° |" in page
-        assert 5 < found["error_mm"] < 200 and 1 < found["angle_deg"] < 180
+@pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
+def test_trunk_and_end_are_a_training_in_one_go(setting, narrow, recipe, tmp_path):
+    """Bit for bit, for each of two lengths that share the trunk."""
+    one = Training(setting, narrow["ours"], recipe, 3, tmp_path)
+    files = setting.files("train")
+    for length in LENGTHS[:2]:
+        steps = []
+        while (step := one.next_step(length, files)) is not None:
+            steps.append(step)
+            with contextlib.redirect_stderr(io.StringIO()):
+                assert training.train(step.solver, snapshot=step.snapshot) == 0
+        trunk, end = steps
+        assert (end.first, end.last) == (trunk.last, length) and trunk.first == (0 if length == 4 else 3)
+        alone = netlib.get_solver(trunk.solver)
+        alone.step(end.first)
+        alone.param = dataclasses.replace(read(end.solver), weights=())
+        alone.step(length - end.first)
+        alone.net.save(tmp_path / "alone.caffemodel.h5")
+        assert same(one.weights_of(length), tmp_path / "alone.caffemodel.h5")
+    if not recipe.robust:  # then the end's solver is the whole training's
+        whole = netlib.get_solver(end.solver)
+        whole.step(length)
+        whole.net.save(tmp_path / "whole.caffemodel.h5")
+        assert same(one.weights_of(length), tmp_path / "whole.caffemodel.h5")
 
 
-def test_the_pictures(first, place):
-    """Those that the page shows."""
-    page = (place / "results" / "table1.md").read_text()
-    assert re.findall(r"!\[.*\]\((.*)\)", page) == PICTURES
-    for name in PICTURES:
-        assert cv2.imread(str(place / "results" / name)) is not None
+def test_every_network_is_trained_and_scored(setting, narrow, tmp_path):
+    """The first length of each: its entry in the ledger; old snapshots go; a second run does nothing."""
+    jobs = [Job(setting, network, RECIPES["paper"], 1) for network in narrow.values()]
+    status, said, _ = sit(tmp_path, jobs, longest=4)
+    assert status == 0 and len(said) == 3 * len(jobs)
+    assert ["principal_components" in line for line in said if " 0 are done" in line] == [
+        network == "bottleneck" for network in narrow
+    ]
+    entries = {found.network: found for found in ledger.read_all(tmp_path / "ledger", "one_hand")}
+    assert set(entries) == set(narrow)
+    for name, found in entries.items():
+        (subject,) = found.subjects
+        assert (subject.subject, subject.frames, found.iterations) == ("same hand", 24, 4)
+        assert 5 < found.error_mm < 300 and found.error_mm == pytest.approx(subject.error_14_mm, abs=1e-4)
+        assert np.isnan(subject.out_of_limits) == narrow[name].by_fit and subject.angle_deg > 1
+        assert found.seconds > 0 and found.made_from == "synthetic" and found.command == "a test"
+    assert not list(tmp_path.glob("work/*/*_of4_iter_*")) and len(list(tmp_path.glob("work/*/*.solverstate.h5"))) == 6
+    assert len(ledger.read_shown(tmp_path / "ledger", "one_hand").crops) == 4
+    assert sit(tmp_path, jobs, longest=4)[:2] == (0, [])
 
 
-# -------------------------------------------------------------------------------------- training, once
+def test_a_stopped_sitting_goes_on_where_it_was(setting, narrow, tmp_path, monkeypatch):
+    """After a signal in the trunk, one in the end, and with the time over: the figures are those of one go."""
+    jobs = [Job(setting, narrow["ours"], RECIPES["adam"], 1)]
+    assert sit(tmp_path / "one", jobs)[0] == 0
+    whole, stops = training.train, [1, 4]
+
+    def until(solver, watch, **options):
+        last = stops.pop(0) if stops else None
+
+        def stop(running):
+            watch(running)
+            running.requested = "stop" if last is not None and running.iter + 1 == last else running.requested
+
+        status = whole(solver, watch=stop, **options)
+        return status if last is None else 130
+
+    monkeypatch.setattr(training, "train", until)
+    assert [sit(tmp_path / "two", jobs)[0] for _ in range(2)] == [130, 130]
+    clock = iter([0.0] * 4 + [9.0] * 9)
+    monkeypatch.setattr(sittings, "time", type("Clock", (), {"monotonic": lambda: next(clock),
+                                                             "perf_counter": time.perf_counter}))  # fmt: skip
+    status, said, _ = sit(tmp_path / "two", jobs, deadline=5.0)
+    assert status == 0 and said[-1] == "the time is over; the next run goes on here"
+    monkeypatch.undo()
+    assert sit(tmp_path / "two", jobs)[0] == 0
+    one, two = (ledger.read_all(tmp_path / name / "ledger", "one_hand") for name in ("one", "two"))
+    assert len(one) >= 2 and [e.subjects for e in one] == [e.subjects for e in two]
+    assert all(np.array_equal(a.shown, b.shown) for a, b in zip(one, two))
 
 
-def test_what_is_done(first):
-    """Angles first, then the networks one after the other; only DeepPrior's starts from principal components."""
-    lines = [line for line in first[1].splitlines() if re.match("train|test", line)]
-    assert re.match(r"train: the hand fitted to 64 frames, \d\.\d\d mm left", lines[0])
-    assert re.match(r"test: the hand fitted to 24 frames, \d\.\d\d mm left", lines[1])
-    titles = [re.match("training (.*): ", line)[1] for line in lines[2:]]
-    assert titles == [network.title for network in table1.NETWORKS]
-    started = [line for line in lines if "--weights" in line]
-    assert started == lines[-1:]
-    assert re.search(r"--weights snapshots/synthetic_[0-9a-f]{8}/principal_components.caffemodel.h5$", started[0])
+def test_a_scored_length_is_not_trained_again_elsewhere(setting, narrow, tmp_path):
+    """The ledger alone is enough; the trunk is then trained anew to where the next length branches off."""
+    jobs = [Job(setting, narrow["ours"], RECIPES["paper"], 1)]
+    assert sit(tmp_path, jobs, longest=4)[0] == 0
+    (tmp_path / "work").rename(tmp_path / "elsewhere")
+    status, said, _ = sit(tmp_path, jobs, longest=6)
+    assert status == 0 and "towards 6 iterations, 0 are done" in said[0] and not any("towards 4" in x for x in said)
 
 
-def test_a_second_run_trains_nothing(first, place, monkeypatch):
-    """And fits nothing: what is there is kept, and the figures are the same."""
-    monkeypatch.setattr(training, "train", lambda solver, **options: pytest.fail(f"trains {solver}"))
-    made = [*place.glob("snapshots/*/*.h5"), *place.glob("data/nyu_angles/*.h5")]
-    assert len(made) == 2 * 2 * 5 + 1 + 2  # weights and states of two iterations, components, angles
-    before = [path.stat().st_mtime_ns for path in made]
-    figures = (place / "results" / "table1.json").read_text()
-    status, out, err = run()
-    assert (status, out) == (0, first[0]) and "training" not in err
-    assert [path.stat().st_mtime_ns for path in made] == before
-    assert (place / "results" / "table1.json").read_text() == figures
+def test_a_shorter_length_after_a_longer_one(setting, narrow, tmp_path):
+    """Its trunk is trained from the start, and is not taken for an old snapshot."""
+    recipe = RECIPES["paper"]
+    jobs = [Job(setting, narrow["ours"], recipe, 1, only) for only in (9, 4)]
+    assert sit(tmp_path, jobs)[0] == 0
+    assert [e.iterations for e in ledger.read_all(tmp_path / "ledger", "one_hand")] == [4, 9]
+
+
+def test_a_ledger_of_other_data_is_refused(setting, narrow, tmp_path):
+    """One line, before anything is trained."""
+    ledger.write(tmp_path / "ledger", entry("direct_joint"))
+    with pytest.raises(DataError, match=r"ledger/one_hand: was made with the data synthetic_00000000, those in"):
+        sit(tmp_path, [Job(setting, narrow["ours"], RECIPES["paper"], 1)])
+
+
+def test_other_data_are_other_trainings(tmp_path):
+    """Networks trained on synthetic hands never stand in a table of NYU's; those on other labels lie elsewhere."""
+    path, names = tmp_path / "other.h5", []
+    for made_from, recipe in (("synthetic", "a"), ("synthetic", "b"), ("NYU", "b")):
+        with h5py.File(path, "w") as file:
+            file.attrs.update(made_from=made_from, recipe=recipe)
+        names.append(data_name([path]))
+    assert len(set(names)) == 3 and names[2].startswith("nyu_")
+    folders = {trainings.work_folder(tmp_path, ONE_HAND, "a", network).name for network in NETWORKS}
+    assert folders == {"one_hand_a", "one_hand_a_ridge0.0003_v3"}
+
+
+# -------------------------------------------------------------------------------------------- the command
 
 
 @pytest.fixture
-def only_ours(monkeypatch):
-    """One network."""
-    monkeypatch.setattr(table1, "NETWORKS", tuple(n for n in table1.NETWORKS if n.name == "ours"))
-
-
-def test_a_stopped_run_goes_on_where_it_was(place, only_ours, tmp_path, monkeypatch):
-    """From the last snapshot, by number and not by name; in the end the weights are those of a run in one go."""
-    final = "ours_seed1_of12_iter_12.caffemodel.h5"
-    in_one_go = ["--work", str(tmp_path / "one"), "--out", str(tmp_path / "one")]
-    stopped = ["--work", str(tmp_path / "two"), "--out", str(tmp_path / "two")]
-    assert run(*in_one_go, iterations=12)[0] == 0
-
-    def until_10(solver, whole=training.train, **options):
-        assert whole(solver, **options, max_iter=10) == 0
-        return 130  # as Ctrl-C
-
-    with monkeypatch.context() as patch:
-        patch.setattr(training, "train", until_10)
-        assert run(*stopped, iterations=12)[:2] == (130, "")
-    assert not (tmp_path / "two" / "table1.md").exists()
-    status, _, err = run(*stopped, iterations=12)
-    (ten,) = tmp_path.glob("two/*/ours_seed1_of12_iter_10.solverstate.h5")
-    assert status == 0 and f"--snapshot {ten}" in err
-    whole, resumed = (weights(*tmp_path.glob(f"{name}/*/{final}")) for name in ("one", "two"))
-    assert all(np.array_equal(whole[name], resumed[name]) for name in whole)
-    logs = sorted(path.name for path in tmp_path.glob("two/*/*.log"))
-    assert len(logs) == 2, "the log of the first part is not written over"
-
-
-def test_it_follows_netlib_engine(place, only_ours, tmp_path, monkeypatch):
-    """It has no --engine of its own."""
-    monkeypatch.setenv("NETLIB_ENGINE", "plain")
-    assert run("--work", str(tmp_path), "--out", str(tmp_path), iterations=1)[0] == 0
-    (log,) = tmp_path.glob("*/ours_seed1_of1.log")
-    assert ", engine plain. BLAS: " in log.read_text().splitlines()[0]
-
-
-def test_other_seeds_and_iterations_are_other_trainings(first, place, only_ours):
-    """Beside those that are there."""
-    status, _, err = run("--seed", "2")
-    assert status == 0 and "training ours: " in err
-    assert {path.name for path in place.glob("snapshots/*/ours_seed*_iter_2.caffemodel.h5")} == {
-        "ours_seed1_of2_iter_2.caffemodel.h5",
-        "ours_seed2_of2_iter_2.caffemodel.h5",
-    }
-
-
-# ------------------------------------------------------------------------------------------- the parts
-
-
-def test_the_network_with_the_bottleneck_starts_from_principal_components(place, tmp_path):
-    """They are the weights of its layer "joints"; all others are random."""
-    files = [Path(line) for line in (place / "data" / "nyu" / "train.txt").read_text().split()]
-    write_components(tmp_path / "components.caffemodel.h5", files)
-    net = netlib.Net(place / "bottleneck.prototxt", netlib.TRAIN)
-    ignored, own = net.copy_from(tmp_path / "components.caffemodel.h5")
-    assert not ignored and own == ["convL1", "convL2", "convL3", "FC1", "FC2", "bottleneck"]
-    arrays = weights(tmp_path / "components.caffemodel.h5")
-    for i, blob in enumerate(net.params["joints"]):
-        assert np.array_equal(blob.data, arrays[f"joints/{i}"])
-
-
-def test_angles_and_figures_of_a_perfect_network(first, place):
-    """The true joints, with the true angles or with fitted ones: no error, but for angles that joints leave open."""
-    files = [Path(line) for line in (place / "data" / "nyu" / "test.txt").read_text().split()]
-    truth, _ = fit_true_angles("test", files, place / "data" / "nyu_angles", SKELETON)
-    joints = kinematics_of(SKELETON).joints(truth)
-    perfect = Predictions(joints, joints, truth, joints, np.full(len(truth), 150.0), {}, "a test")
-    found = []
-    for predictions in (perfect, replace(perfect, dof=None)):
-        answers = Answers(table1.NETWORKS[0], predictions, angles_of(predictions, SKELETON))
-        found.append(result_of(answers, truth, SKELETON))
-    own, fitted = found
-    assert (own.error_mm, own.error_14_mm, own.within_40_mm) == pytest.approx((0, 0, 1))
-    assert own.angle_deg == pytest.approx(0, abs=1e-5) and own.out_of_limits == 0
-    assert fitted.error_mm == 0 and fitted.angle_deg < 2 and fitted.out_of_limits is None
-
-
-# -------------------------------------------------------------------------------------------- mistakes
-
-
-@pytest.mark.parametrize("there", [[], ["train.txt"]], ids=["no data", "no test data"])
-def test_without_data_a_line_says_how_to_make_them(tmp_path, monkeypatch, there):
-    """Both ways; nothing is trained."""
+def made(tmp_path, monkeypatch):
+    """A ledger whose figures are made up; the working directory is elsewhere."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "data" / "nyu").mkdir(parents=True)
-    for name in there:
-        (tmp_path / "data" / "nyu" / name).write_text(name)
-    status, out, err = run()
-    missing = "test" if there else "train"
-    assert (status, out) == (1, "") and err.count("\n") == 1
-    assert err.startswith(f"data/nyu/{missing}.txt: cannot read the list of HDF5 files: No such file or directory")
-    assert "tools/make_synthetic.py" in err and "tools/prepare_nyu.py NYU_ROOT" in err
+    for where, recipe in ((ONE_HAND, PAPER), (ONE_HAND, ADAM), (MANY_HANDS, ADAM)):
+        for one in trained(where, recipe):
+            ledger.write(tmp_path / "ledger", one)
+    for network in LAMBDAS:
+        ledger.write(tmp_path / "ledger", entry(network.name, 17, 6000))
+    ledger.write_shown(tmp_path / "ledger", "one_hand", shown())
+    return tmp_path
 
 
-def test_a_training_that_fails_ends_the_run(place, tmp_path, monkeypatch):
-    """With its exit status, and without a page."""
-    monkeypatch.setattr(training, "train", lambda solver, **options: 1)
-    assert run("--work", str(tmp_path), "--out", str(tmp_path))[:2] == (1, "")
-    assert not (tmp_path / "table1.md").exists()
+def run(*options):
+    """Exit status, standard output and standard error of the tool."""
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        status = table1.main(["--ledger", "ledger", "--out", "results", "--work", "work", *options])
+    return status, out.getvalue(), err.getvalue()
 
 
-def test_an_error_in_a_training_is_one_line(place, tmp_path, monkeypatch):
-    """And it ends the run."""
+def test_the_page_and_its_pictures(made):
+    """All that the page shows is there, from the ledger alone."""
+    assert run("--page")[0] == 0
+    page = (made / "results" / "table1.md").read_text()
+    found = re.findall(r"!\[.*\]\((.*)\)", page)
+    assert len(found) == 7 and "**confirmed**" in page
+    for name in found:
+        assert cv2.imread(str(made / "results" / name)) is not None
+    assert {path.name for path in (made / "results").iterdir()} == {*found, "table1.md"}
 
-    def fail(solver, **options):
-        raise DataError("data/nyu/train_000.h5: was cut")
 
-    monkeypatch.setattr(training, "train", fail)
-    status, out, err = run("--work", str(tmp_path), "--out", str(tmp_path))
-    assert (status, out) == (1, "") and err.splitlines()[-1] == "data/nyu/train_000.h5: was cut"
+def test_the_list(made):
+    """What is done and what is missing; nothing is written."""
+    status, out, _ = run("--list")
+    assert status == 0 and re.search(r"one_hand: ours, adam, seed 2 +20000, 30000 .* done +–", out)
+    assert re.search(r"many_hands: ours, paper, seed 1 +– +– +missing +\d+\.\d\n", out)
+    assert not (made / "results").exists() and "in total" in out.splitlines()[-1]
 
 
-def test_folders_that_cannot_be_made(tmp_path):
-    """One line, before anything is done."""
-    (tmp_path / "file").write_text("")
-    for option in ("--work", "--out"):
-        status, _, err = run(option, str(tmp_path / "file" / "folder"))
-        assert status == 1 and err.startswith(f"{tmp_path}/file/folder: cannot make the folder: ")
+def test_nyu_itself_is_taken_where_it_is(made):
+    """Where data/nyu holds synthetic hands, it is not."""
+    assert "nyu:" not in run("--list")[1]
+    (made / "data/nyu").mkdir(parents=True)
+    for made_from, taken in (("synthetic", False), ("NYU", True)):
+        with h5py.File(made / "data/nyu/a.h5", "w") as file:
+            file.attrs["made_from"] = made_from
+        (made / "data/nyu/train.txt").write_text("a.h5\n")
+        assert ("nyu: ours, paper, seed 1" in run("--list")[1]) == taken
+    assert REAL.name == "nyu"
+
+
+def test_a_damaged_ledger_is_one_line(made):
+    """And nothing is trained or written."""
+    path = made / "ledger/one_hand/ours_paper_seed1_6000.json"
+    path.write_text(path.read_text()[:-50])
+    for options in (["--page"], ["--list"]):
+        status, out, err = run(*options)
+        assert (status, out) == (1, "") and err.startswith("ledger/one_hand/ours_paper_seed1_6000.json: not whole JSON")
         assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("options", [["--iterations", "0"], ["--seed", "-1"], ["--networks", "ours"]], ids=" ".join)
+def test_without_nyu_a_line_says_how_to_get_it(made):
+    """NYU cannot be made."""
+    status, _, err = run("--setting", "nyu")
+    assert status == 1 and err.startswith("data/nyu/train.txt: cannot read the list of HDF5 files")
+    assert "tools/prepare_nyu.py NYU_ROOT" in err and err.count("\n") == 1
+
+
+def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
+    """One line."""
+    (tmp_path / "work").write_text("")
+    with pytest.raises(netlib.NetlibError, match="cannot make the folder: "):
+        sit(tmp_path, [Job(setting, narrow["ours"], RECIPES["paper"], 1)])
+
+
+@pytest.mark.parametrize(
+    "options", [["--longest", "0"], ["--seeds", "-1"], ["--networks", "other"], ["--list", "--page"]]
+)
 def test_usage(options):
     """Wrong usage is argparse's own message and status 2."""
     with pytest.raises(SystemExit) as stopped:

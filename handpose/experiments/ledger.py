@@ -1,0 +1,187 @@
+"""The ledger of Table 1: one small JSON file for each length of a training that was scored.
+
+    docs/results/table1/one_hand/ours_paper_seed1_4000.json
+
+It holds all that the page and the pictures need. What is in it is never trained again, wherever its snapshots are.
+``shown.json`` beside them has the frames that are drawn: their crops, and the true joints.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts import nyu
+from handpose.tracks.fields import Fields, parsed
+from netlib import atomic, files
+from netlib.blob import Array
+from netlib.errors import DataError
+
+JOINTS, ROTATIONS = len(nyu.ANNOTATION_OF_JOINT), 23  # of the hand
+THRESHOLDS_MM = range(0, 81, 2)  # of the success curve
+DRAWN = 4  # frames
+DECIMALS = 4
+WHERE = "shown.json"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a network reaches on the frames of one test subject; NaN where there is no such figure."""
+
+    subject: str
+    frames: int
+    error_14_mm: float
+    error_mm: float
+    angle_deg: float  # mean over the rotations, against the exact angles
+    fitted_angle_deg: float  # the same against those of the hand fitted to the true joints
+    out_of_limits: float  # fraction of the frames
+    within_40_mm: float
+    own_bones_mm: float  # error_14_mm if the predicted angles pose the frame's own bones
+    scaled_mm: float  # ... or the hand's bones, made as large as the frame's by one factor
+    joints_mm: Sequence[float]  # mean by joint
+    success: Sequence[float]  # fraction of the frames whose worst of the 14 joints is within THRESHOLDS_MM
+    angles_deg: Sequence[float]  # mean by rotation, against the exact angles where they are known, else the fitted
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One length of a training."""
+
+    setting: str
+    network: str
+    recipe: str
+    seed: int
+    iterations: int
+    error_mm: float  # over the 14 joints and all test frames: what decides whether to train longer
+    seconds: float  # of training, trunk and end
+    threads: int
+    machine: str
+    data: str  # which frames
+    made_from: str
+    command: str
+    subjects: Sequence[Figures]  # first the one that was trained on
+    shown: Array  # (DRAWN, JOINTS, 3) that it predicts for the frames that are drawn, half-cubes
+
+    @property
+    def key(self) -> tuple[str, str, str, int, int]:
+        """Which it is."""
+        return self.setting, self.network, self.recipe, self.seed, self.iterations
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The frames of a setting that are drawn."""
+
+    numbers: Sequence[int]
+    half_cube: Array  # (DRAWN,) mm
+    truth: Array  # (DRAWN, JOINTS, 3) half-cubes
+    crops: Sequence[NDArray[np.float32]]
+
+
+def path_of(folder: Path, setting: str, network: str, recipe: str, seed: int, iterations: int) -> Path:
+    """Where an entry is."""
+    return folder / setting / f"{network}_{recipe}_seed{seed}_{iterations}.json"
+
+
+def write(folder: Path, entry: Entry) -> Path:
+    """Write an entry, whole or not at all; returns its path. Raises OSError."""
+    path = path_of(folder, *entry.key)
+    atomic.replace_bytes(path, _text(asdict(entry)))
+    return path
+
+
+def read_all(folder: Path, setting: str) -> list[Entry]:
+    """All entries of a setting. Raises DataError for a file that is damaged, or not where it belongs."""
+    return [read(path) for path in sorted((folder / setting).glob("*_seed*.json"))]
+
+
+def read(path: Path) -> Entry:
+    """One entry. Raises DataError."""
+    of = _fields(path)
+    entry = Entry(
+        setting=of.text("setting"), network=of.text("network"), recipe=of.text("recipe"), seed=of.whole("seed"),
+        iterations=of.whole("iterations"), error_mm=of.number("error_mm"), seconds=of.number("seconds"),
+        threads=of.whole("threads"), machine=of.text("machine"), data=of.text("data"), made_from=of.text("made_from"),
+        command=of.text("command"), subjects=[_figures(part) for part in of.parts("subjects")],
+        shown=of.numbers("shown", DRAWN, JOINTS, 3),
+    )  # fmt: skip
+    if not entry.subjects:
+        raise DataError(f"{path}: 'subjects' is empty, expected the figures of one at least")
+    if path_of(path.parent.parent, *entry.key) != path:
+        raise DataError(f"{path}: holds what belongs to {path_of(Path(), *entry.key)}; was it renamed?")
+    return entry
+
+
+def write_shown(folder: Path, setting: str, shown: Shown) -> None:
+    """Write the frames that are drawn. Raises OSError."""
+    crops = [base64.b64encode(cv2.imencode(".png", _grey(crop))[1].tobytes()).decode() for crop in shown.crops]
+    frames = [{"number": int(number), "crop": crop} for number, crop in zip(shown.numbers, crops)]
+    content = {"frames": frames, "half_cube": shown.half_cube, "truth": shown.truth}
+    atomic.replace_bytes(folder / setting / WHERE, _text(content))
+
+
+def read_shown(folder: Path, setting: str) -> Shown:
+    """The frames that are drawn. Raises DataError."""
+    path = folder / setting / WHERE
+    of = _fields(path)
+    frames = list(of.parts("frames"))
+    return Shown([frame.whole("number") for frame in frames], of.numbers("half_cube", DRAWN),
+                 of.numbers("truth", DRAWN, JOINTS, 3), [_crop(frame, path) for frame in frames])  # fmt: skip
+
+
+def _fields(path: Path) -> Fields:
+    return Fields(parsed(files.read_text(path, "the ledger of Table 1"), str(path)), str(path))
+
+
+def _figures(of: Fields) -> Figures:
+    return Figures(
+        subject=of.text("subject"), frames=of.whole("frames"), error_14_mm=of.number("error_14_mm"),
+        error_mm=of.number("error_mm"), angle_deg=of.known("angle_deg"), fitted_angle_deg=of.known("fitted_angle_deg"),
+        out_of_limits=of.known("out_of_limits"), within_40_mm=of.number("within_40_mm"),
+        own_bones_mm=of.known("own_bones_mm"), scaled_mm=of.known("scaled_mm"),
+        joints_mm=of.numbers("joints_mm", JOINTS).tolist(), success=of.numbers("success", len(THRESHOLDS_MM)).tolist(),
+        angles_deg=of.numbers("angles_deg", ROTATIONS).tolist(),
+    )  # fmt: skip
+
+
+def _text(values: Any) -> bytes:
+    """JSON, rounded; a list of numbers stands on one line, so that two runs can be compared line by line."""
+    plain = _plain(values)
+    lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(value)}" for name, value in plain.items())
+    return f"{{\n{lines}\n}}\n".encode()
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it: rounded numbers, null for NaN."""
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(part) for part in value]
+    if isinstance(value, (float, np.floating)):
+        return round(float(value), DECIMALS) if math.isfinite(value) else None
+    return value
+
+
+def _grey(crop: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A crop in [-1, 1] as 8 bits: enough to be looked at."""
+    return np.round((crop + 1) * 127.5).astype(np.uint8)
+
+
+def _crop(frame: Fields, path: Path) -> NDArray[np.float32]:
+    try:
+        coded = np.frombuffer(base64.b64decode(frame.text("crop"), validate=True), np.uint8)
+    except ValueError:
+        raise DataError(f"{path}: a crop is not whole") from None
+    image = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE) if len(coded) else None
+    if image is None:
+        raise DataError(f"{path}: a crop is not a picture")
+    return np.asarray(image, np.float32) / np.float32(127.5) - 1

@@ -1,0 +1,69 @@
+"""handpose/experiments/findings.py and handpose/experiments/summary.py"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from made_ledger import PAPERS, entry, trained
+
+from handpose.experiments.findings import FINDINGS, decide
+from handpose.experiments.networks import NETWORKS
+from handpose.experiments.recipes import PAPER
+from handpose.experiments.settings import ONE_HAND
+from handpose.experiments.summary import Line, curve_of, line_of, spread_text, value_of
+
+OURS_OR_JOINT = FINDINGS[0]
+
+
+def lines(entries) -> dict[str, Line]:  # type: ignore[no-untyped-def]
+    """By network."""
+    return {network.name: line_of(entries, ONE_HAND, network, PAPER) for network in NETWORKS}
+
+
+def test_the_papers_figures_confirm_its_findings() -> None:
+    """All of them, with the differences of its table."""
+    found = lines(list(trained()))
+    for finding in FINDINGS:
+        decision = decide(finding, found)
+        assert decision.word == "confirmed" and len(decision.values) == 2, finding.text
+        if math.isfinite(finding.paper):
+            assert decision.values == pytest.approx([finding.paper] * 2, abs=0.03), finding.text
+
+
+def test_other_figures_refute_them() -> None:
+    """By as much as they say."""
+    other = {**PAPERS, "ours": (19.2, 25.0, 0.3)}
+    found = [decide(finding, lines(list(trained(figures_of=other)))) for finding in FINDINGS]
+    assert [d.word for d in found] == ["refuted", "confirmed", "confirmed", *["refuted"] * 5]
+    assert found[0].values == pytest.approx([-2, -2])
+
+
+def test_what_is_not_decided() -> None:
+    """One seed, seeds that do not agree, a spread as large as the difference, trainings that are too short, none."""
+
+    def of(*pairs: tuple[float, float], ends: bool = True) -> str:
+        entries = []
+        for seed, errors in enumerate(pairs, 1):
+            for name, error in zip(OURS_OR_JOINT.networks, errors):
+                entries += [entry(name, error, length, seed) for length in PAPER.lengths[: 2 if ends else 1]]
+        return decide(OURS_OR_JOINT, lines(entries)).why
+
+    assert of((10, 11), (10, 11.5)) == ""
+    assert of((10, 11)) == "one seed"
+    assert of((10, 11), (11, 10)) == "the seeds do not agree"
+    assert of((10, 10.5), (10, 13)) == "not more than the spread of the seeds"
+    assert of((10, 11), (10, 11), ends=False) == "not trained long enough yet"
+    assert of() == "not trained yet"
+
+
+def test_means_over_subjects_and_seeds() -> None:
+    """Frames have equal weight; a spread is half of what lies between."""
+    assert (
+        value_of(entry(error=20), "error_14_mm") == 21
+        and value_of(entry(error=20), "error_14_mm", "smaller hand") == 22
+    )
+    assert math.isnan(value_of(entry(), "error_14_mm", "nobody"))
+    assert curve_of([entry(error=20), entry(error=22)], "joints_mm") == pytest.approx([22] * 31)
+    assert spread_text([1, 2]) == "1.50 ± 0.50" and spread_text([], "{:.1%}") == "–"
+    assert spread_text([-1, -2], "{:+.1f}", " mm") == "-1.5 ± 0.5 mm" and spread_text([3.0], unit="°") == "3.00°"
