@@ -6,6 +6,7 @@
 # make table1  the paper's Table 1: trains what is missing of it (days; HOURS=8 for a night), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make twins   what each part of fast/ is worth, by switching it off (minutes)
+# make ranks   threads of one process against processes of mpiexec, and a model of many machines
 # make docs    what documents show of the code: code, figures, exercises, made anew
 # make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
 # make lint    the style and type checks of the continuous integration
@@ -17,7 +18,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test docs site faults lint table1 bench twins clean
+.PHONY: help demo train test docs site faults lint table1 bench twins ranks clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -43,6 +44,9 @@ bench: .venv/bench
 twins: .venv/tools
 	$(RUN) benchmarks/twins.py
 
+ranks: .venv/mpi
+	$(RUN) benchmarks/ranks.py
+
 test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal
 
@@ -65,7 +69,7 @@ lint: .venv/dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-.venv/tools .venv/test .venv/docs .venv/dev .venv/bench: setup.cfg
+.venv/tools .venv/test .venv/docs .venv/dev .venv/bench .venv/mpi: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv
 	$(RUN) -m pip install --quiet --disable-pip-version-check -e '.[$(notdir $@)]'
 	@touch $@
