@@ -46,6 +46,6 @@ def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]
     else:
         seen = found.crop[:, ::-1] if found.hand == "left" else found.crop
         inputs, size, girth = hand_inputs(predictor.net, seen[None])[0], 1.0, 1.0
-    words = findings.in_words(found).partition(";")[0]
+    words = findings.in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=camera, center_uvd=middle,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip

@@ -9,9 +9,10 @@
 
     python tools/test.py --fit accurate ...     # the same after the hand model was fitted to the depth, in more columns
 
-Errors are distances between predicted and annotated joints. Success rates are those of whole frames: no error larger
-than 20 or 40 mm, of NYU's 14 joints; of a body in a larger cube than 300 mm as much more, over all joints. Both are relative to the centre of the crop (joint 34 of
-the NYU annotation; on synthetic data the same place of the synthetic hand) and scaled by each frame's own cube.
+Errors are distances between predicted and annotated joints. Both are relative to the centre of the crop (joint 34 of
+the NYU annotation; on synthetic data the same place of the synthetic hand) and scaled by each frame's own cube. Success
+rates are of whole frames, none of whose joints (of NYU's hand: of its 14) is farther off than 20 or 40 mm; of a larger
+body than a hand, as much more as its cube is larger.
 """
 
 from __future__ import annotations

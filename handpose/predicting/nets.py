@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.layer import TEST
 from netlib.net import Net
+
+PALM = "palm"  # the joint that makes a body a hand
 
 
 def trained(model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
@@ -40,10 +43,26 @@ def hand_layer(net: Net) -> HandModel | None:
     return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
 
 
-def has_flesh(model: str | Path) -> bool:
-    """Does the skeleton of a net file have flesh, so that it can be fitted to depth? Raises NetlibError."""
+def is_hand(skeleton: Skeleton) -> bool:
+    """Is a body a hand? Hands are searched for, are left or right ones, and their crops are moved to their palms."""
+    return PALM in skeleton.joint_names
+
+
+def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
+    """Raise NetlibError for a skeleton that is no hand."""
+    if not is_hand(skeleton):
+        raise NetlibError(f"skeleton {skeleton.name!r} is no hand, for it has no joint {PALM!r}; {why}")
+
+
+def best_fit(model: str | Path) -> Literal["no", "fast", "accurate"]:
+    """The plan that suits the net of a file: bodies without flesh are not fitted, and only hands turned by quarters.
+
+    Raises NetlibError.
+    """
     hand = hand_layer(Net(model, TEST))
-    return hand is not None and hand.skeleton.param.flesh is not None
+    if hand is None or hand.skeleton.param.flesh is None:
+        return "no"
+    return "accurate" if is_hand(hand.skeleton) else "fast"
 
 
 def skeleton_to_fit(net: Net) -> Skeleton:
