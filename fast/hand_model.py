@@ -16,11 +16,11 @@ class FastHandModel(Twin, HandModel):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Positions; the pose only for backward."""
-        x = bottom[0].data.reshape(-1, len(self.skeleton.dof_names))
-        y = top[0].data.reshape(len(x), len(self.skeleton.joint_names), 3)
+        body = self._body(bottom)
+        y = top[0].data.reshape(len(body[0]), len(self.skeleton.joint_names), 3)
         if self.needs_backward:
-            self.pose = self.kinematics.forward(x)
+            self.pose = self.kinematics.forward(*body)
             y[...] = self.pose.joints
             self.kinematics.spare = self.pose  # backward is done with it before the next forward
         else:
-            y[...] = self.kinematics.joints(x)
+            y[...] = self.kinematics.joints(*body)

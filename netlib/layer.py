@@ -28,6 +28,7 @@ from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.messages import LayerParameter
 from netlib.prototxt import Field, Message, Place, Scalar
+from netlib.ranks import EVERY_ROW, Share
 from netlib.schema import Phase, numbered
 
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
@@ -57,6 +58,7 @@ class Layer:
     param_str           the string of a Python layer's ``python_param``
     blobs               the parameters
     rng                 the source of all randomness of this layer
+    share               which rows of a training's data it reads (ranks.py)
     """
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
@@ -68,6 +70,8 @@ class Layer:
     reads_top: bool = False  # backward reads the tops' data, so no layer in place may overwrite them
     loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
     is_input: ClassVar[bool] = False  # the caller writes the tops
+    moving: ClassVar[bool] = False  # forward changes the parameters: running means
+    share: Share = EVERY_ROW
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
         self.spec = spec

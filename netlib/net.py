@@ -23,6 +23,7 @@ from netlib.messages import LayerParameter, NetParameter, NetState
 from netlib.net_parameter import distinct, load_parameter, select_layers
 from netlib.plain import Connection, guarded
 from netlib.prototxt import Message
+from netlib.ranks import EVERY_ROW, Share
 from netlib.sharing import Parameters
 from netlib.splits import insert_splits
 
@@ -48,6 +49,7 @@ class Net:
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
     is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` refuses a net that brings code of its own.
+    ``share`` says which rows of the data it reads (netlib/ranks.py).
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some
@@ -74,6 +76,7 @@ class Net:
         seed: int | None = None,
         engine: str | None = None,
         python_layers: bool = True,
+        share: Share = EVERY_ROW,
     ) -> None:
         for value in args:
             if isinstance(value, (int, np.integer)):
@@ -95,6 +98,7 @@ class Net:
         self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
         python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
+        self.share = share
         with np.errstate(all="ignore"):  # options may be any numbers; what comes of them is looked at when it runs
             self._build(insert_splits(self.param.layer))
         self._decide_backward(param.force_backward)
@@ -125,7 +129,7 @@ class Net:
         for spec, seed, key in zip(specs, seeds, distinct([spec.name for spec in specs])):
             rng = np.random.Generator(np.random.SFC64(seed))
             layer = create.create(spec, spec.phase or self.state.phase, rng, self.dtype, self.engine.twin)
-            layer.name = key
+            layer.name, layer.share = key, self.share
             _check_counts(layer)
             bottom = Blobs(self._bottom(layer, i) for i in range(len(spec.bottom)))
             for name in spec.bottom:
@@ -149,6 +153,9 @@ class Net:
                 log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
                             "of the first are loaded twice", schema.position_of(spec), spec.name, key)  # fmt: skip
             self._weigh(layer, top)
+            if self.share.rank:  # parameters and the order of the data are those of rank 0; what else is random is not
+                own = np.random.SFC64(seed.spawn(self.share.rank)[-1])
+                layer.rng.bit_generator.state = own.state
         self.layers = list(self.layer_dict.values())
         self.learnable = parameters.learnable
         self.outputs = sorted(unread)  # Caffe's order

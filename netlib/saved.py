@@ -15,7 +15,9 @@ Weights = dict[str, dict[int, Array]]  # layer name -> parameter index -> array
 
 MOST_ITERATIONS = 2**31 - 1  # Caffe counts them in 32 bits
 # What ``extra`` holds, and of which type; a state of an earlier version may lack some.
-EXTRA: dict[str, type] = {"solver": dict, "smoothed": list, "layers": list, "weights_crc": int, "checksum": int}
+EXTRA: dict[str, type] = {
+    "solver": dict, "smoothed": list, "layers": list, "ranks": list, "weights_crc": int, "checksum": int,
+}  # fmt: skip
 
 
 @dataclass
@@ -55,8 +57,9 @@ class SolverState:
                 raise ValueError(f"{name!r} is {type(value).__name__}, expected {', '.join(EXTRA)}")
         if not all(type(loss) is float for loss in self.extra.get("smoothed", ())):
             raise ValueError("'smoothed' holds other things than numbers")
-        for states in self.extra.get("layers", ()):
-            if type(states) is not dict or not all(type(state) is dict for state in states.values()):
-                raise ValueError("'layers' holds other things than the states of layers")
+        for name in ("layers", "ranks"):
+            for states in self.extra.get(name, ()):
+                if type(states) is not dict or not all(type(state) is dict for state in states.values()):
+                    raise ValueError(f"{name!r} holds other things than the states of layers")
         if "checksum" in self.extra and self.extra["checksum"] != self.checksum():
             raise ValueError("its checksum is another than that of its content")

@@ -23,17 +23,20 @@ from typing import Any
 import numpy as np
 
 from netlib import engine as engines
-from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
+from netlib import introduction, report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
 from netlib.blob import Array
-from netlib.errors import DataError, DivergenceError, WeightsError
+from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
+from netlib.ranks import ALONE, EVERY_ROW, Ranks
 from netlib.resume import extra_state, restore_state, state_of, undo_of
 from netlib.sharing import Param
 from netlib.updates import histories, learning_rate
 
 log = logging.getLogger("netlib")
+
+COMPARED_EVERY = 100  # iterations: parameters of ranks
 
 
 class Solver:
@@ -44,6 +47,7 @@ class Solver:
     test_nets   nets for testing; they share the parameters of ``net``
     iter        number of updates made
     history     per parameter, the arrays of the update rule
+    ranks       who trains together (ranks.py)
     callbacks   pairs of functions: one is called before each iteration, one when its gradients are there
 
     ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread: the
@@ -59,11 +63,12 @@ class Solver:
         seed: int | None = None,
         engine: str | None = None,
         python_layers: bool = True,
+        ranks: Ranks = ALONE,
     ) -> None:
-        self.param, self.source = solver_parameter.checked(param), source
+        self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
         if seed is None:
             seed = param.random_seed if param.random_seed >= 0 else next_seed()
-        self.seed = secrets.randbits(31) if seed is None else seed
+        self.seed = ranks.of_root(secrets.randbits(31)) if seed is None else seed
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0
@@ -79,6 +84,7 @@ class Solver:
         for names in param.weights:
             for path in names.split(","):
                 self.copy_weights(path.strip())
+        self._introduced = False
         self._lap: tuple[int, float] = (0, time.perf_counter())
         self._saved_iter: int | None = None  # of the last snapshot
 
@@ -89,8 +95,9 @@ class Solver:
         log.info("Creating %s net file: %s", which, name)
         merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
         net = self.net_class(
-            param, state=merged, seed=self.seed + number, engine=self.engine.name, python_layers=self.python_layers
-        )
+            param, state=merged, seed=self.seed + number, engine=self.engine.name, python_layers=self.python_layers,
+            share=self.ranks.share if phase == "TRAIN" else EVERY_ROW,
+        )  # fmt: skip
         net.source = name
         return net
 
@@ -116,7 +123,7 @@ class Solver:
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
         with contextlib.ExitStack() as stack:
-            if p.snapshot or p.snapshot_after_train:
+            if (p.snapshot or p.snapshot_after_train) and self.ranks.rank == 0:
                 stack.enter_context(snapshot.prefix_in_use(self.prefix))
                 if p.snapshot_format == "HDF5":
                     snapshot_hdf5.check_names(weights.owned(self.net))
@@ -146,29 +153,36 @@ class Solver:
             log.info("Optimization stopped early.")
             return False
         if p.display and self.iter % p.display == 0:
-            loss = self._finite(self.net.run_forward())
-            self.smoothed.append(loss)
+            with self._together():
+                loss = self._finite(self.net.run_forward())
+            self.smoothed.append(self.ranks.agree(loss, None, None))
             log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
-        if p.test_interval and self.iter % p.test_interval == 0:
+        if p.test_interval and self.iter % p.test_interval == 0 and self.ranks.rank == 0:
             self.test_all()
         log.info("Optimization Done.")
         return True
 
     def step(self, iterations: int) -> bool:
         """Make some updates; False if a request stopped it early."""
+        self._introduce()
         self._lap = (self.iter, time.perf_counter())
         for _ in range(iterations):
             self.net.clear_param_diffs()
             test = self._test_is_due()
             with _undone_if_cut_short([self.net, *self.test_nets] if test else [self.net]) as undo:
                 if test:
-                    self.test_all()
-                    if self.requested == "stop":
+                    with self._together():
+                        if self.ranks.rank == 0:
+                            self.test_all()
+                    if self.ranks.from_root(self.requested) == "stop":
                         undo()  # a resume makes the tests of this iteration again, from the same rows on
                         return self._stop()
                 for on_start, _ in self.callbacks:
                     on_start()
-                loss = self._forward_backward()
+                with self._together():
+                    loss = self._forward_backward()
+                loss = self.ranks.agree(loss, self.requested, self._checksum())
+            self.ranks.average(self._shared_arrays())
             self.smoothed.append(loss)
             if self._display_is_due():
                 self._display()
@@ -178,9 +192,11 @@ class Solver:
             self.iter += 1
             if self.on_iteration is not None:
                 self.on_iteration(self)
-            if self.requested == "stop":
+            asked = self.ranks.asked(self.requested)
+            if asked == "stop":
                 return self._stop()
-            asked, self.requested = self.requested, None
+            if self.requested == asked:
+                self.requested = None
             if asked == "snapshot" or (self.param.snapshot and self.iter % self.param.snapshot == 0):
                 self.snapshot()
         return True
@@ -189,6 +205,39 @@ class Solver:
         self.requested = None
         self.snapshot()
         return False
+
+    # ------------------------------------------------------------------------------------------ several ranks
+
+    def _introduce(self) -> None:
+        """Ranks that train together must be about to compute the same, each on its own rows. Raises NetlibError."""
+        if self.ranks.count > 1 and not self._introduced:
+            self.ranks.introduce(introduction.facts_of(self))
+            self._introduced = True
+
+    @contextlib.contextmanager
+    def _together(self) -> Iterator[None]:
+        """What fails within it on one rank fails on all."""
+        try:
+            yield
+        except NetlibError as error:
+            agreed = self.ranks.fail(error)
+            if agreed is error:
+                raise
+            raise agreed from error
+
+    def _checksum(self) -> int | None:
+        """Of the parameters, when ranks are to be compared."""
+        due = self.ranks.count > 1 and self.iter % COMPARED_EVERY == 0
+        return introduction.crc_of(self.net.learnable) if due else None
+
+    def _shared_arrays(self) -> list[Array]:
+        """What is averaged over the ranks: the gradients, and the running means that forward changes."""
+        if self.ranks.count == 1:
+            return []
+        moving = [blob.data for layer in self.net.layers if layer.moving for blob in layer.blobs]
+        return [param.blob.diff for param in self.net.learnable if param.spec.lr_mult != 0] + moving
+
+    # ------------------------------------------------------------------------------------------ one iteration
 
     def _forward_backward(self) -> float:
         """Sum the gradients of iter_size batches; returns the mean loss."""
@@ -283,6 +332,7 @@ class Solver:
         loss = 0.0
         for _ in range(batches):
             loss += net.run_forward()
+            self.ranks.alive()
             for name in net.outputs:
                 sums[name] = sums.get(name, 0.0) + net.blobs[name].data.astype(np.float64).reshape(-1)
             if self.requested == "stop":
@@ -315,7 +365,8 @@ class Solver:
         return Path(f"{stem}.caffemodel{suffix}"), Path(f"{stem}.solverstate{suffix}")
 
     def snapshot(self) -> Path:
-        """Write weights and solver state; returns the path of the state. Raises WeightsError."""
+        """Write weights and solver state; returns the path of the state. Of several ranks all must be here, rank 0
+        writes. Raises WeightsError."""
         for param in self.net.learnable:
             if not np.isfinite(param.blob.data).all():
                 raise DivergenceError(
@@ -323,11 +374,15 @@ class Solver:
                     "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
                 )
         weights_path, state_path = self.snapshot_paths(self.iter)
+        others = self.ranks.gather(snapshot.as_plain(self.net.layer_states())) if self.ranks.count > 1 else []
+        if self.ranks.rank:
+            self._saved_iter = self.iter
+            return state_path
         kind = "HDF5" if self.param.snapshot_format == "HDF5" else "binary proto"
         log.info("Snapshotting to %s file %s", kind, weights_path)
         log.info("Snapshotting solver state to %s file %s", kind, state_path)
         image = weights.image(self.net, weights_path, self.param.snapshot_diff)
-        snapshot.write_pair(image, state_of(self, weights_path), weights_path, state_path)
+        snapshot.write_pair(image, state_of(self, weights_path, others), weights_path, state_path)
         self._saved_iter = self.iter
         return state_path
 
@@ -335,6 +390,7 @@ class Solver:
         """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""
         restore_state(self, path)
         self._saved_iter = self.iter
+        self._introduced = False
 
 
 @contextlib.contextmanager
@@ -350,10 +406,11 @@ def _undone_if_cut_short(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
 
 
 def get_solver(
-    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True, **changes: Any
-) -> Solver:
+    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True,
+    ranks: Ranks = ALONE, **changes: Any,
+) -> Solver:  # fmt: skip
     """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
 
-    ``python_layers=False`` refuses nets that bring code of their own.
+    ``python_layers=False`` refuses nets that bring code of their own; ``ranks`` train together (``mpi.MPIRanks``).
     """
-    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers)
+    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers, ranks)

@@ -11,10 +11,14 @@ tree of the free motions alone, here called steps:
     joint           = world_from_step @ (what is fixed behind the joint's last step) @ (0, 0, 0, 1)
 
 Steps of the same depth in this tree are one product. The NYU hand has 26 free motions, at most 10 one behind the other.
+
+If each body has bones of its own (bottom[1]), what is fixed is a constant plus a constant for each bone times its
+length: the bones only move, one after the other.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +27,7 @@ from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
-from tools.onnx_graph import Graph, Place
+from tools.onnx_graph import Graph, Place, Shape
 
 PARTS = ("one", "cosine", "sine", "angle")  # what the four matrices of a step are multiplied by
 
@@ -49,23 +53,51 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     layer = at.layer
     assert isinstance(layer, HandModel)
     sk = layer.skeleton
-    steps, last, offsets = steps_of(sk)
+    of_fixed_size = len(at.values) == 1
+    body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
+    steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
     x = at.values[0] if len(at.bottom[0]) == 2 else graph.reshaped(at.values[0], ("N", len(sk.dof_names)))
     dofs = [step.dof for step in steps]
     moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
-    theta = graph.op("Add", moved, graph.constant(sk.initial[dofs], "initial"))
-    theta = graph.reshaped(theta, ("N", len(steps), 1, 1))
     one, cosine, sine, angle = (graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4))
+    ends_at = graph.constant(offsets[:, None], "offsets")
+    if of_fixed_size:
+        initial = graph.constant(sk.initial[dofs], "initial")
+    else:
+        moved = graph.op("Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free"))
+        initial, bones = _size(graph, at, sk, dofs)
+        units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]  # one bone of length 1
+        by_step = np.array([[long.parts[0] - short.parts[0] for long, short in zip(own, steps)] for own, _, _ in units])
+        by_joint = np.array([own - offsets for _, _, own in units])
+        one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
+        ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
+    theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
     turned = graph.op(
         "Add", graph.op("Mul", graph.op("Cos", theta), cosine), graph.op("Mul", graph.op("Sin", theta), sine)
     )
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
     frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
-    terms = graph.op("Mul", frames, graph.constant(offsets[:, None], "offsets"))  # not MatMul: OpenCV 5.0 gets it wrong
+    terms = graph.op("Mul", frames, ends_at)  # not MatMul: OpenCV 5.0 gets it wrong
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     xyz = graph.op("Slice", ends, *(graph.constant([n], what) for n, what in ((0, "start"), (3, "end"), (2, "axis"))))
     return [graph.reshaped(xyz, at.top[0])]
+
+
+def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
+    """Where the steps begin, (N, steps) or (steps), and the bone lengths (N, K), of bodies of their own sizes."""
+    sizes = math.prod(at.sizes(at.bottom[1][1:]))
+    b = at.values[1] if len(at.bottom[1]) == 2 else graph.reshaped(at.values[1], ("N", sizes))
+    if sizes > 1:
+        return graph.constant(sk.initial[dofs], "initial"), b
+    still, slid = (graph.constant((sk.initial * which)[dofs], "initial") for which in (~sk.slides, sk.slides))
+    return graph.op("Add", still, graph.op("Mul", b, slid)), graph.op("Mul", b, graph.constant(sk.bones, "bones"))
+
+
+def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
+    """The sum over the bones of their lengths (N, K) times constants (K, ...), in this shape."""
+    flat = graph.constant(by_bone.reshape(len(by_bone), -1), "by_bone")
+    return graph.reshaped(graph.op("MatMul", bones, flat), shape)
 
 
 def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
@@ -84,8 +116,9 @@ def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
     return graph.op("Concat", *worlds, axis=1)
 
 
-def steps_of(sk: Skeleton) -> tuple[list[Step], list[int], Array]:
-    """The steps by depth, and of each joint its last step and where it stands in that step's frame, (K, 4).
+def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
+    """The steps by depth, and of each joint its last step and where it stands in that step's frame, (K, 4), if these
+    are its signed ``bones`` (K,).
 
     The first step does not move: roots, and all that is fixed to them, hang on it.
     """
@@ -102,7 +135,7 @@ def steps_of(sk: Skeleton) -> tuple[list[Step], list[int], Array]:
                 steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
                 step, fixed = len(steps) - 1, np.eye(4)
         bone = np.eye(4)
-        bone[sk.bone_axes[j], 3] += sk.bones[j]  # without a bone any axis, plus 0
+        bone[sk.bone_axes[j], 3] += bones[j]  # without a bone any axis, plus 0
         ends[j] = step, fixed @ bone
     order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
     place = {-1: -1, **{i: new for new, i in enumerate(order)}}

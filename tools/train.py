@@ -5,6 +5,11 @@
 
 Ctrl-C (or SIGTERM) writes a snapshot and stops; SIGHUP only writes a snapshot. To go on exactly where the training
 stopped, add --snapshot snapshots/nyu_iter_2000.solverstate.h5
+
+    mpiexec -n 4 python -m mpi4py tools/train.py prototxt/nyu_solver.prototxt
+
+Four processes train together, on one machine or several (docs/distributed.md): each runs the net's batch on its own
+rows, so a step has four times as many.
 """
 
 from __future__ import annotations
@@ -20,8 +25,9 @@ import tools
 tools.begin(__name__)
 
 from tools import training
-from tools.arguments import add_engine, natural, parser_of, positive
+from tools.arguments import add_engine, natural, parser_of, positive, weight
 from tools.console import guarded
+from tools.ranks import world
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -35,6 +41,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--threads", type=positive, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
     parser.add_argument("--log", metavar="FILE", help="write the log to this file, too; a resumed training adds to it")
+    parser.add_argument("--ranks-divide-batch", action="store_true",
+                        help="several processes divide the net's batch, instead of each running all of it")  # fmt: skip
+    parser.add_argument("--patience", type=weight, metavar="S",
+                        help="wait S seconds for a process (default: 20 steps, at least 10 s)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.snapshot and args.weights:
         parser.error("--snapshot brings its own weights; give either it or --weights")
@@ -52,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
         threads=args.threads,
         engine=args.engine,
         log_file=args.log,
+        ranks=world(args.ranks_divide_batch, args.patience),
     )
 
 

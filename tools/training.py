@@ -17,11 +17,14 @@ from typing import Any, Literal
 import netlib
 from netlib import engine as engines
 from netlib import prototxt
+from netlib.errors import NetlibError
+from netlib.ranks import ALONE, Ranks
 from netlib.solver import Solver
 from tools import advice
 from tools.caffe_log import BarHandler, log_to
 from tools.console import DONE, duration
 from tools.progress import ProgressBar
+from tools.ranks import threads_of
 
 log = logging.getLogger("netlib")
 
@@ -38,20 +41,38 @@ def train(
     threads: int | None = None,
     engine: str | None = None,
     log_file: str | Path | None = None,
+    ranks: Ranks = ALONE,
 ) -> int:
     """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
+    ranks     who trains together; only rank 0 logs, and raises
     """
-    with log_to(log_file, append=snapshot is not None) as console:
+    try:
+        return _train(solver_file, snapshot, weights, max_iter, seed, threads, engine, log_file, ranks)
+    except NetlibError as error:
+        agreed = ranks.fail(error)
+        if ranks.rank:
+            return DONE  # rank 0 says what there is to say, and ends with its status
+        raise agreed from error
+
+
+def _train(
+    solver_file: str | Path, snapshot: str | Path | None, weights: Sequence[str | Path], max_iter: int | None,
+    seed: int | None, threads: int | None, engine: str | None, log_file: str | Path | None, ranks: Ranks,
+) -> int:  # fmt: skip
+    with log_to(None if ranks.rank else log_file, append=snapshot is not None) as console:
+        if ranks.rank:
+            log.setLevel(logging.CRITICAL)
         chosen = engines.get(engine)
+        threads = threads or threads_of(ranks)
         if threads:
             chosen.set_threads(threads)
         count = chosen.threads()
         log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
-        solver = new_solver(solver_file, snapshot, weights, seed, engine, **changes)
+        solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
         return solve(solver, console, snapshot)
 
 
@@ -61,6 +82,7 @@ def new_solver(
     weights: Sequence[str | Path] = (),
     seed: int | None = None,
     engine: str | None = None,
+    ranks: Ranks = ALONE,
     **changes: Any,
 ) -> Solver:
     """The solver for ``train``, described in the log; ``changes`` replace fields of its file. Raises NetlibError."""
@@ -68,7 +90,7 @@ def new_solver(
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
     with advice.on_missing_data():
-        solver = netlib.get_solver(solver_file, seed, engine, **changes)
+        solver = netlib.get_solver(solver_file, seed, engine, ranks=ranks, **changes)
     _describe(solver)
     return solver
 
@@ -100,6 +122,9 @@ def _describe(solver: Solver) -> None:
             log.info("%s: %s", at.layer.name, note)
     for name in net.outputs:
         log.info("This network produces output %s", name)
+    if solver.ranks.count > 1:
+        batch = next(blob.shape[0] for at in net.connections for blob in at.top)
+        log.info("%d ranks × %d = %d a step; base_lr as written", solver.ranks.count, batch, solver.ranks.count * batch)
     count = sum(p.blob.count for p in net.learnable)
     log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
 
@@ -138,6 +163,9 @@ def requests_by_signal(
 @contextlib.contextmanager
 def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
     """Within it, the solver tells how much time is left."""
+    if solver.ranks.rank:
+        yield
+        return
     with contextlib.ExitStack() as bars:
         solver.on_iteration = _TimeLeft(solver, console, bars)
         try:

@@ -55,12 +55,13 @@ def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
 
 
 def best_fit(model: str | Path) -> Literal["no", "fast", "accurate"]:
-    """The plan that suits the net of a file: bodies without flesh are not fitted, and only hands turned by quarters.
+    """The plan that suits the net of a file. Only hands are turned by quarters, as the accurate one does; bodies without
+    flesh are not fitted, nor such whose sizes the net predicts.
 
     Raises NetlibError.
     """
     hand = hand_layer(Net(model, TEST))
-    if hand is None or hand.skeleton.param.flesh is None:
+    if hand is None or hand.skeleton.param.flesh is None or len(hand.spec.bottom) > 1:
         return "no"
     return "accurate" if is_hand(hand.skeleton) else "fast"
 
@@ -70,7 +71,16 @@ def skeleton_to_fit(net: Net) -> Skeleton:
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
+    _refuse_own_sizes(net, hand)
     return hand.skeleton
+
+
+def _refuse_own_sizes(net: Net, hand: HandModel) -> None:
+    """Inputs and the skeleton are not the predicted hand where its layer has a second bottom. Raises NetlibError."""
+    if len(hand.spec.bottom) > 1:
+        raise NetlibError(f"{net.source}: layer {hand.name!r} takes the size of each hand from blob "
+                          f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
+                          "layer one bottom")  # fmt: skip
 
 
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
@@ -85,6 +95,7 @@ def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{net.source}: no HandModel layer, so there are no angles")
+    _refuse_own_sizes(net, hand)
     name = hand.spec.bottom[0]
     depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
     if net.blobs["depth"].shape != depth.shape:

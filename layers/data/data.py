@@ -57,6 +57,7 @@ class Data(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
+        self.batch_size = self.share.batch(p.batch_size)
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
                             "tools/convert_imageset.py, from its images) and say backend: LMDB", "backend")  # fmt: skip
@@ -70,9 +71,9 @@ class Data(Layer):
         self.notes = [f"{self.entries} images in {p.source}"]
         self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
         image, _, what = self._entry()
-        top[0].reshape(p.batch_size, *self.transformer.shape(image, what))
+        top[0].reshape(self.batch_size, *self.transformer.shape(image, what))
         if len(top) > 1:
-            top[1].reshape(p.batch_size)
+            top[1].reshape(self.batch_size)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Nothing below can change the shape; only the images can, in forward."""
@@ -80,13 +81,15 @@ class Data(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.cursor.key != self.key and not self.cursor.set_key(self.key):
             self.cursor.first()
-        for i in range(self.param.batch_size):
-            image, label, what = self._entry()
-            if i == 0:
-                top[0].reshape(self.param.batch_size, *self.transformer.shape(image, what))
-            self.transformer.transform(image, top[0].data[i], what)
-            if len(top) > 1:
-                top[1].data[i] = label
+        for k in range(self.batch_size * self.share.count):
+            i, rank = divmod(k, self.share.count)
+            if rank == self.share.rank:
+                image, label, what = self._entry()
+                if i == 0:
+                    top[0].reshape(self.batch_size, *self.transformer.shape(image, what))
+                self.transformer.transform(image, top[0].data[i], what)
+                if len(top) > 1:
+                    top[1].data[i] = label
             if not self.cursor.next():
                 self.cursor.first()
         self.key = self.cursor.key

@@ -49,9 +49,10 @@ class HDF5Data(Layer):
     tops = (1, None)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        source, self.batch_size = self.param.source, self.param.batch_size
-        if self.batch_size == 0:
+        source = self.param.source
+        if self.param.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
+        self.batch_size = self.share.batch(self.param.batch_size)
         self.seed = int(self.rng.integers(2**62))
         self.cursor: Cursor = (0, 0, 0)
         self.files = [File(path, self.spec.top) for path in read_list(source, self.source)]
@@ -63,8 +64,9 @@ class HDF5Data(Layer):
                                     f"those in {self.files[0].path} {first.shape[1:]}")  # fmt: skip
         origin = ", ".join(sorted({file.made_from for file in self.files}))
         self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
-        if self.batch_size > self.rows:
-            few = f"warning: batch_size {self.batch_size} is more than the {self.rows} rows of {source}"
+        step = self.batch_size * self.share.count
+        if step > self.rows:
+            few = f"warning: batch_size {step} is more than the {self.rows} rows of {source}"
             self.notes.insert(0, f"{few}; every batch repeats some")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -75,16 +77,18 @@ class HDF5Data(Layer):
         self.cursor = self.read(self.cursor, [blob.data for blob in top])
 
     def read(self, cursor: Cursor, batch: list[Array]) -> Cursor:
-        """Fill ``batch`` with the rows from ``cursor`` on; returns the cursor after them."""
-        done, size = 0, len(batch[0])
+        """Fill ``batch`` with the rows from ``cursor`` on, of several ranks with its share; returns the cursor after
+        them."""
+        done, size = 0, len(batch[0]) * self.share.count
         while done < size:
             turn, place, row = cursor
             file = self.files[self.order(len(self.files), turn, 0)[place]]
             take = min(size - done, file.rows - row)
             rows = self.order(file.rows, turn, 1 + place)[row : row + take]
             file.check()
+            own, places = self.share.rows(done, take)
             for out, dataset in zip(batch, file.datasets):
-                dataset.take(rows, out[done : done + take])
+                dataset.take(rows[own], out[places])
             done += take
             cursor = (turn, place, row + take)
             if row + take == file.rows:

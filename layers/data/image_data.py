@@ -69,6 +69,7 @@ class ImageData(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
+        self.batch_size = self.share.batch(p.batch_size)
         if (p.new_height == 0) != (p.new_width == 0):
             raise self.fail(f"new_height {p.new_height} and new_width {p.new_width} must be given together",
                             "new_height" if p.new_height else "new_width")  # fmt: skip
@@ -84,8 +85,8 @@ class ImageData(Layer):
         self.notes = [f"{len(self.items)} images in {p.source}"]
         self.notes += misplaced(self, "scale", "mean_file", "crop_size", "mirror")
         first, _ = self.items[self._order(0)[skip]]
-        top[0].reshape(p.batch_size, *self.transformer.shape(self._read(first), first))
-        top[1].reshape(p.batch_size)
+        top[0].reshape(self.batch_size, *self.transformer.shape(self._read(first), first))
+        top[1].reshape(self.batch_size)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Nothing below can change the shape; only the pictures can, in forward."""
@@ -93,12 +94,14 @@ class ImageData(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         turn, place = self.cursor
         order = self._order(turn)
-        for i in range(self.param.batch_size):
-            path, top[1].data[i] = self.items[order[place]]
-            image = self._read(path)
-            if i == 0:
-                top[0].reshape(self.param.batch_size, *self.transformer.shape(image, path))
-            self.transformer.transform(image, top[0].data[i], path)
+        for k in range(self.batch_size * self.share.count):
+            i, rank = divmod(k, self.share.count)
+            if rank == self.share.rank:
+                path, top[1].data[i] = self.items[order[place]]
+                image = self._read(path)
+                if i == 0:
+                    top[0].reshape(self.batch_size, *self.transformer.shape(image, path))
+                self.transformer.transform(image, top[0].data[i], path)
             place += 1
             if place == len(self.items):
                 turn, place = turn + 1, 0

@@ -91,6 +91,7 @@ class WindowData(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
+        self.batch_size = self.share.batch(p.batch_size)
         if not 0 <= p.fg_fraction <= 1:
             raise self.fail(f"fg_fraction {p.fg_fraction:g} must be from 0 to 1", "fg_fraction")
         if p.crop_mode not in ("warp", "square"):
@@ -133,11 +134,11 @@ class WindowData(Layer):
         return np.broadcast_to(mean, (3, S, S))
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(self.param.batch_size, 3, self.size, self.size)
-        top[1].reshape(self.param.batch_size)
+        top[0].reshape(self.batch_size, 3, self.size, self.size)
+        top[1].reshape(self.batch_size)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        N, data, labels = self.param.batch_size, top[0].data, top[1].data
+        N, data, labels = self.batch_size, top[0].data, top[1].data
         foreground = int(np.float32(N) * np.float32(self.param.fg_fraction))
         data[...] = 0
         for i in range(N):

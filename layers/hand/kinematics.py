@@ -22,6 +22,10 @@ arm:
 
     dL/dtheta = a . (torque_j + (X_j - P) x force_j)    of a turn about a through P
     dL/dtheta = a . force_j                             of a translation along a
+
+A bone is a translation, too: a longer one carries its joint, and all joints that hang on it, along its axis a,
+
+    dL/dlength = a . force_j                            of joint j's bone
 """
 
 from __future__ import annotations
@@ -93,6 +97,11 @@ class Kinematics:
                 force[:, parent] += force[:, j]
                 torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
         return dtheta.astype(self.dtype)
+
+    def backward_bones(self, pose: Pose, dX: Array) -> Array:
+        """Gradient (N, K) at the signed bone lengths. Joints without a bone: 0."""
+        force = self.skeleton.carries @ dX.astype(np.float64)
+        return np.asarray((self.bone_directions(pose) * force).sum(axis=2), dtype=self.dtype)
 
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3) of the inputs (N, D), in the unit of the bones."""

@@ -56,6 +56,7 @@ class Skeleton:
     bone_axes                (K,) that axis: 0, 1, 2 for x, y, z; -1 without a bone
     driven                   (Q,) the DoF of each free motion; a DoF may drive several
     turns                    (Q,) bool: the free motion is a rotation, not a translation
+    slides                   (D,) bool: the DoF drives a translation
     """
 
     def __init__(self, param: SkeletonParameter) -> None:
@@ -79,6 +80,8 @@ class Skeleton:
         free = [(j, m) for j, own in enumerate(self.motions) for m in own if m.row >= 0]
         self.driven = np.array([m.dof for _, m in free], dtype=int)
         self.turns = np.array([m.kind == "rotate" for _, m in free], dtype=bool)
+        self.slides = np.zeros(len(param.dof), dtype=bool)
+        self.slides[[m.dof for own in self.motions for m in own if m.kind == "translate"]] = True
         self._moved = [j for j, _ in free]  # (Q,) the joint of each free motion
 
     @functools.cached_property
@@ -110,10 +113,16 @@ class Skeleton:
 
     def scaled(self, scale: float) -> Skeleton:
         """The same body ``scale`` times as large: bones, initial values of translations, flesh."""
-        slides = {m.dof for own in self.motions for m in own if m.kind == "translate"}
-        dofs = [replace(d, initial=d.initial * scale) if i in slides else d for i, d in enumerate(self.param.dof)]
+        dofs = [
+            replace(d, initial=d.initial * scale) if slides else d for d, slides in zip(self.param.dof, self.slides)
+        ]
         longer = self.with_numbers(dofs, self.bones * scale).param
         return Skeleton(replace(longer, flesh=longer.flesh and longer.flesh.scaled(scale)))
+
+    def with_free_slides(self) -> Skeleton:
+        """The same body, in which every DoF that drives a translation is free."""
+        dofs = [replace(d, fixed=d.fixed and not slides) for d, slides in zip(self.param.dof, self.slides)]
+        return Skeleton(replace(self.param, dof=tuple(dofs)))
 
     def with_flesh(self) -> Skeleton:
         """The body with the joints and DoFs that only its flesh has, after its own."""

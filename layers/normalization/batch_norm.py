@@ -50,6 +50,7 @@ class BatchNorm(Layer):
 
     param_type = BatchNormParameter
     bottoms = tops = (1, 1)
+    moving = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         given = self.param.use_global_stats

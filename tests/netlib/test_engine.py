@@ -8,10 +8,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 import netlib
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import load
 from netlib import engine
 from netlib.plain import Engine, Executor
 
@@ -112,6 +115,44 @@ def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path
         for solver in solvers:
             solver.step(1)
         assert solvers[0].loss == pytest.approx(solvers[1].loss, rel=1e-5)
+
+
+@needs_fast
+def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
+    """It begins at 1 and is HandModel's second bottom; behind layers that run in slices, of which there are several."""
+    rows = write_rows("rows.txt", [70], x=(1, 8, 8), joint=(93,))
+    with h5py.File(tmp_path / "rows0.h5", "r+") as file:
+        poses = 0.02 * np.random.default_rng(2).normal(size=(70, 47))
+        file["joint"][...] = Kinematics(load().scaled(1.3)).joints(poses).reshape(70, 93)
+    (tmp_path / "net.prototxt").write_text(f"""
+        layer {{ name: "d" type: "HDF5Data" top: "x" top: "joint"
+                 hdf5_data_param {{ source: "{rows}" batch_size: 70 }} }}
+        layer {{ name: "c" type: "Convolution" bottom: "x" top: "c"
+                 convolution_param {{ num_output: 4 kernel_size: 3 weight_filler {{ type: "xavier" }} }} }}
+        layer {{ name: "r" type: "ReLU" bottom: "c" top: "c" }}
+        layer {{ name: "p" type: "Pooling" bottom: "c" top: "FC2" pooling_param {{ kernel_size: 2 stride: 2 }} }}
+        layer {{ name: "DoF" type: "InnerProduct" bottom: "FC2" top: "DoF"
+                 inner_product_param {{ num_output: 47 weight_filler {{ type: "gaussian" std: 0.01 }} }} }}
+        layer {{ name: "size" type: "InnerProduct" bottom: "FC2" top: "size"
+                 inner_product_param {{ num_output: 1 weight_filler {{ type: "gaussian" std: 0.001 }}
+                                        bias_filler {{ type: "constant" value: 1 }} }} }}
+        layer {{ name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }}
+        layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: "loss" }}
+    """)
+    (tmp_path / "solver.prototxt").write_text(
+        f'net: "{tmp_path}/net.prototxt" base_lr: 0.0005 momentum: 0.9 lr_policy: "fixed" random_seed: 3'
+    )
+    solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
+    losses: list[list[float]] = []
+    for _ in range(40):
+        for solver in solvers:
+            solver.step(1)
+        losses.append([solver.loss for solver in solvers])
+    plain, fast = np.array(losses).T
+    assert np.allclose(plain, fast, rtol=1e-4)
+    assert plain[-1] < plain[0] / 5
+    for solver in solvers:
+        assert 1.2 < solver.net.blobs["size"].data.mean() < 1.4
 
 
 @pytest.mark.parametrize("value", ["", "fast"])

@@ -89,7 +89,12 @@ CASES: dict[str, list[tuple[list[tuple[int, ...]], str, int]]] = {
     ],
     "Exp": [(IMAGE, "", 1), (IMAGE, "exp_param { base: 2 scale: 3 shift: 1 }", 1)],
     "Flatten": [(IMAGE, "", 1), (IMAGE, "flatten_param { axis: 2 }", 1), (IMAGE, "flatten_param { axis: 0 }", 1)],
-    "HandModel": [([(1, 47)], "", 1), ([(1, 47, 1, 1)], "", 1)],
+    "HandModel": [
+        ([(1, 47)], "", 1),
+        ([(1, 47, 1, 1)], "", 1),
+        ([(1, 47), (1, 1)], "", 1),  # a factor
+        ([(1, 47), (1, 31, 1)], "", 1),  # bone lengths
+    ],
     "InnerProduct": [
         (IMAGE, "inner_product_param { num_output: 4 }", 1),
         ([(1, 5)], "inner_product_param { num_output: 4 bias_term: false transpose: true }", 1),
@@ -352,7 +357,7 @@ def test_without_the_pose_there_are_no_dof_names(files):
 
 def test_steps_of_the_hand():
     """26 free motions behind one that stands still: six of the palm, then four of each finger, abreast."""
-    steps, last, _ = steps_of(load())
+    steps, last, _ = steps_of(load(), load().bones)
     assert [sum(step.depth == d for step in steps) for d in range(11)] == [1] * 7 + [5] * 4
     assert last[load().joint_names.index("palm")] == 6
     assert max(last) == 26
@@ -374,6 +379,26 @@ def test_another_body(files, rng):
     skeleton = Skeleton(schema.read(prototxt.parse(body, "body"), SkeletonParameter, "skeleton"))
     found = run_onnx(onnx_net.onnx_image(net), x0=x)["y"].reshape(4, 4, 3)
     np.testing.assert_allclose(found, Kinematics(skeleton).joints(x), atol=1e-6)
+
+
+@pytest.mark.parametrize("sizes", [1, 4])
+def test_another_body_of_each_item(files, rng, sizes):
+    """Its size is an input: bones behind turns that are fixed, a fixed slide, a DoF that slides and turns."""
+    Path("body.prototxt").write_text("""
+        dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 }
+        dof { name: "c" fixed: true initial: -0.7 } dof { name: "d" }
+        joint { name: "tip" parent: "arm" translate { axis: X dof: "c" } rotate { axis: NEG_Z dof: "d" }
+                bone { axis: NEG_X length: 0.5 } }
+        joint { name: "arm" translate { axis: NEG_Y dof: "a" } rotate { axis: X dof: "b" }
+                bone { axis: Z length: 2 } }
+        joint { name: "post" rotate { axis: Y dof: "b" } bone { axis: X length: 1 } }
+        joint { name: "ring" parent: "tip" translate { axis: Z dof: "d" } rotate { axis: Y dof: "a" } }
+    """)
+    layer = 'layer { name: "h" type: "HandModel" bottom: "x0" bottom: "x1" top: "y" %s }'
+    net = onnx_net.load(*files(layer % 'hand_model_param { skeleton: "body.prototxt" }', (1, 4), (1, sizes)))
+    x = {"x0": rng.normal(size=(3, 4)).astype(np.float32), "x1": rng.normal(size=(3, sizes)).astype(np.float32)}
+    found = run_onnx(onnx_net.onnx_image(net), **x)["y"]
+    np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)
 
 
 def test_another_runtime(packaged, rng):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.predicting import finding
 from handpose.predicting.locator import Located, Locator
+from handpose.predicting.nets import best_fit, skeleton_to_fit
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
 from handpose.synthetic import prior_file
@@ -128,6 +130,32 @@ def test_nets_of_another_kind(net_of: NetOf, text: str, message: str) -> None:
     """Are refused when the predictor is made."""
     with pytest.raises(NetlibError, match=message):
         Predictor(net_of(text % 1, netlib.TEST))
+
+
+SIZED = NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "size" top: "pred"').replace(
+    'layer { name: "hand"',
+    """layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size"
+        inner_product_param { num_output: 1 bias_filler { type: "constant" value: 1.5 } } }
+layer { name: "hand\"""",
+)
+
+
+def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
+    """Its joints are those of its layer, of the hand's own size; a fit, which has another size, is refused."""
+    net = net_of(SIZED % 1, netlib.TEST)
+    bias = net.params["DoF"][1].data
+    net.params["DoF"][0].data[...], bias[...] = 0, -HAND.initial * HAND.slides * 1.5  # the palm in the middle
+    found = Predictor(net).in_crop(some_crop())
+    usual = HAND.scaled(1.5)
+    assert np.allclose(found.joints, kinematics_of(usual).joints(bias[None].astype(float))[0], atol=1e-5)
+    message = "layer 'hand' takes the size of each hand from blob 'size', which a fit does not know; do without a fit"
+    with pytest.raises(NetlibError, match=message):
+        Predictor(net, fit="fast").in_crop(some_crop())
+    with pytest.raises(NetlibError, match=message):
+        skeleton_to_fit(net)
+    for text, expected in ((SIZED, "no"), (NET, "accurate")):
+        (tmp_path / "net.prototxt").write_text(text % 1)
+        assert best_fit(tmp_path / "net.prototxt") == expected
 
 
 # ------------------------------------------------------------------------------------------------ frames

@@ -43,6 +43,31 @@ def arm() -> Callable[[np.ndarray], np.ndarray]:
     return arm_joints
 
 
+def random_body(rng: np.random.Generator) -> str:
+    """A skeleton file of 6 joints and 6 DoFs: two roots, children before parents, joints with and without a bone, DoFs
+    that are fixed, that move several joints, that slide and turn.
+    """
+    axes = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+    lines = [
+        f'dof {{ name: "d{i}" initial: {rng.normal():.3f} fixed: {"true" if i < 2 else "false"} }}' for i in range(6)
+    ]
+    for i in range(6):
+        parts = [f'name: "j{i}"' + (f' parent: "j{rng.integers(i + 1, 6)}"' if i < 4 else "")]
+        for kind, most in (("translate", 3), ("rotate", 4)):
+            for _ in range(rng.integers(most)):
+                parts.append(f'{kind} {{ axis: {rng.choice(axes)} dof: "d{rng.integers(6)}" }}')
+        if i % 3:
+            parts.append(f"bone {{ axis: {rng.choice(axes)} length: {rng.uniform(0.3, 2):.3f} }}")
+        lines.append(f"joint {{ {' '.join(parts)} }}")
+    return "\n".join(lines)
+
+
+@pytest.fixture(params=range(6))
+def any_body(request: pytest.FixtureRequest) -> str:
+    """The text of a skeleton file."""
+    return random_body(np.random.default_rng(request.param))
+
+
 @pytest.fixture
 def skeleton(tmp_path: Path) -> Callable[[str], Skeleton]:
     """``skeleton(text)``: the table of a file with this text."""

@@ -5,6 +5,7 @@ import pytest
 
 import netlib
 from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 
 
@@ -62,6 +63,111 @@ def test_a_net_that_only_predicts_gives_the_same(net_of, rng):
     x = rng.normal(size=(9, 47))
     found = [net_of(text % start, dtype=np.float64).forward(x=x)["y"] for start in ("", "force_backward: true")]
     assert np.allclose(*found, atol=1e-14)
+
+
+# ---------------------------------------------------------------------------------------------- sizes
+
+
+@pytest.fixture
+def of_any(tmp_path, any_body):
+    """The layer on a random body, and its skeleton."""
+    (tmp_path / "any.prototxt").write_text(any_body)
+    path = tmp_path / "any.prototxt"
+    return f'type: "HandModel" hand_model_param {{ skeleton: "{path}" }}', load(path)
+
+
+@pytest.mark.parametrize("N", [2, 20])
+def test_a_factor_is_a_scaled_body(run, of_any, rng, N):
+    """Each item's own: bones and initial values of translations, also of fixed ones; whatever fixed inputs are."""
+    text, skeleton = of_any
+    x, b = rng.normal(size=(N, 6)), rng.normal(size=(N, 1, 1))
+    expected = [Kinematics(skeleton.scaled(float(s))).joints(row[None]) for row, s in zip(x, b.ravel())]
+    assert np.allclose(run(text, x, b).y, np.reshape(expected, (N, 18)))
+
+
+def test_lengths_are_a_body_with_such_bones(run, of_any, rng):
+    """Signed; what stands at a joint without a bone is ignored."""
+    text, skeleton = of_any
+    x, b = rng.normal(size=(3, 6)), rng.normal(size=(3, 6))
+    assert (skeleton.bone_axes < 0).any()
+    dofs = skeleton.param.dof
+    expected = [Kinematics(skeleton.with_numbers(dofs, own)).joints(row[None]) for row, own in zip(x, b)]
+    assert np.allclose(run(text, x, b).y, np.reshape(expected, (3, 18)))
+
+
+@pytest.mark.parametrize("size", [(1,), (6,), (1, 1), (3, 2)])
+@pytest.mark.parametrize("N", [2, 18])
+def test_gradient_of_the_size(check, of_any, rng, size, N):
+    """Of a factor and of lengths, for bodies of all kinds; for few poses and for many."""
+    check(of_any[0], rng.normal(size=(N, 6)), rng.normal(size=(N, *size)))
+
+
+@pytest.mark.parametrize("sizes", [1, 31])
+def test_gradient_of_the_size_of_the_hand(check, rng, sizes):
+    """The palm has no bone: a length there gets 0."""
+    check('type: "HandModel"', rng.normal(0, 0.5, (2, 47)), rng.uniform(0.5, 1.5, (2, sizes)))
+
+
+@pytest.mark.parametrize("sizes", [1, 31])
+def test_each_gradient_is_that_of_both(run, rng, sizes):
+    """Asked for alone it is the same, and the other diff stays as it was."""
+    made = run('type: "HandModel"', rng.normal(size=(4, 47)), rng.uniform(0.5, 1.5, (4, sizes)))
+    dy = rng.normal(size=(4, 93))
+    both = [diff.copy() for diff in made.backward(dy)]
+    for wanted in ([True, False], [False, True], [False, False]):
+        for blob in made.bottom:
+            blob.diff[...] = 77
+        found = made.backward(dy, wanted=wanted)
+        for diff, expected, asked in zip(found, both, wanted):
+            assert np.array_equal(diff, expected if asked else np.full(diff.shape, 77.0))
+
+
+def test_the_factor_one_is_the_skeleton(run, rng):
+    """And the bones of the skeleton are, too: the same joints, the same gradient at the inputs."""
+    x, dy = rng.normal(size=(20, 47)), rng.normal(size=(20, 93))
+    alone = run('type: "HandModel"', x)
+    [dx] = alone.backward(dy)
+    for b in (np.ones((20, 1)), np.tile(load().bones, (20, 1))):
+        sized = run('type: "HandModel"', x, b)
+        assert np.allclose(sized.y, alone.y, rtol=0, atol=1e-13)
+        assert np.allclose(sized.backward(dy)[0], dx, rtol=0, atol=1e-12)
+
+
+def test_a_body_of_one_joint_has_a_factor(run, tmp_path):
+    """One number is never a length."""
+    (tmp_path / "stick.prototxt").write_text('dof { name: "a" } joint { name: "tip" bone { axis: X length: 3 } }')
+    text = f'type: "HandModel" hand_model_param {{ skeleton: "{tmp_path}/stick.prototxt" }}'
+    assert run(text, np.zeros((1, 1)), [[2.0]]).y.tolist() == [[6, 0, 0]]
+
+
+@pytest.mark.parametrize("N", [0, 1, 30])
+@pytest.mark.parametrize("sizes", [1, 31])
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-4), (np.float64, 1e-12)])
+def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
+    """Of any batch, no hands included; one that only predicts gives the same, and so does the plain engine."""
+    layers = f"""
+        layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: {N} dim: 47 }} }} }}
+        layer {{ name: "b" type: "Input" top: "b" input_param {{ shape {{ dim: {N} dim: {sizes} }} }} }}
+        layer {{ name: "h" type: "HandModel" bottom: "x" bottom: "b" top: "y" }}
+    """
+    x, b, dy = rng.normal(0, 0.5, (N, 47)), rng.uniform(0.5, 1.5, (N, sizes)), rng.normal(size=(N, 93))
+    predicting, learning = (net_of(start + layers, dtype=dtype) for start in ("", "force_backward: true"))
+    plain = net_of("force_backward: true" + layers, engine="plain", dtype=np.float64)
+    expected = plain.forward(x=x, b=b)["y"]
+    gradients = plain.backward(y=dy)
+    for net in (predicting, learning):
+        y = net.forward(x=x, b=b)["y"]
+        assert y.shape == (N, 93) and np.allclose(y, expected, rtol=0, atol=tolerance)
+    for name, found in learning.backward(y=dy).items():
+        assert found.shape == gradients[name].shape and np.allclose(found, gradients[name], rtol=0, atol=tolerance)
+
+
+def test_mistakes_in_sizes(run, text):
+    """Neither one number nor one for each joint, or of another batch."""
+    for b, shape in ((np.zeros((2, 2)), r"\(2, 2\)"), (np.zeros((3, 1)), r"\(3, 1\)"), (np.zeros(()), r"\(\)")):
+        message = rf"bottom 'bottom1' has shape {shape}, expected \(2, 1\), a factor, or \(2, 3\), the bone lengths of"
+        with pytest.raises(netlib.LayerError, match=message):
+            run(text, np.zeros((2, 4)), b)
 
 
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):

@@ -131,6 +131,37 @@ def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
             assert np.allclose(slope[:, other], directions[:, joint] if joint in way else 0, atol=1e-8)
 
 
+@pytest.mark.parametrize("N", [1, 40])
+def test_the_gradient_of_bones(body, any_body, rng, N):
+    """Against differences, at lengths of each pose's own; a number for a joint without a bone has none."""
+    made = body(any_body)
+    table = made.skeleton
+    inputs, dX = rng.normal(size=(N, 6)), rng.normal(size=(N, 6, 3))
+    bones = table.bones * rng.uniform(-2, 2, (N, 6))
+    got = made.backward_bones(made.forward(inputs, bones), dX)
+    for k in range(6):
+        step = 1e-6 * np.eye(6)[k] * (table.bone_axes[k] >= 0)
+        slope = (made.joints(inputs, bones + step) - made.joints(inputs, bones - step)) / 2e-6
+        assert np.allclose(got[:, k], (slope * dX).sum(axis=(1, 2)), atol=1e-7)
+
+
+def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
+    """The stretched arm along x: the upper arm carries elbow and hand, the fore arm the hand; up there is no bone."""
+    made = body(arm_text)
+    pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
+    dX = np.array([[[2.0, 9, 0], [3, 9, 0], [100, 9, 0]]])  # at hand, elbow, base
+    assert np.allclose(made.backward_bones(pose, dX), [[2, 5, 0]])
+
+
+def test_bones_in_float32(hand, rng):
+    """As the gradient of the inputs: digits of float32, and nothing else, is lost."""
+    inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
+    single = kinematics_of(HAND, np.float32)
+    got = single.backward_bones(single.forward(inputs), dX)
+    assert got.dtype == np.float32
+    assert np.allclose(got, Kinematics(HAND).backward_bones(Kinematics(HAND).forward(inputs), dX), rtol=0, atol=2e-5)
+
+
 # ---------------------------------------------------------------------------------------------- the hand
 
 

@@ -66,6 +66,19 @@ def test_a_scaled_hand():
     assert np.array_equal(larger.upper, HAND.upper)
 
 
+def test_slides_can_be_freed(skeleton, arm_text):
+    """DoFs that translate are no longer fixed, others are; nothing else changes."""
+    text = arm_text.replace("initial: 0.5", "initial: 0.5 fixed: true").replace(
+        "initial: 0.25", "initial: 0.25 fixed: true"
+    )
+    table = skeleton(text)
+    freed = table.with_free_slides()
+    assert table.fixed.tolist() == [False, True, True, False]
+    assert table.slides.tolist() == [True, True, False, False]
+    assert freed.fixed.tolist() == [False, False, True, False]
+    assert np.array_equal(freed.initial, table.initial) and np.array_equal(freed.bones, table.bones)
+
+
 # ---------------------------------------------------------------------------------------------- broken files
 
 

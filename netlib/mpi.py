@@ -1,0 +1,223 @@
+"""Ranks over MPI (mpi4py): how gradients are summed, how ranks agree, and how all end when one does.
+
+    mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
+
+**Sums** are taken in the order of the ranks, whatever the library would do, so a training repeats itself bit for bit.
+All gradients lie in one flat buffer, in N pieces. Rank r is sent piece r by every rank, adds them up, first to last,
+divides by N, and sends the mean to all: 2 (N - 1) / N times the bytes of the gradients out of and into every rank,
+which is what the best algorithms for sums need (Thakur, Rabenseifner and Gropp 2005, Sec. 4).
+
+**Agreement**: before the sum every rank tells rank 0 four numbers (the loss, what it was asked for, whether it failed,
+a checksum), and rank 0 tells all of them to all. So a signal that reaches the ranks in different steps stops all after
+the same one, and an error of one rank is the error of all.
+
+**Waiting** is limited: a rank that nobody hears of ends the others, too. Nothing here blocks: whoever waits looks again
+and again, and at the clock.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from netlib.blob import Array
+from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError
+from netlib.ranks import Ranks
+
+REQUESTS = (None, "snapshot", "stop")
+STOP = REQUESTS.index("stop")
+ERRORS: dict[str, type[NetlibError]] = {
+    cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
+}
+LOSS, ASKED, FAILED, CHECKSUM = range(4)  # the four numbers
+NO_CHECKSUM = -1.0
+TO_ROOT, TO_ALL, ALIVE = 1, 2, 3  # tags
+START_S = 120.0  # that ranks wait for each other at first
+LEAST_S, STEPS = 10.0, 20.0  # later: so long, or so many of the longest steps so far
+ALIVE_EVERY_S = 1.0
+SPIN, NAP_S = 2000, 1e-4  # looks without a pause, and the pause between later ones: cores may be shared
+
+
+class MPIRanks(Ranks):
+    """The ranks of a communicator of mpi4py.
+
+    divide    the prototxt's batch is that of all ranks together
+    patience  how many s to wait for a rank; by default by the length of the steps
+    """
+
+    def __init__(self, comm: Any, divide: bool = False, patience: float | None = None) -> None:
+        from mpi4py import MPI
+
+        self._mpi, self._comm = MPI, comm.Dup()
+        self.rank, self.count, self.divide = comm.Get_rank(), comm.Get_size(), divide
+        self.beside = comm.Split_type(MPI.COMM_TYPE_SHARED).Get_size()
+        self.patience = patience
+        self._longest = 0.0
+        self._since: float | None = None  # when the last step was agreed on
+        self._asked = 0
+        self._over = False  # an error that all ranks know of
+        self._told = 0.0  # when the others were last told that rank 0 is alive
+        self._flat = self._pieces = self._mean = np.zeros(0)
+
+    # ------------------------------------------------------------------------------------------ agreement
+
+    def introduce(self, facts: Mapping[str, Any]) -> None:
+        """All tell all their facts."""
+        self._exchange(0.0, None, None)
+        texts = {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
+        everyone: list[dict[str, str]] = self._exchange_values(texts)
+        for rank, other in enumerate(everyone):
+            for name, value in everyone[0].items():
+                if other.get(name) != value:
+                    self._over = True
+                    raise NetlibError(f"rank {rank} has another {name} than rank 0: {_short(other.get(name, ''))} and "
+                                      f"{_short(value)}; expected the same on all ranks")  # fmt: skip
+
+    def of_root(self, number: int) -> int:
+        """In the table that rank 0 sends to all."""
+        return int(self._exchange(float(number), None, None)[0, LOSS])
+
+    def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
+        """One round of the four numbers."""
+        table = self._exchange(loss, asked, checksum)
+        now = time.monotonic()
+        if self._since is not None:
+            self._longest = max(self._longest, now - self._since)
+        self._since = now
+        self._asked = max(int(table[0, ASKED]), STOP * int(table[:, ASKED].max() == STOP))
+        different = np.flatnonzero(table[:, CHECKSUM] != table[0, CHECKSUM])
+        if len(different):
+            self._over = True
+            raise NetlibError(
+                f"the parameters of rank {different[0]} are not those of rank 0 any more: its memory or its processor "
+                "computes something else; the last snapshot is untouched"
+            )
+        return float(table[:, LOSS].mean())
+
+    def fail(self, error: NetlibError) -> NetlibError:
+        """In the place of what the others are waiting for."""
+        if self._over:  # all know of it
+            return error
+        try:
+            self._exchange(0.0, None, None, failed=error)
+        except NetlibError as agreed:
+            return agreed
+        return error
+
+    def asked(self, own: str | None) -> str | None:
+        """As the last round said."""
+        return REQUESTS[self._asked]
+
+    def from_root(self, own: str | None) -> str | None:
+        """One round of the four numbers."""
+        return REQUESTS[int(self._exchange(0.0, own, None)[0, ASKED])]
+
+    def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """All tell all, and rank 0 keeps it."""
+        self._exchange(0.0, None, None)
+        everyone: list[dict[str, Any]] = self._exchange_values(dict(value))
+        return everyone[1:] if self.rank == 0 else []
+
+    def alive(self) -> None:
+        """An empty message to the others, now and then."""
+        now = time.monotonic()
+        if self.rank == 0 and now - self._told > ALIVE_EVERY_S:
+            self._told = now
+            for other in range(1, self.count):
+                self._comm.Isend([np.zeros(0), self._mpi.DOUBLE], other, ALIVE).Free()
+
+    def _exchange(
+        self, loss: float, asked: str | None, checksum: int | None, failed: NetlibError | None = None
+    ) -> Array:
+        """The four numbers of all ranks (N, 4). Raises, on every rank, what a rank has failed with."""
+        own = np.array([loss, REQUESTS.index(asked), failed is not None, NO_CHECKSUM if checksum is None else checksum])
+        table = np.zeros((self.count, len(own)))
+        table[self.rank] = own
+        if self.rank == 0:
+            waiting = [self._comm.Irecv(table[r], r, TO_ROOT) for r in range(1, self.count)]
+            self._wait(waiting, lambda: [r + 1 for r, request in enumerate(waiting) if not request.Test()])
+            self._wait([self._comm.Isend(table, r, TO_ALL) for r in range(1, self.count)])
+        else:
+            self._wait([self._comm.Isend(own, 0, TO_ROOT), self._comm.Irecv(table, 0, TO_ALL)], lambda: [0])
+        if table[:, FAILED].any():
+            first = int(table[:, FAILED].argmax())
+            self._over = True
+            kind, text = self._exchange_values([type(failed).__name__, str(failed)])[first]
+            raise ERRORS.get(kind, NetlibError)(f"rank {first}: {text}")
+        return table
+
+    def _exchange_values(self, own: Any) -> list[Any]:
+        """What every rank has to say, as JSON."""
+        text = json.dumps(own).encode()
+        sizes = np.zeros(self.count, dtype=np.int64)
+        self._wait([self._comm.Iallgather(np.array([len(text)], dtype=np.int64), sizes)])
+        texts = np.zeros(int(sizes.sum()), dtype=np.uint8)
+        places = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        mine = np.frombuffer(text, dtype=np.uint8)
+        self._wait([self._comm.Iallgatherv(mine, [texts, sizes, places, self._mpi.BYTE])])
+        return [json.loads(texts[at : at + n].tobytes()) for at, n in zip(places, sizes)]
+
+    # ------------------------------------------------------------------------------------------ sums
+
+    def average(self, arrays: Sequence[Array]) -> None:
+        """In pieces, each added up by one rank, in the order of the ranks."""
+        if not arrays:
+            return
+        count = sum(array.size for array in arrays)
+        piece = -(-count // self.count)
+        if self._flat.shape != (piece * self.count,) or self._flat.dtype != arrays[0].dtype:
+            self._flat = np.zeros(piece * self.count, arrays[0].dtype)
+            self._pieces = np.zeros((self.count, piece), arrays[0].dtype)
+            self._mean = np.zeros(piece, arrays[0].dtype)
+        at = 0
+        for array in arrays:
+            self._flat[at : at + array.size] = array.reshape(-1)
+            at += array.size
+        self._wait([self._comm.Ialltoall(self._flat, self._pieces)])
+        self._mean[...] = self._pieces[0]
+        for other in self._pieces[1:]:
+            self._mean += other
+        self._mean /= self.count
+        self._wait([self._comm.Iallgather(self._mean, self._flat)])
+        at = 0
+        for array in arrays:
+            array.reshape(-1)[...] = self._flat[at : at + array.size]
+            at += array.size
+
+    # ------------------------------------------------------------------------------------------ waiting
+
+    def _wait(self, requests: list[Any], missing: Callable[[], list[int]] = list) -> None:
+        """Until all are done; ends all ranks if that takes too long. ``missing`` are ranks that others wait for."""
+        begun, looks = time.monotonic(), 0
+        while not self._mpi.Request.Testall(requests):
+            looks += 1
+            if looks < SPIN:
+                continue
+            time.sleep(NAP_S)
+            if self.rank and self._comm.Iprobe(0, ALIVE):
+                self._comm.Recv([np.zeros(0), self._mpi.DOUBLE], 0, ALIVE)
+                begun = time.monotonic()
+            # Rank 0 knows best whom all are waiting for, so it is the first to speak.
+            if time.monotonic() - begun > self._limit * (1.0 if self.rank == 0 else 1.25 + 0.05 * min(self.rank, 10)):
+                self._give_up(missing(), time.monotonic() - begun)
+
+    @property
+    def _limit(self) -> float:
+        if self.patience is not None:
+            return self.patience
+        return START_S if self._since is None else max(LEAST_S, STEPS * self._longest)
+
+    def _give_up(self, missing: Sequence[int], waited: float) -> None:
+        who = f"rank{'s' * (len(missing) > 1)} {', '.join(map(str, missing))}" if missing else "another rank"
+        print(f"no sign of {who} for {waited:.0f} s; all ranks end, the last snapshot is untouched", file=sys.stderr)
+        sys.stderr.flush()
+        self._comm.Abort(1)
+
+
+def _short(text: str, most: int = 120) -> str:
+    return text if len(text) <= most else text[: most - 3] + "..."

@@ -1,0 +1,102 @@
+"""Ranks: several processes that train one net together, each on its own rows ("data parallel").
+
+Every rank has the whole net and runs the prototxt's batch, so N ranks make a batch N times as large: row k of the data
+goes to rank k mod N, gradients are the mean over the ranks, and every rank makes the same update. Rank 0 alone tests,
+logs and writes snapshots.
+
+``Ranks`` is a training alone, rank 0 of 1, and says what a solver asks of any; ``mpi.MPIRanks`` are several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from netlib.blob import Array
+from netlib.errors import LayerError, NetlibError
+
+
+@dataclass(frozen=True)
+class Share:
+    """Which rows of a training's data a net reads.
+
+    rank, count  those of row k with k mod count = rank
+    divide       the prototxt's batch is that of all ranks together, not of each
+    """
+
+    rank: int = 0
+    count: int = 1
+    divide: bool = False
+
+    def batch(self, size: int) -> int:
+        """How many rows a rank reads of a prototxt's batch. Raises LayerError if they cannot be divided."""
+        if not self.divide:
+            return size
+        if size % self.count:
+            raise LayerError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
+        return size // self.count
+
+    def rows(self, done: int, take: int) -> tuple[slice, slice]:
+        """Of ``take`` rows in a row, which follow ``done`` rows of a step: those of this rank, and their places in its
+        batch."""
+        first = (self.rank - done) % self.count
+        place = (done + first) // self.count
+        return slice(first, take, self.count), slice(place, place + len(range(first, take, self.count)))
+
+
+EVERY_ROW = Share()
+
+
+class Ranks:
+    """A training alone."""
+
+    rank, count, divide = 0, 1, False
+    beside = 1  # ranks on this machine
+
+    @property
+    def share(self) -> Share:
+        """What this rank reads."""
+        return Share(self.rank, self.count, self.divide)
+
+    def introduce(self, facts: Mapping[str, Any]) -> None:
+        """Raise NetlibError, on every rank, unless all ranks have the same facts about their training."""
+
+    def of_root(self, number: int) -> int:
+        """Rank 0's number."""
+        return number
+
+    def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
+        """A step has been computed; the mean loss of all ranks.
+
+        asked     a request to this solver, "stop" or "snapshot", or none
+        checksum  of the parameters, now and then
+
+        Raises what a rank has failed with, on every rank; NetlibError if checksums differ.
+        """
+        return loss
+
+    def fail(self, error: NetlibError) -> NetlibError:
+        """This rank cannot go on, and the others hear of it wherever they wait. Returns what to raise."""
+        return error
+
+    def asked(self, own: str | None) -> str | None:
+        """What the ranks were asked for before the last ``agree``: any of them to stop, or rank 0 for a snapshot."""
+        return own
+
+    def from_root(self, own: str | None) -> str | None:
+        """What rank 0 was asked for until now; the others wait for it."""
+        return own
+
+    def average(self, arrays: Sequence[Array]) -> None:
+        """Replace arrays by their means over the ranks."""
+
+    def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """The values of the other ranks, in order, at rank 0; plain numbers, strings, lists. Elsewhere nothing."""
+        return []
+
+    def alive(self) -> None:
+        """Rank 0 is busy with something that the others do not do; they may go on waiting."""
+
+
+ALONE = Ranks()
