@@ -55,8 +55,9 @@ def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
 
 
 def best_fit(model: str | Path) -> Literal["no", "fast", "accurate"]:
-    """The plan that suits the net of a file. Only hands are turned by quarters, as the accurate one does; bodies without
-    flesh are not fitted, nor such whose sizes the net predicts.
+    """The plan that suits the net of a file. Only hands are turned by quarters, as the accurate one does.
+
+    Bodies without flesh are not fitted, nor such whose sizes the net predicts.
 
     Raises NetlibError.
     """

@@ -1,4 +1,4 @@
-"""A piece of prototxt in a document, read by the readers that files have: as a net, a solver, a skeleton, a prior, a message."""
+"""A piece of prototxt in a document, read as files are: as a net, a solver, a skeleton, a prior, or another message."""
 
 from __future__ import annotations
 
