@@ -34,7 +34,7 @@ import netlib
 from handpose.data.examples import spread
 from handpose.drawing import comparisons
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import crops_of, data_layer, hand_layer, trained
+from handpose.predicting.nets import centers_of, crops_of, data_layer, hand_layer, trained
 from handpose.scoring.held_out import Predictions, errors_by_joint, figures_of, predict_all
 from handpose.scoring.held_out_fits import fit_all
 from handpose.scoring.metrics import joint_errors
@@ -122,6 +122,9 @@ def _draw(path: Path, net: Net, found: Predictions) -> None:
         found.truth[chosen],
         hand.skeleton if hand else skeletons.load(),
         [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, errors)],
+        6,
+        *centers_of(net, chosen),
+        (2 * found.half_cube[chosen]).tolist(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     pictures.write_image(path, sheet)

@@ -9,11 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data import labels
+from handpose.facts.cameras import NYU, Camera
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import NetlibError
+from netlib.errors import DataError, NetlibError
 from netlib.layer import TEST
 from netlib.net import Net
 
@@ -89,6 +91,15 @@ def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
     data = data_layer(net)
     depth = data.spec.top.index("depth")
     return [data.row(int(frame))[depth][0] for frame in frames]
+
+
+def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera]:
+    """Where crops of some frames were cut (n, 3), px, px, mm, and the camera; nothing where the files do not say."""
+    try:
+        centers, camera = labels.read_crop_centers(data_layer(net).files)
+    except DataError:
+        return None, NYU
+    return np.asarray(centers[frames]), camera
 
 
 def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
