@@ -34,7 +34,8 @@ def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predic
     sampler = BodySampler()
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
-    atomic.replace_text(path, page("Hands that were found" if len(hands) > 1 else "A hand that was found", data))
+    title = "Hands that were found" if len(hands) > 1 else "A hand that was found"
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, found in depth", data))
 
 
 def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
