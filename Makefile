@@ -1,6 +1,7 @@
 # make         say what there is to make
 # make demo    set up, find and fit hands in rendered depth frames with the packaged weights (seconds)
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
+# make person  the same for a person instead of a hand, in ten minutes; make arm: for a planar arm, in one
 # make test    set up and run the tests
 # make faults  kill it, cut its files, fill its disk: tens of thousands of cases (half an hour; CASES=100 for a look)
 # make table1  the paper's Table 1: trains what is missing of it (days; HOURS=8 for a night), writes docs/results
@@ -18,7 +19,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test docs site faults lint table1 bench twins ranks clean
+.PHONY: help demo train person arm test docs site faults lint table1 bench twins ranks clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -34,6 +35,18 @@ train: .venv/tools
 	@echo
 	@echo "Pictures: snapshots/hands.png (predicted hands), snapshots/curves.png (the training)."
 	@echo "Train on from here: $(RUN) tools/train.py $(SOLVER) --snapshot $(SNAPSHOT:caffemodel.h5=solverstate.h5)"
+
+person: FRAMES := --train 40000
+arm: FRAMES := --train 5000 --test 1000
+person arm: .venv/tools
+	$(RUN) tools/make_synthetic.py --body prototxt/body/$@_prior.prototxt $(FRAMES)
+	$(RUN) tools/show_data.py data/$@/test.txt --skeleton prototxt/body/$@.prototxt --out data/$@/frames.png
+	$(RUN) tools/train.py prototxt/body/$@_solver.prototxt --log snapshots/$@.log
+	$(RUN) tools/test.py $$(ls -t snapshots/$@_iter_*.caffemodel.h5 | head -n 1) --joints \
+		--model prototxt/body/$@_train_test.prototxt --picture snapshots/$@.png
+	$(RUN) tools/plot_log.py snapshots/$@.log --out snapshots/$@_curves.png
+	@echo
+	@echo "Pictures: data/$@/frames.png, snapshots/$@.png (predictions), snapshots/$@_curves.png (the training)."
 
 table1: .venv/tools
 	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS))

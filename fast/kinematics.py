@@ -1,7 +1,7 @@
 """FastKinematics: forward kinematics and its gradient for many poses at once, and for a few.
 
 Many poses. Everything is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the
-same depth and the same sequence of operations (four fingers) go together as one array. Turns about fixed angles are
+same depth and the same sequence of operations (like limbs) go together as one array. Turns about fixed angles are
 multiplied out beforehand. The sums over the joints that a motion moves are products with the 0/1 matrix
 ``Skeleton.moves``:
 

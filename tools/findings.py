@@ -12,9 +12,9 @@ from handpose.predicting.predictor import Predictor
 from tools import pictures
 
 
-def facts(found: Prediction) -> dict[str, Any]:
+def facts(found: Prediction, predictor: Predictor) -> dict[str, Any]:
     """What JSON says beside the joints."""
-    said: dict[str, Any] = {"hand": found.hand}
+    said: dict[str, Any] = {"hand": found.hand} if predictor.is_hand else {"body": predictor.skeleton.name}
     if isinstance(found, FramePrediction):
         said |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
     if found.fit:
@@ -29,9 +29,9 @@ def facts(found: Prediction) -> dict[str, Any]:
     return said
 
 
-def in_words(found: Prediction) -> str:
+def in_words(found: Prediction, predictor: Predictor) -> str:
     """The first line of the table."""
-    words = f"{found.hand} hand"
+    words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
     if found.fit and not math.isnan(found.fit.error_mm):
         words += f", {found.fit.confidence:.0%} sure, {found.fit.error_mm:.0f} mm of error expected"
     words += "; joints in mm from the crop's centre"

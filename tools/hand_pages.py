@@ -34,7 +34,8 @@ def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predic
     sampler = BodySampler()
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
-    atomic.replace_text(path, page("Hands that were found" if len(hands) > 1 else "A hand that was found", data))
+    title = "Hands that were found" if len(hands) > 1 else "A hand that was found"
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, found in depth", data))
 
 
 def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
@@ -46,6 +47,6 @@ def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]
     else:
         seen = found.crop[:, ::-1] if found.hand == "left" else found.crop
         inputs, size, girth = hand_inputs(predictor.net, seen[None])[0], 1.0, 1.0
-    words = findings.in_words(found).partition(";")[0]
+    words = findings.in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=camera, center_uvd=middle,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip

@@ -21,11 +21,16 @@ writes what the locator learns from (models/hand_locator): small crops of places
          any_roll     hands turned by any angle, 250 to 1200 mm away
          cameras      those, of anybody, in sleeves, before Kinects, RealSense and time-of-flight cameras: to train for
                       a camera of one's own
+
+    python tools/make_synthetic.py --body prototxt/body/person_prior.prototxt --train 40000
+
+draws another body than a hand: as its prior file says, in the folder data/ of its skeleton's name (docs/bodies.md).
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -39,10 +44,11 @@ tools.begin(__name__)
 
 from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import Generator, Split
+from handpose.synthetic.generator import Generator, Recipe, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
+from netlib.errors import NetlibError
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
@@ -55,8 +61,9 @@ def main(argv: list[str] | None = None) -> int:
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--raw", action="store_true", help="write images and labels in the format of the NYU data set")
     kind.add_argument("--places", action="store_true", help="write places of scenes, with a hand and without")
-    parser.add_argument("--out", type=Path,
-                        help="folder to write to (default: data/nyu; data/nyu_raw, data/places)")  # fmt: skip
+    kind.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file, instead of hands")
+    parser.add_argument("--out", type=Path, help="folder to write to (default: data/nyu; data/nyu_raw, data/places; "
+                        "with --body data/ and the skeleton's name)")  # fmt: skip
     parser.add_argument(
         "--train", type=positive, default=20000, metavar="N", help="frames or places (default: %(default)s)"
     )
@@ -64,25 +71,26 @@ def main(argv: list[str] | None = None) -> int:
         "--test", type=positive, default=2000, metavar="N", help="frames or places (default: %(default)s)"
     )
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
-    parser.add_argument("--recipe", choices=recipes.NAMES, default="nyu",
-                        help="whose hands, before which camera (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--recipe", choices=recipes.NAMES, help="whose hands, before which camera (default: nyu)")
     parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace whatever is there, even real data")
     args = parser.parse_args(argv)
-    if args.places and args.recipe != "nyu":
+    if args.places and args.recipe:
         parser.error("--recipe is for hands; places are seen by three cameras, always the same")
+    if args.body and args.recipe:
+        parser.error("--recipe is for hands; of another body the prior file says all")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Make what is missing of the data that the parsed arguments ask for."""
-    out: Path = args.out or Path("data/places" if args.places else "data/nyu_raw" if args.raw else "data/nyu")
+    recipe = recipes.recipe_of(args.body) if args.body else recipes.recipe(args.recipe or "nyu")
+    out: Path = args.out or Path("data") / _folder(args, recipe)
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
     what = "places" if args.places else "frames"
     summary = f"{out}: {args.train} train and {args.test} test {what} (synthetic, seed {args.seed})"
     where = " in NYU's format" if args.raw else ""
-    recipe = recipes.recipe(args.recipe)
     data: DataSet | RawDataSet
     if args.raw:
         data = RawDataSet(out, args.seed, counts, recipe, args.force)
@@ -109,6 +117,16 @@ def run(args: argparse.Namespace) -> int:
         made = ", made" if args.raw else f"; made {data.missing_frames} of them"
         say(f"{summary}{where}{made} in {duration(time.perf_counter() - begun)}")
     return status
+
+
+def _folder(args: argparse.Namespace, recipe: Recipe) -> str:
+    """The folder of data/ that the frames go to. Raises NetlibError for a body whose name is none."""
+    if not args.body:
+        return "places" if args.places else "nyu_raw" if args.raw else "nyu"
+    name = recipe.prior.body().name
+    if re.fullmatch(r"\w[\w.-]*", name):
+        return name
+    raise NetlibError(f"{args.body}: its skeleton is named {name!r}, which is no folder; give one with --out")
 
 
 if __name__ == "__main__":

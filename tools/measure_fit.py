@@ -38,7 +38,7 @@ from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import GOOD_MM, read_errors
 from handpose.fitting.depth.objective import Weights
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import skeleton_to_fit, trained
+from handpose.predicting.nets import refuse_other_bodies, skeleton_to_fit, trained
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure as the parsed arguments say. Raises NetlibError."""
     weights = Path(args.weights) if args.weights else checked_weights(read_card(SYNTHETIC_HAND))
     net = trained(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, args.engine)
+    refuse_other_bodies(skeleton_to_fit(net), "the recipes are of hands")
     model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
     errors = read_errors(weights, model)
     terms = TERMS if args.terms else {"nothing": Weights()}

@@ -31,7 +31,7 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import hand_layer, skeleton_to_fit, trained
+from handpose.predicting.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.errors import NetlibError
@@ -84,6 +84,7 @@ def _round(net: Net, bits: int) -> None:
 
 def _measure(net: Net, args: argparse.Namespace) -> None:
     """Round the weights, measure what they and the fits after them are worth, and write all of it."""
+    refuse_other_bodies(skeleton_to_fit(net), "the frames that the errors are measured on show hands")
     model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:

@@ -17,7 +17,8 @@ Without, they are crops: square 8-bit pictures of normalised depth, in which val
 (v / 127.5 - 1) * cube / 2, so the hand's centre is mid-grey and the background white; they are resized to 128 x 128.
 
 Networks know right hands, in images that are not mirrored. --hand either, which is what a fit does by itself, tries
-both and takes the one that explains the depth better; --hand left or right where it is known.
+both and takes the one that explains the depth better; --hand left or right where it is known. Another body
+(docs/bodies.md) needs the --weights and the --model of its net, its --cube, and in whole frames the --center.
 
 Joints are printed in mm from the crop's centre (x right, y up, z away); with --camera also the centre in camera axes.
 --html writes a page for the browser besides: the hands, one of all images at a time, over their depth points, to turn
@@ -44,7 +45,7 @@ from handpose.data.images import read_crop, read_frame
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import has_flesh
+from handpose.predicting.nets import best_fit
 from handpose.predicting.packaged import load_predictor, predictor_of
 from handpose.predicting.prediction import FramePrediction
 from handpose.predicting.predictor import Predictor
@@ -64,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="net with the input depth and the output pred (default: that of the weights that are "
                              "packaged, with --weights nyu_deploy.prototxt)")  # fmt: skip
     parser.add_argument("--fit", choices=("no", *PLANS), help="move the predicted hand until it explains the depth "
-                        "(default: accurate; no for hands without flesh)")  # fmt: skip
+                        "(default: accurate; fast for other bodies, no for those without flesh)")  # fmt: skip
     parser.add_argument("--hand", choices=("right", "left", "either"),
                         help="(default: either, with --fit no right)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
@@ -116,14 +117,14 @@ def run(args: argparse.Namespace) -> int:
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         hands.append((image, found))
         findings.draw(places[image], found, predictor)
-        facts = findings.facts(found)
+        facts = findings.facts(found, predictor)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
             results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube, **facts,
                             "joints_mm": rounded})  # fmt: skip
         else:
-            say(f"{image}: {findings.in_words(found)}, cube {args.cube:g} mm; picture {places[image]}")
+            say(f"{image}: {findings.in_words(found, predictor)}, cube {args.cube:g} mm; picture {places[image]}")
             for name, (x, y, z) in joints.items():
                 say(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
     if args.html:
@@ -137,7 +138,7 @@ def _predictor(args: argparse.Namespace) -> Predictor:
     """The predictor that the arguments ask for."""
     camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
     model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
-    options["fit"] = args.fit or ("accurate" if not args.weights or has_flesh(model) else "no")
+    options["fit"] = args.fit or (best_fit(model) if args.weights else "accurate")
     options["hand"] = args.hand or ("right" if options["fit"] == "no" else "either")
     if not args.weights:
         return load_predictor(camera, **options)

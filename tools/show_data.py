@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Look at data: one picture with frames of one or more data sets and their annotated hands.
+"""Look at data: one picture with frames of one or more data sets and their annotated hands, or other bodies.
 
     python tools/show_data.py data/nyu/test.txt --out synthetic.png
     python tools/show_data.py data/nyu/test.txt real_crops/ --out both.png --plain
+    python tools/show_data.py data/person/test.txt --out people.png --skeleton prototxt/body/person.prototxt
 
 Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and perhaps joint, or a folder of
 crops (square 8-bit pictures of normalised depth). Frames are spread evenly over each set. Hands are drawn where a
-data set has the model's 31 joints; --plain draws none.
+data set has the 31 joints of the model, or as many as the --skeleton; --plain draws none.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=positive, default=16, metavar="N", help="per set (default: %(default)s)")
     parser.add_argument("--columns", type=positive, default=8, metavar="N", help="per row (default: %(default)s)")
     parser.add_argument("--zoom", type=positive, default=1, metavar="N", help="enlarge N times (default: %(default)s)")
-    parser.add_argument("--plain", action="store_true", help="do not draw the annotated hands")
+    parser.add_argument("--skeleton", metavar="FILE", help="of the bodies (default: NYU's hand)")
+    parser.add_argument("--plain", action="store_true", help="do not draw what is annotated")
     args = parser.parse_args(argv)
     if not args.out.lower().endswith((".png", ".jpg")):
         parser.error(f"--out must end in .png or .jpg, found {args.out}")
@@ -48,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
-    skeleton = skeletons.load()
+    skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     images, titles = [], []
     for name in args.sets:
         for number, (crop, joints) in enumerate(examples_of(Path(name), args.frames)):

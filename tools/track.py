@@ -140,7 +140,7 @@ def _draw_first(args: argparse.Namespace, seen: FirstLook) -> int:
         except DataError:
             continue
         findings.draw(Path(args.look), found, predictor)
-        say(f"frame {frame.number}: {findings.in_words(found)}; picture {args.look}")
+        say(f"frame {frame.number}: {findings.in_words(found, predictor)}; picture {args.look}")
         return DONE
     first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
     pictures.write_image(args.look, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from handpose.drawing import hands, sheets
 from handpose.drawing.strokes import Image
+from handpose.facts.cameras import NYU, Camera
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -20,17 +21,24 @@ def two_views(
     skeleton: Skeleton,
     titles: Sequence[tuple[str, str]],
     columns: int = 6,
+    centers: Array | None = None,
+    camera: Camera = NYU,
+    cube_mm: Sequence[float] = (),
 ) -> Image:
-    """Every hand on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
+    """Every body on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
 
     joints  (n, K, 3) half-cubes, all joints of the skeleton
     truth   (n, L, 3) the same as annotated; drawn only where L is K
     titles  of the two views of each frame
+    centers, camera, cube_mm  (n, 3) px, px, mm: where the crops were cut, by whom, how large; else views are parallel
     """
     images = []
     for n, crop in enumerate(crops):
         annotated = truth[n] if len(truth[n]) == len(joints[n]) else None
-        images.append(hands.overlay(crop, joints[n], skeleton, annotated, zoom=3))
+        if centers is None:
+            images.append(hands.overlay(crop, joints[n], skeleton, annotated, zoom=3))
+        else:
+            images.append(hands.overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
         images.append(hands.view_3d(joints[n], skeleton, annotated, size=384))
     return sheets.sheet(images, columns, [title for pair in titles for title in pair])
 

@@ -1,4 +1,4 @@
-"""Pictures of hands: skeletons on depth crops, and in space.
+"""Pictures of hands and other bodies: skeletons on depth crops, and in space.
 
 All pictures are (height, width, 3) uint8 arrays in OpenCV's colour order, ready for ``cv2.imwrite``.
 Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from the camera.
@@ -19,7 +19,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
 
-# Blue, green, red. A part is what a joint's name has before the first "_"; parts without a finger's name are grey.
+# Blue, green, red, of fingers and of the limbs of other bodies; what is neither is grey.
 COLOURS: dict[str, Colour] = {
     "thumb": (80, 90, 240),
     "index": (40, 165, 250),
@@ -87,7 +87,7 @@ def view_3d(
     pitch: float = 20.0,
     size: int = 512,
 ) -> Image:
-    """The skeleton in the cube around the hand, seen by someone who went ``yaw`` degrees to the right of the
+    """The skeleton in the cube around the body, seen by someone who went ``yaw`` degrees to the right of the
     camera and ``pitch`` degrees up; its shadow lies on the floor of the cube. ``truth`` joints in thin black.
     """
     view = viewer_from_world(yaw, pitch)
@@ -131,8 +131,31 @@ def viewer_from_world(yaw: float, pitch: float) -> Array:
 
 
 def colours(skeleton: Skeleton) -> list[Colour]:
-    """Each joint's colour, which is that of its part."""
-    return [COLOURS.get(name.partition("_")[0], GREY) for name in skeleton.joint_names]
+    """Each joint's colour. A finger's is that of its name, which is what a joint's name has before the first "_".
+
+    In a body without fingers, the limbs take turns: a limb is a chain of joints without a fork up to its end.
+    """
+    fingers = [COLOURS.get(name.partition("_")[0]) for name in skeleton.joint_names]
+    if any(fingers):
+        return [own or GREY for own in fingers]
+    palette = list(COLOURS.values())
+    found = [GREY] * len(fingers)
+    for number, limb in enumerate(limbs(skeleton)):
+        for joint in limb:
+            found[joint] = palette[number % len(palette)]
+    return found
+
+
+def limbs(skeleton: Skeleton) -> list[list[int]]:
+    """The joints of each limb, from its end up to where the body forks or begins, in the order of the joints."""
+    children = np.bincount(skeleton.parents[skeleton.parents >= 0], minlength=len(skeleton.parents))
+    found = []
+    for end in np.flatnonzero(children == 0).tolist():
+        limb = [end]
+        while (above := int(skeleton.parents[limb[-1]])) >= 0 and children[above] == 1:
+            limb.append(above)
+        found.append(limb)
+    return found
 
 
 def bones(skeleton: Skeleton) -> list[tuple[int, int]]:

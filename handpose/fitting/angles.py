@@ -5,8 +5,8 @@ axes a, b, c a half turn about all three does nothing, and a half turn about c c
 
     R_a(p) R_b(q)  =  R_a(p + pi) R_b(pi - q) R_c(pi)
 
-- A joint that turns about a, b and c in a row (the palm: z, x, y) takes the half turn into its third angle.
-- A joint that turns about a and b only (the base of a finger) passes it down to its children. If all bones below lie
+- A joint that turns about a, b and c in a row (the NYU hand's root: z, x, y) takes the half turn into its third angle.
+- A joint that turns about a and b only (as limbs often begin) passes it down to its children. If all bones below lie
   along c, they do not feel it, and every angle about a or b below changes its sign; an angle about c stays.
 
 ``canonical`` chooses, of the two, the third-angle kind with the second angle between -90 and 90 degrees, the other kind

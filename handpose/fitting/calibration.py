@@ -5,9 +5,9 @@ it bends. Bones, fixed rotations and the pose of every frame are found together 
 poses that ``fit_joints`` finds for the template, scaled to the size of the hand.
 
 What the joints leave open stays at the (scaled) template:
-    - the palm's own frame: turning the whole hand one way and all that is fixed to the palm the other way, or moving
+    - the root's own frame: turning the whole hand one way and all that is fixed to the root the other way, or moving
       along such null directions of an x-y-z triple in front of free rotations, changes no joint,
-    - the twist of a bone that carries nothing (both points of the wrist),
+    - the twist of a bone that carries nothing (an end that nothing hangs on),
     - with few joints annotated, most bones between joints that are not.
 Of a bone or fixed rotation of which more than ``UNDETERMINED`` of its spread among people is left, the frames do not
 tell.
@@ -138,7 +138,7 @@ def calibrate(
 def size(template: Skeleton, targets: Array, joints: Sequence[int]) -> float:
     """How many times as large as the template the hand with the joints (N, K, 3) is; 1 if that cannot be told.
 
-    Only distances that no pose changes are compared, as those of the palm. Raises DataError if they are mostly 0.
+    Only distances that no pose changes are compared, as those along one bone. Raises DataError if they are mostly 0.
     """
     if targets.ndim != 3 or targets.shape[1:] != (len(joints), 3):
         raise DataError(f"joints of shape {targets.shape}, expected (N, {len(joints)}, 3)")

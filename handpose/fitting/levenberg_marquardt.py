@@ -7,8 +7,8 @@ With A and b of the problem (``pose_problem``), each iteration solves for every 
 takes the step if it lowers the cost, and then trusts the quadratic model more (mu / 3), else less (4 mu). With limits,
 steps are cut at them, and an angle that stands at a limit and wants beyond it is held.
 
-``fit_joints`` starts several times (``starts``): first from the initial pose of the fingers in the best rotation of the
-whole body; then in turn from the best so far with some limbs drawn anew, and as at first but with drawn fingers.
+``fit_joints`` starts several times (``starts``): first from the initial pose of the limbs in the best rotation of the
+whole body; then in turn from the best so far with some limbs drawn anew, and as at first but with all limbs drawn.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from handpose.fitting.parallel import blocks, for_each
 from handpose.fitting.pose_problem import JointFit, PoseProblem, checked
-from handpose.fitting.starts import RotationGrid, finger_poses, redrawn_limbs
+from handpose.fitting.starts import RotationGrid, limb_poses, redrawn_limbs
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -69,7 +69,7 @@ def fit_joints(
             f"{starts} starts of {iterations} iterations with ridge {ridge:g}, expected 1 or more, ridge 0 or more"
         )
     problem = PoseProblem(skeleton, chosen, limits, ridge)
-    grids = [RotationGrid(problem, fingers) for fingers in finger_poses(problem, 1 + (starts - 1) // 2, seed)]
+    grids = [RotationGrid(problem, limbs) for limbs in limb_poses(problem, 1 + (starts - 1) // 2, seed)]
     inputs = np.zeros((len(goal), len(skeleton.initial)))
 
     def job(rows: slice) -> None:

@@ -1,7 +1,7 @@
-"""Where fits start: the error of a hand has many valleys, and each start falls into one.
+"""Where fits start: the error of a pose has many valleys, and each start falls into one.
 
 near the goal   that rotation of the whole body, of a grid, which puts the joints nearest after moving the centroids
-                together; the fingers are given (one product of all frames with all rotations finds it)
+                together; the limbs are given (one product of all frames with all rotations finds it)
 redrawn limbs   the best pose so far with about half of its limbs drawn anew
 """
 
@@ -20,9 +20,9 @@ GRID_STEP = np.pi / 6  # between rotations of the whole body that are tried
 
 
 class RotationGrid:
-    """First guesses with one pose of the fingers ``fingers`` (D,), in all rotations of the body."""
+    """First guesses with one pose of the limbs, inputs (D,), in all rotations of the body."""
 
-    def __init__(self, problem: PoseProblem, fingers: Array) -> None:
+    def __init__(self, problem: PoseProblem, limbs: Array) -> None:
         self.problem, sk = problem, problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
         tried = problem.root_turns[:3]  # of more there would be too many; the descent finds them
@@ -30,7 +30,7 @@ class RotationGrid:
         angles[:, : len(tried)] = list(itertools.product(grid, repeat=len(tried)))
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
             angles = angles[np.abs(angles[:, 1]) <= np.pi / 2 + 1e-9]
-        self.inputs = np.tile(fingers, (len(angles), 1))
+        self.inputs = np.tile(limbs, (len(angles), 1))
         self.inputs[:, problem.root_turns] = angles - sk.initial[problem.root_turns]
         joints = problem.kinematics.forward(self.inputs).joints[:, problem.joints]
         self.centroids = joints.mean(axis=1)
@@ -49,7 +49,7 @@ class RotationGrid:
         return np.asarray(inputs)
 
 
-def finger_poses(problem: PoseProblem, count: int, seed: int) -> Array:
+def limb_poses(problem: PoseProblem, count: int, seed: int) -> Array:
     """Inputs (count, D): the initial pose, then random ones within the limits."""
     rng = np.random.default_rng(seed)
     poses = np.zeros((count, len(problem.skeleton.initial)))

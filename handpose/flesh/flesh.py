@@ -6,7 +6,7 @@ joint says how far, along axes that turn with a joint f of the body:
     E_j = X_j + size R_f o_j        with the pose's joints X_j and rotations R_f = world_from_f
 
 All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the skeleton with what only
-its flesh has (a forearm) after its own.
+its flesh has (of a hand: the arm) after its own.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""Depth images of capsules: a hand as a union of round cones, seen by a pinhole camera.
+r"""Depth images of capsules: a body as a union of round cones, seen by a pinhole camera.
 
 A capsule is the convex hull of two spheres, radii ra at a and rb at b: all the spheres of centre
 c(s) = a + s (b - a) and radius r(s) = ra - s (ra - rb), 0 <= s <= 1. A ray t (x, y, 1) has depth t, so the

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data import labels
+from handpose.facts.cameras import NYU, Camera
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import NetlibError
+from netlib.errors import DataError, NetlibError
 from netlib.layer import TEST
 from netlib.net import Net
+
+PALM = "palm"  # the joint that makes a body a hand
 
 
 def trained(model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
@@ -40,10 +45,28 @@ def hand_layer(net: Net) -> HandModel | None:
     return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
 
 
-def has_flesh(model: str | Path) -> bool:
-    """Does the skeleton of a net file have flesh, so that it can be fitted to depth? Raises NetlibError."""
+def is_hand(skeleton: Skeleton) -> bool:
+    """Is a body a hand? Hands are searched for, are left or right ones, and their crops are moved to their palms."""
+    return PALM in skeleton.joint_names
+
+
+def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
+    """Raise NetlibError for a skeleton that is no hand."""
+    if not is_hand(skeleton):
+        raise NetlibError(f"skeleton {skeleton.name!r} is no hand, for it has no joint {PALM!r}; {why}")
+
+
+def best_fit(model: str | Path) -> Literal["no", "fast", "accurate"]:
+    """The plan that suits the net of a file. Only hands are turned by quarters, as the accurate one does.
+
+    Bodies without flesh are not fitted, nor such whose sizes the net predicts.
+
+    Raises NetlibError.
+    """
     hand = hand_layer(Net(model, TEST))
-    return hand is not None and hand.skeleton.param.flesh is not None and len(hand.spec.bottom) == 1
+    if hand is None or hand.skeleton.param.flesh is None or len(hand.spec.bottom) > 1:
+        return "no"
+    return "accurate" if is_hand(hand.skeleton) else "fast"
 
 
 def skeleton_to_fit(net: Net) -> Skeleton:
@@ -68,6 +91,15 @@ def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
     data = data_layer(net)
     depth = data.spec.top.index("depth")
     return [data.row(int(frame))[depth][0] for frame in frames]
+
+
+def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera]:
+    """Where crops of some frames were cut (n, 3), px, px, mm, and the camera; nothing where the files do not say."""
+    try:
+        centers, camera = labels.read_crop_centers(data_layer(net).files)
+    except DataError:
+        return None, NYU
+    return np.asarray(centers[frames]), camera
 
 
 def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:

@@ -26,7 +26,7 @@ from handpose.flesh.render import Capsules
 from handpose.predicting import finding
 from handpose.predicting.locator import Locator
 from handpose.predicting.many import fit_crops
-from handpose.predicting.nets import hand_layer
+from handpose.predicting.nets import hand_layer, is_hand
 from handpose.predicting.prediction import FittedHand, FramePrediction, Prediction
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
@@ -40,7 +40,7 @@ Fit = Literal["no", "fast", "accurate"]
 LARGEST_MOVE_MM = 60.0
 KEEP = 3  # of the places that were fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
-ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away
+ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away; larger ones farther
 _MIRROR = (-1, 1, 1)
 
 
@@ -67,6 +67,9 @@ class Predictor:
     errors   of the net, where somebody has measured them (``read_errors``)
     locator  says where hands are in a frame; without one, the nearest thing is taken for the hand
 
+    Another body than a hand, which its skeleton tells, is not searched for, is no left or right one, and its crops stay
+    where they are: in a frame somebody has to say where it is.
+
     A net knows the hand of its training data: of NYU and of the synthetic hands a right hand. Raises NetlibError for a
     net without these blobs or without a HandModel, and for a fit of a skeleton without flesh.
     """
@@ -86,8 +89,11 @@ class Predictor:
         if hand == "either" and fit == "no":
             raise NetlibError("only a fit can tell which hand it is; expected fit fast or accurate, or left or right")
         self.net, self.skeleton, self.camera = net, layer.skeleton, camera
-        self.cube_mm, self.refine, self.fit, self.locator = cube_mm, refine, fit, locator
-        self.sides = ("right", "left") if hand == "either" else (hand,)
+        self.is_hand = is_hand(layer.skeleton)
+        if hand == "left" and not self.is_hand:
+            raise NetlibError(f"skeleton {self.skeleton.name!r} is no hand, so there is no left one")
+        self.cube_mm, self.refine, self.fit, self.locator = cube_mm, refine if self.is_hand else 0, fit, locator
+        self.sides = (("right", "left") if self.is_hand else ("right",)) if hand == "either" else (hand,)
         self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, cube_mm / 2), errors)
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
@@ -104,7 +110,7 @@ class Predictor:
         camera = self.camera
         if not camera.width:
             camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
-        return camera, np.array([camera.u0, camera.v0, ALONE_MM])
+        return camera, np.array([camera.u0, camera.v0, ALONE_MM * max(1.0, self.cube_mm / CUBE_MM)])
 
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> FramePrediction:
         """The hand in a depth frame (height, width) in mm, 0 where nothing was read. Raises DataError, NetlibError.
@@ -114,6 +120,8 @@ class Predictor:
                 crop the one with less doubt is taken, of places the one that is less strange and likelier
         """
         camera = self._camera_of(depth)
+        if center is None and not self.is_hand:
+            raise DataError(f"skeleton {self.skeleton.name!r} is no hand, and only hands are searched for")
         if center is None and self.locator is not None:
             located = self.locator.hands(depth, camera)
             return self.hands_at(depth, list(camera.project(located.center)), list(located.odds))[0]

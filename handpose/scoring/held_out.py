@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from handpose.data import labels
-from handpose.facts.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
+from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.predicting.nets import data_layer, hand_layer
 from handpose.scoring import metrics
+from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, printable
@@ -70,12 +71,22 @@ def predict_all(
     )
 
 
+def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
+    """The mean error in mm of each joint, by its name; by its number where the net predicts others than all joints."""
+    scale = p.half_cube[:, None, None]
+    errors = metrics.mean_error_per_joint(metrics.joint_errors(p.joints * scale, p.truth * scale))
+    whole = len(errors) == len(skeleton.joint_names)
+    return {skeleton.joint_names[k] if whole else str(k): float(error) for k, error in enumerate(errors)}
+
+
 def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     """Figures of a test set: mean errors in mm, and fractions of frames.
 
-    error_mm          mean over all joints               error_14_mm   over the 14 evaluation joints
-    within_20_mm, within_40_mm   frames whose largest error over the 14 joints is at most that
-    out_of_limits     frames with an angle beyond its limit (only for nets with a hand model)
+    error_mm          mean over all joints
+    error_14_mm       over NYU's 14 evaluation joints, of a net of NYU's hand
+    within_20_mm, within_40_mm   frames whose largest error (of NYU's hand: over the 14 joints) is at most that; of a
+                      larger body at most the same part of its cube, in whole mm
+    out_of_limits     frames with an angle beyond its limit (only for nets with a model of the body)
     """
     for what, values in (("predicted", p.joints), ("annotated", p.truth)):
         wrong = ~np.isfinite(values).all(axis=(1, 2))
@@ -85,14 +96,13 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
             )
     scale = p.half_cube[:, None, None]
     errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
-    few = errors[:, list(EVALUATION_JOINTS)] if errors.shape[1] == len(ANNOTATION_OF_JOINT) else errors
-    within = metrics.success_rate(few, [20.0, 40.0])
-    figures = {
-        "error_mm": metrics.mean_error(errors),
-        "error_14_mm": metrics.mean_error(few),
-        "within_20_mm": float(within[0]),
-        "within_40_mm": float(within[1]),
-    }
+    figures = {"error_mm": metrics.mean_error(errors)}
+    if skeleton.joint_names == skeletons.load().joint_names and errors.shape[1] == len(skeleton.joint_names):
+        errors = errors[:, list(EVALUATION_JOINTS)]
+        figures["error_14_mm"] = metrics.mean_error(errors)
+    larger = max(1.0, 2 * float(p.half_cube.max()) / CUBE_MM)
+    for threshold in (round(20 * larger), round(40 * larger)):
+        figures[f"within_{threshold}_mm"] = float(metrics.success_rate(errors, [threshold])[0])
     if p.dof is not None:
         figures["out_of_limits"] = metrics.fraction_out_of_limits(
             p.dof, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6

@@ -1,4 +1,4 @@
-"""Whose flesh a hand has: thicknesses, forearms, sleeves, as numbers, and capsules drawn from them."""
+"""Whose flesh a body has: thicknesses, limbs, sleeves, as numbers, and capsules drawn from them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from netlib.blob import Array
 
 @dataclass(frozen=True)
 class FleshPrior:
-    """How the flesh of hands differs from the skeleton file's. A limb is what only the flesh has: the forearm."""
+    """How flesh differs from the skeleton file's. A limb is what only the flesh has, as a hand its arm."""
 
-    thickness_std: float = 0.08  # normal: all radii of a hand together
+    thickness_std: float = 0.08  # normal: all radii of a body together
     radius_std: float = 0.0  # normal: each radius by itself
     clip: float = 2.5  # both are cut at so many deviations
     offsets: tuple[float, float] = (1.0, 1.0)  # uniform: how far capsules end beside their joints, of the file's
@@ -32,7 +32,7 @@ class FleshPrior:
 
 
 DEFAULT_FLESH = FleshPrior()
-# Another hand than the one that a fit believes in: to test fits on hands that they do not know.
+# Another body than the one that a fit believes in: to test fits on bodies that they do not know.
 OTHER_FLESH = FleshPrior(thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4)
 # People in front of a camera.
 ANYBODY = FleshPrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
@@ -42,11 +42,11 @@ def draw_capsules(
     rng: np.random.Generator, prior: FleshPrior, flesh: Flesh, inputs: Array, bones: Array, scale: Array,
     unit_mm: float, origin: Array,
 ) -> Capsules:  # fmt: skip
-    """The capsules of N hands and their limbs, in mm, camera axes.
+    """The capsules of N bodies and their limbs, in mm, camera axes.
 
     inputs   (N, D) of the skeleton (what the flesh has beside it is drawn)
     bones    (N, K) of the whole body
-    scale    (N,) size of each hand
+    scale    (N,) size of each body
     unit_mm  what a length of 1 stands for
     origin   (N, 3) mm, where the inputs' origin is
     """

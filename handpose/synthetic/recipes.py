@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from handpose.facts.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
+from handpose.facts.nyu import CUBE_MM
 from handpose.synthetic import prior_file
 from handpose.synthetic.flesh_prior import ANYBODY, OTHER_FLESH, FleshPrior
 from handpose.synthetic.generator import Recipe, Subject, View
@@ -64,4 +66,8 @@ def recipe(name: str) -> Recipe:
 def recipe_of(prior: str | Path) -> Recipe:
     """A body of a prior file, before the camera that the file names. Raises PrototxtError, NetlibError."""
     loaded = prior_file.load(prior)
-    return Recipe(loaded, views=(View(CAMERAS[loaded.camera], sensor_of(CAMERAS[loaded.camera])),))
+    camera = CAMERAS[loaded.camera]
+    sensor = sensor_of(camera)
+    # an edge is a steep slope between pixels, which lie farther apart in crops of a larger body
+    steep = replace(sensor, edge=sensor.edge * max(loaded.cube_mm / CUBE_MM, 1))
+    return Recipe(loaded, views=(View(camera, steep),))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
 from handpose.facts.cameras import Camera
+from handpose.predicting.nets import refuse_other_bodies
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Fit, Predictor
 from handpose.recordings.recording import DepthFrame
@@ -73,6 +74,7 @@ class Tracker:
     ) -> None:  # fmt: skip
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
+        refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
         self.limit, self.smooth, self.flesh = hands, smooth, flesh
         self.size = None if size is None else checked(size)

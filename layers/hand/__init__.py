@@ -1,1 +1,1 @@
-"""The hand: augmentation, forward kinematics, physical limits."""
+"""Articulated bodies, as the hand: augmentation, forward kinematics, physical limits."""

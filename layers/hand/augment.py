@@ -13,7 +13,7 @@ TRAIN, for every item with its own random angle a (counter-clockwise), factor s,
 with u' = u / (S/2), v' = v / (S/2), for S/2 pixels are one half-cube; joints are cut to [-1, 1], as the data's are.
 The factor is a hand that much larger in all three directions, which is the same as a smaller cube around it.
 Pixels are picked, not averaged: a mean of two depths at an edge would be a point in thin air. Where the crop has
-none, its border is repeated, so that a forearm goes on. The view is taken as parallel; over the depth of a hand,
+none, its border is repeated, so that an arm goes on. The view is taken as parallel; over the depth of a hand,
 perspective makes up to a fifth of the shift, below a pixel.
 
 TEST  the tops are the bottoms. There is no gradient: the layer belongs right behind the data.

@@ -6,7 +6,7 @@ bones (the hand: half-cubes), angles in radians. skeleton.py says what ``dof`` a
 ``flesh`` is the body around the bones: capsules, which are round cones with a sphere at either end, from one joint to
 another. Who only computes joints does not need it.
 
-    dof, joint  what the flesh has beside the skeleton: joints that nobody predicts and the camera sees (a forearm)
+    dof, joint  what the flesh has beside the skeleton: joints that nobody predicts and the camera sees (an arm)
     offset      how far beside a joint the capsules that come to it end
     capsule     the round cones
 """

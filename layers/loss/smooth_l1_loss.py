@@ -11,7 +11,7 @@ L  = 1 / N sum of outside f(d)        f(d) = σ² d² / 2 where |d| < 1 / σ², 
 da =  dL / N inside outside f'(d)     f'(d) = σ² d cut to [-1, 1]
 db = -da                              no gradient for the weights
 
-EuclideanLoss pulls in proportion to the error, so a joint that cannot be known (a hidden finger) settles at the mean of
+EuclideanLoss pulls in proportion to the error, so a joint that cannot be known (a hidden one) settles at the mean of
 its possible places. Here every error pulls equally, so it settles at their median. With joints in half-cubes, σ = 10
 squares the last 1.5 mm.
 

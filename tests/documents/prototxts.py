@@ -1,9 +1,10 @@
-"""A piece of prototxt in a document, read by the readers that files have: as a net, a solver, a skeleton, a message."""
+"""A piece of prototxt in a document, read as files are: as a net, a solver, a skeleton, a prior, or another message."""
 
 from __future__ import annotations
 
 import dataclasses
 
+from handpose.synthetic.prior_file import PosePrior
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib import create, messages, prototxt, schema
@@ -23,7 +24,7 @@ def read(text: str, source: str) -> object:
         return _net(tree)
     if names <= _fields(SkeletonParameter):
         return _skeleton(tree)
-    for kind in (SolverParameter, NetParameter):
+    for kind in (SolverParameter, NetParameter, PosePrior):
         if names <= _fields(kind):
             return schema.read(tree, kind)
     if "type" in names or all(name.endswith("_param") for name in names):

@@ -31,7 +31,7 @@ from layers.hand.skeleton import Skeleton
 from netlib import schema
 from netlib.blob import Array
 
-DISTANCE_MM = 700.0  # of a skeleton that nobody saw, on the camera's axis
+DISTANCE_MM = 700.0  # of a hand that nobody saw, on the camera's axis; of other bodies as many times their size
 FULL = 32767  # the largest 16-bit number
 
 Poses = Mapping[str, Mapping[str, float]]
@@ -43,7 +43,7 @@ def content(
 ) -> dict[str, Any]:  # fmt: skip
     """The data of a page: of a skeleton, and, instead of it, of the hands that were found."""
     source = Path(schema.position_of(skeleton.param).source).name  # without its folder: a page is given away
-    middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM])
+    middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
     return {
         "skeleton": {"source": source, "text": str(schema.to_tree(skeleton.param))},
         "place": _place(NYU, middle, 2 * unit_mm),

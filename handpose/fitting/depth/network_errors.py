@@ -7,7 +7,7 @@ at:
     fit/PLAN           (k, 3) of each plan, ascending: doubt, expected error in mm, chance of an error below 30 mm
     fit/PLAN.signs     (5,) weights, 0 or more, with the sum 1: what the doubt is made of
 
-The misfit alone says less than its parts: a finger that stands in the air (outline) is a worse sign than a thick hand
+The misfit alone says less than its parts: a limb that stands in the air (outline) is a worse sign than a thick body
 (surface). So the doubt is the weighted geometric mean of 1 + each sign, with those weights that best tell fits that
 failed from others (logistic regression). The signs are the four parts of the cost, and how far in mm the joints moved.
 """

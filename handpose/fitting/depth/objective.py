@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.body import FleshModel, Posed
 from handpose.fitting.depth.observation import Floats, Observation
 from handpose.fitting.depth.residuals import Residuals, cones_of, joined, normal_equations
@@ -27,7 +28,10 @@ SMALLEST_SIZE = 1e-4  # deviation of the logarithm of a size that is known
 
 @dataclass(frozen=True)
 class Weights:
-    """How much each term counts. Chosen on synthetic frames that no reported figure is of."""
+    """How much each term counts. Chosen on synthetic frames of hands that no reported figure is of.
+
+    Of a body in a larger cube than a hand's, lengths in mm and the robust distance are as much larger.
+    """
 
     sigma: float = 4.0  # mm that capsules are off real flesh: the unit of the first three terms
     independent: float = 150.0  # independent points that a frame is worth
@@ -71,6 +75,7 @@ class Objective:
 
     def __init__(self, model: FleshModel, weights: Weights) -> None:
         self.model, self.weights = model, weights
+        self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
         self.spheres = spheres_of(model)
         deviation = np.append(model.deviation, [max(weights.size, SMALLEST_SIZE), weights.girth])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
@@ -93,19 +98,19 @@ class Objective:
         posed = model.posed(x)
         cones = cones_of(model, posed)
         points = point_residuals(cones, seen, nearest_capsules(cones, seen))
-        spheres = sphere_residuals(cones, seen, self.spheres, self.weights.slack)
+        spheres = sphere_residuals(cones, seen, self.spheres, self.weights.slack * self.larger)
         return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
-        """The cost with a robust distance in mm."""
+        """The cost with a robust distance in mm, as for a hand."""
         w, P = self.weights, seen.points.shape[2]
-        k = np.float32(robust * robust)
+        k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
         q = m.residuals.value * m.residuals.value
         q[:, :, :P] = q[:, :1, :P] + q[:, 1:, :P]  # a point's two residuals are robust together
         weight = np.empty_like(q)
-        unit = w.independent / w.sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
+        unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
         weight[:, :, :P] = (seen.known * unit.astype(np.float32))[:, None]
-        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(w.sigma**2)
+        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(sigma**2)
         robustly = k / (k + q)
         weight *= robustly
         q *= weight
@@ -121,12 +126,12 @@ class Objective:
 
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
         """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""
-        model, w = self.model, self.weights
+        model, rigid = self.model, np.float32(self.weights.rigid * self.larger)
         d = x - prior.x
         b = d @ prior.curvature
         cost = (b * d).sum(axis=1)
-        d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / np.float32(w.rigid)
-        J = posed.motion[:, model.rigid].reshape(*d.shape, -1) / np.float32(w.rigid)
+        d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / rigid
+        J = posed.motion[:, model.rigid].reshape(*d.shape, -1) / rigid
         A = J.swapaxes(1, 2) @ J + prior.curvature
         b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
         return cost + (d * d).sum(axis=1), A, b

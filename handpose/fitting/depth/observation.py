@@ -18,7 +18,7 @@ from netlib.errors import DataError
 Floats = NDArray[np.float32]
 
 BACKGROUND = 0.999  # a crop's depth beyond it is background, before its negative the near face
-THIN_PX = 3.0  # points are so much denser at the outline than deep inside, for fingers are thin and count most
+THIN_PX = 3.0  # points are so much denser at the outline than deep inside, for limbs are thin and count most
 _CROSS = np.ones((3, 3), np.uint8)
 
 

@@ -1,6 +1,6 @@
 """A tournament of starts: all of them for a few iterations on few points, the best of them to the end.
 
-The fit falls into the valley where it starts, and a network that mistakes a thumb for a little finger, or sees a hand
+The fit falls into the valley where it starts, and a network that mistakes one limb for another, or sees a body
 from the wrong side, starts in the wrong one. Other starts are the network's predictions in the crop turned by quarters,
 and its prediction with limbs drawn from the errors that it makes.
 """

@@ -1,6 +1,6 @@
 r"""The silhouette and the free space: spheres along the bones may not be where the camera saw that nothing is.
 
-Points of the surface pull capsules to where something was seen; nothing so far keeps a finger from pointing into thin
+Points of the surface pull capsules to where something was seen; nothing so far keeps a limb from pointing into thin
 air. Spheres along the capsules' axes do. One of radius r at c, which the crop shows at (column, row),
 
     sticks out of the silhouette by     F(column, row) z / z_0 + r       F: mm outside, as wide as at the centre's depth

@@ -1,6 +1,6 @@
 """The size and the girth of one person's hand, from depth frames alone.
 
-In one frame a larger hand farther away looks nearly the same, and a bent finger is a short one. All frames of a person
+In one frame a larger hand farther away looks nearly the same, and a bent limb is a short one. All frames of a person
 have the same size, so that it is tried: with every size of a grid all frames are fitted once more from where they were,
 and the size that leaves the least misfit of all frames together is the hand's (a parabola through the three lowest). A
 frame counts robustly, for some are fitted wrongly whatever the size.

@@ -1,7 +1,7 @@
 """How little a place in a picture is a hand, in mm: what compares places that were all predicted and fitted.
 
-The misfit of a fit asks where what was seen lies on the body. But a stick lies well on one finger of a hand whose rest
-is nowhere, and the end of a table on a palm that leaves the picture. So these are added:
+The misfit of a fit asks where what was seen lies on the body. But a stick lies well on one limb of a hand whose rest
+is nowhere, and the end of a table on one that leaves the picture. So these are added:
 
     unexplained  mean difference of depth between picture and rendered body, over all pixels that show either
     alone        the same over the pixels that show the body without its limbs: is all of the hand there?

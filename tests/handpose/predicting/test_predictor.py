@@ -14,7 +14,7 @@ from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.predicting import finding
 from handpose.predicting.locator import Located, Locator
-from handpose.predicting.nets import has_flesh, skeleton_to_fit
+from handpose.predicting.nets import best_fit, skeleton_to_fit
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
 from handpose.synthetic import prior_file
@@ -153,9 +153,9 @@ def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
         Predictor(net, fit="fast").in_crop(some_crop())
     with pytest.raises(NetlibError, match=message):
         skeleton_to_fit(net)
-    for text, expected in ((SIZED, False), (NET, True)):
+    for text, expected in ((SIZED, "no"), (NET, "accurate")):
         (tmp_path / "net.prototxt").write_text(text % 1)
-        assert has_flesh(tmp_path / "net.prototxt") is expected
+        assert best_fit(tmp_path / "net.prototxt") == expected
 
 
 # ------------------------------------------------------------------------------------------------ frames

@@ -31,7 +31,7 @@ def hands(model: FleshModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) off by a little."""
     exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
-    x, uvd = model.variables_of(drawn.hands.inputs[:COUNT]), drawn.center_uvd[:COUNT]
+    x, uvd = model.variables_of(drawn.bodies.inputs[:COUNT]), drawn.center_uvd[:COUNT]
     x[:, SIZE] = np.log(TRUE)
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
     fitted = x + np.random.default_rng(0).normal(0, 0.03, x.shape)

@@ -38,8 +38,8 @@ def scene(model: FleshModel) -> Scene:
     exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
     crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
-    truth = model.variables_of(drawn.hands.inputs[:12])
-    return Scene(crops, uvd, truth, drawn.hands.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
+    truth = model.variables_of(drawn.bodies.inputs[:12])
+    return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
 
 
 def written_out(model: FleshModel, posed: Posed, r: Residuals) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Nets, solvers and skeletons, as data."""

@@ -1,0 +1,218 @@
+"""prototxt/body: the person and the planar arm"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.drawing.page.content import content
+from handpose.synthetic import prior_file
+from handpose.synthetic.flesh_prior import DEFAULT_FLESH
+from handpose.synthetic.generator import Generator, Recipe, View
+from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.recipes import recipe_of
+from layers.hand import skeleton as skeletons
+from netlib.messages import NetState
+from netlib.net_parameter import load_parameter, select_layers
+from tools import make_synthetic, show_data, test, train
+
+BODY = Path(__file__).resolve().parents[2] / "prototxt" / "body"
+NAMES = ("person", "arm")
+
+
+def sampler_of(name: str) -> BodySampler:
+    return BodySampler(prior_file.load(BODY / f"{name}_prior.prototxt"))
+
+
+def held(name: str, pose: str, **degrees: float) -> dict[str, np.ndarray]:
+    """Where the joints are (mm) in a pose with a name, or at rest, with some angles in degrees."""
+    sampler = sampler_of(name)
+    skeleton = sampler.skeleton
+    inputs = (sampler.poses[pose] if pose else np.zeros(len(skeleton.dof_names)))[None].copy()
+    for dof, angle in degrees.items():
+        d = skeleton.dof_names.index(dof)
+        inputs[0, d] = np.deg2rad(angle) - skeleton.initial[d]
+    joints = sampler.kinematics.joints(inputs)[0] * sampler.cube_mm / 2
+    return dict(zip(skeleton.joint_names, joints, strict=True))
+
+
+def test_a_person_of_adult_size() -> None:
+    """21 joints and 40 DoFs; hips, shoulders and head are as high as those of an adult of 1.75 m; both sides alike."""
+    skeleton = skeletons.load(BODY / "person.prototxt")
+    assert (len(skeleton.joint_names), len(skeleton.dof_names)) == (21, 40)
+    rest = held("person", "")
+    heights = {joint: rest[joint][1] - rest["ankle_left"][1] + 75 for joint in ("hip_left", "shoulder_left", "head")}
+    assert heights["hip_left"] / 1750 == pytest.approx(0.53, abs=0.02)
+    assert heights["shoulder_left"] / 1750 == pytest.approx(0.82, abs=0.02)
+    assert 1600 < heights["head"] < 1680
+    for joint, place in rest.items():
+        if joint.endswith("_left"):
+            np.testing.assert_allclose(place * (-1, 1, 1), rest[joint.replace("_left", "_right")], atol=1e-9)
+            assert place[0] > 0  # the own left, which the camera sees on its right
+        elif not joint.endswith("_right"):
+            assert place[0] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("dof", "joint", "moves"),
+    [  # what a positive angle does: forward is to the camera, -z
+        ("knee_{}_flexion", "ankle_{}", (0, 1, 1)),  # the lower leg goes up and backward
+        ("elbow_{}_flexion", "wrist_{}", (0, 1, -1)),
+        ("hip_{}_flexion", "knee_{}", (0, 1, -1)),
+        ("hip_{}_abduction", "knee_{}", ("out", 1, 0)),
+        ("shoulder_{}_flexion", "wrist_{}", (0, 1, -1)),
+        ("shoulder_{}_abduction", "wrist_{}", ("out", 1, 0)),
+        ("collar_{}_lift", "shoulder_{}", ("in", 1, 0)),
+        ("ankle_{}_flexion", "foot_{}", (0, 1, 0)),
+    ],
+)
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[object, ...]) -> None:
+    """Alike on both sides: and what has one way only, a knee and an elbow, has limits that keep to it."""
+    out = 1 if side == "left" else -1
+    wanted = [{"out": out, "in": -out}.get(move, move) if isinstance(move, str) else move for move in moves]
+    before = held("person", "", **{dof.format(side): 0.0, f"shoulder_{side}_abduction": 0.0})
+    after = held("person", "", **{f"shoulder_{side}_abduction": 0.0, dof.format(side): 20.0})
+    change = after[joint.format(side)] - before[joint.format(side)]
+    for along, expected in zip(change, wanted, strict=True):
+        assert expected == 0 or along * expected > 1
+    skeleton = skeletons.load(BODY / "person.prototxt")
+    if dof.startswith(("knee", "elbow")):
+        assert skeleton.lower[skeleton.dof_names.index(dof.format(side))] == 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_poses_with_a_name(name: str) -> None:
+    """Keep the limits, and no part runs through another."""
+    sampler = sampler_of(name)
+    skeleton, flesh = sampler.skeleton, sampler.flesh
+    assert len(sampler.poses) > 2
+    whole = np.zeros((len(sampler.poses), len(flesh.whole.initial)))
+    whole[:, : len(skeleton.initial)] = list(sampler.poses.values())
+    inside = (whole >= flesh.whole.lower - 1e-9) & (whole <= flesh.whole.upper + 1e-9)
+    assert inside[:, ~flesh.whole.fixed].all()
+    ends = flesh.ends(flesh.kinematics.forward(whole))
+    deep = flesh.penetration(ends, np.tile(flesh.radii, (len(whole), 1, 1))) * sampler.cube_mm / 2
+    assert deep.max() < sampler.prior.penetration
+
+
+def test_a_person_in_poses() -> None:
+    """Who raises both arms has hands above the head; who sits has the knees before the hips and as high."""
+    up = held("person", "arms_raised")
+    assert min(up["hand_left"][1], up["hand_right"][1]) > up["head"][1] + 200
+    sits = held("person", "sit")
+    assert sits["knee_left"][2] < sits["hip_left"][2] - 350
+    assert sits["knee_left"][1] == pytest.approx(sits["hip_left"][1], abs=80)
+    assert sits["ankle_left"][1] < sits["knee_left"][1] - 350
+    points = held("person", "point_left")
+    assert points["hand_left"][2] < points["shoulder_left"][2] - 500
+    assert points["hand_right"][1] < points["hip_right"][1]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_frames_show_the_whole_body(name: str) -> None:
+    """Its joints are in the cube, and the camera sees as much of it as there is; a sensor leaves most of that."""
+    recipe = recipe_of(BODY / f"{name}_prior.prototxt")
+    frames = Generator(1, "train", recipe).block(2)
+    clear = Generator(1, "train", Recipe(recipe.prior, DEFAULT_FLESH, (View(recipe.views[0].camera, None),))).block(2)
+    assert (np.abs(frames.joint) >= 1).mean() < 0.01
+    shown, there = ((some.depth < 0.999).mean(axis=(1, 2, 3)) for some in (frames, clear))
+    assert there.min() > 0.02 and there.max() < 0.4
+    assert shown.mean() > 0.85 * there.mean()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nets_fit_their_bodies(name: str) -> None:
+    """The net's outputs are the skeleton's DoFs and joints, in training, in tests, and where it predicts."""
+    skeleton = skeletons.load(BODY / f"{name}.prototxt")
+    nets = {phase: select_layers(load_parameter(BODY / f"{name}_train_test.prototxt"), NetState(phase))
+            for phase in ("TRAIN", "TEST")}  # fmt: skip
+    if name == "person":
+        nets["deploy"] = select_layers(load_parameter(BODY / "person_deploy.prototxt"), NetState("TEST"))
+    learned = {}
+    for kind, layers in nets.items():
+        learned[kind] = {layer.name: str(layer.blocks["inner_product_param"].values("num_output")[0])
+                         for layer in layers if layer.type == "InnerProduct"}  # fmt: skip
+        assert learned[kind]["DoF"] == str(len(skeleton.dof_names))
+        assert learned[kind].pop("direct", str(3 * len(skeleton.joint_names))) == str(3 * len(skeleton.joint_names))
+    assert all(one == learned["TEST"] for one in learned.values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_tools(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Frames, two iterations, a score with each joint, and pictures: the commands of docs/bodies.md."""
+    monkeypatch.chdir(tmp_path)
+    prior = str(BODY / f"{name}_prior.prototxt")
+    assert make_synthetic.main(["--body", prior, "--train", "64", "--test", "20", "--workers", "1"]) == 0
+    assert f"data/{name}: 64 train and 20 test frames" in capsys.readouterr().out
+    for kind in ("train_test", "solver"):
+        text = (BODY / f"{name}_{kind}.prototxt").read_text()
+        text = text.replace("batch_size: 200", "batch_size: 20").replace("test_iter: 10", "test_iter: 1")
+        text = text.replace(f"prototxt/body/{name}_train_test", f"{name}_train_test")
+        text = text.replace(f'"{name}.prototxt"', f'"{BODY / name}.prototxt"')
+        (tmp_path / f"{name}_{kind}.prototxt").write_text(text)
+    assert train.main([f"{name}_solver.prototxt", "--max-iter", "2"]) == 0
+    capsys.readouterr()
+    model = ["--model", f"{name}_train_test.prototxt", f"snapshots/{name}_iter_2.caffemodel.h5"]
+    assert test.main([*model, "--picture", "found.png", "--joints", "--json"]) == 0
+    scored = json.loads(capsys.readouterr().out)
+    (row,) = scored["snapshots"]
+    assert "error_14_mm" not in row and 0 <= row["out_of_limits"] <= 1
+    skeleton = skeletons.load(BODY / f"{name}.prototxt")
+    assert list(scored["joints_mm"]) == skeleton.joint_names
+    assert test.main([*model, "--joints"]) == 0
+    said = capsys.readouterr().out
+    assert "out of limits" in said and "14 joints" not in said and all(joint in said for joint in skeleton.joint_names)
+    shown = ["--skeleton", str(BODY / f"{name}.prototxt")]
+    assert show_data.main([f"data/{name}/test.txt", "--out", "frames.png", *shown]) == 0
+    assert cv2.imread("found.png") is not None
+    picture = cv2.imread("frames.png")
+    assert picture is not None and np.ptp(picture.astype(int), axis=2).max() > 100  # limbs in colours
+
+
+def test_a_page_of_a_person() -> None:
+    """Its camera is as many times farther away as its cube is larger."""
+    skeleton = skeletons.load(BODY / "person.prototxt")
+    place = content(skeleton, unit_mm=1200.0)["place"]
+    assert place["center_uvd"][2] == 5600 and place["unit_mm"] == 1200
+    assert content(skeletons.load())["place"]["center_uvd"][2] == 700
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--recipe", "nyu"], "--recipe is for hands; of another body the prior file says all"),
+        (["--raw"], "not allowed with argument"),
+        (["--places"], "not allowed with argument"),
+    ],
+)
+def test_what_is_not_for_a_body(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Wrong usage, one line."""
+    prior = str(BODY / "arm_prior.prototxt")
+    with pytest.raises(SystemExit) as stopped:
+        make_synthetic.main(["--body", prior, *arguments, "--out", str(tmp_path / "x")])
+    assert stopped.value.code == 2 and message in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_body_without_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Has no folder of its own; a skeleton is no prior."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("arm", "arm_prior"):
+        text = (BODY / f"{name}.prototxt").read_text().replace('name: "arm"', 'name: "../arm"', 1)
+        (tmp_path / f"{name}.prototxt").write_text(text)
+    assert make_synthetic.main(["--body", "arm_prior.prototxt"]) == 1
+    message = "arm_prior.prototxt: its skeleton is named '../arm', which is no folder; give one with --out\n"
+    assert capsys.readouterr().err == message
+    assert make_synthetic.main(["--body", "arm.prototxt"]) == 1
+    assert "arm.prototxt:" in capsys.readouterr().err
