@@ -227,7 +227,8 @@ def test_the_list(made):
     """What is done and what is missing; nothing is written."""
     status, out, _ = run("--list")
     assert status == 0 and re.search(r"one_hand: ours, adam, seed 2 +20000, 30000 .* done +–", out)
-    assert re.search(r"many_hands: ours, paper, seed 1 +– +– +missing +\d+\.\d\n", out)
+    _, more, _ = run("--list", "--seeds", "3")
+    assert re.search(r"many_hands: ours_scale, adam, seed 3 +– +– +missing +\d+\.\d\n", more)
     assert not (made / "results").exists() and "in total" in out.splitlines()[-1]
 
 
