@@ -111,6 +111,10 @@ class Layer:
         if "rng" in state:
             self.rng.bit_generator.state = state["rng"]
 
+    def reads(self) -> Any:
+        """Of a layer that reads files: what tells its data from others, as plain numbers, strings, lists."""
+        return None
+
     # ------------------------------------------------------------------------------------------ for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:

@@ -9,7 +9,8 @@ logs and writes snapshots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +67,17 @@ class Ranks:
         """Rank 0's number."""
         return number
 
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What fails within it on one rank fails on all."""
+        try:
+            yield
+        except NetlibError as error:
+            agreed = self.fail(error)
+            if agreed is error:
+                raise
+            raise agreed from error
+
     def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
         """A step has been computed; the mean loss of all ranks.
 
@@ -76,7 +88,7 @@ class Ranks:
         """
         return loss
 
-    def fail(self, error: NetlibError) -> NetlibError:
+    def fail(self, error: Exception) -> Exception:
         """This rank cannot go on, and the others hear of it wherever they wait. Returns what to raise."""
         return error
 
@@ -95,8 +107,8 @@ class Ranks:
         """The values of the other ranks, in order, at rank 0; plain numbers, strings, lists. Elsewhere nothing."""
         return []
 
-    def alive(self) -> None:
-        """Rank 0 is busy with something that the others do not do; they may go on waiting."""
+    def alive(self, seconds: float = 0.0) -> None:
+        """Rank 0 is busy with what the others do not do; they may go on waiting, for so long if that is longer."""
 
 
 ALONE = Ranks()

@@ -47,15 +47,18 @@ def train(
 
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
-    ranks     who trains together; only rank 0 logs, and raises
+    ranks     who trains together; rank 0 alone logs, raises, and has an exit status: another's would end it, too early
     """
     try:
-        return _train(solver_file, snapshot, weights, max_iter, seed, threads, engine, log_file, ranks)
-    except NetlibError as error:
+        status = _train(solver_file, snapshot, weights, max_iter, seed, threads, engine, log_file, ranks)
+    except (NetlibError, OSError, MemoryError) as error:
         agreed = ranks.fail(error)
         if ranks.rank:
-            return DONE  # rank 0 says what there is to say, and ends with its status
+            return DONE
+        if agreed is error or not isinstance(error, NetlibError):
+            raise
         raise agreed from error
+    return DONE if ranks.rank else status
 
 
 def _train(
@@ -105,7 +108,9 @@ def solve(
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
         finished = solver.solve(snapshot)
-    return DONE if finished or not stopped else 128 + stopped[0]
+    if stopped or solver.ranks.count == 1:
+        return DONE if finished or not stopped else 128 + stopped[0]
+    return DONE if finished else 128 + signal.SIGTERM  # it was another rank that was signalled
 
 
 def _describe(solver: Solver) -> None:

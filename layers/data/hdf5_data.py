@@ -11,6 +11,7 @@ needs to go on with the very next row.
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,6 +116,11 @@ class HDF5Data(Layer):
             self.cursor = (turn, place, row)
             if turn < 0 or not 0 <= row < self.files[self.order(len(self.files), turn, 0)[place]].rows or place < 0:
                 raise ValueError(f"there is no row at {state['cursor']}")
+
+    def reads(self) -> Any:
+        """The files, and a few of their rows."""
+        some = {0, self.rows // 3, 2 * self.rows // 3, self.rows - 1}
+        return [self._identity(), [zlib.crc32(b"".join(x.tobytes() for x in self.row(i))) for i in sorted(some)]]
 
     def _identity(self) -> list[list[Any]]:
         return [[file.path.name, file.rows, file.made_from] for file in self.files]

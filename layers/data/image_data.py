@@ -137,6 +137,10 @@ class ImageData(Layer):
             if turn < 0 or not 0 <= place < len(self.items):
                 raise ValueError(f"there is no image at {state['cursor']}")
 
+    def reads(self) -> Any:
+        """The list."""
+        return self._identity()
+
     def _identity(self) -> list[Any]:
         return [len(self.items), self.checksum]
 
