@@ -20,7 +20,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,8 @@ ERRORS: dict[str, type[NetlibError]] = {
 }
 LOSS, ASKED, FAILED, CHECKSUM = range(4)  # the four numbers
 NO_CHECKSUM = -1.0
-TO_ROOT, TO_ALL, ALIVE = 1, 2, 3  # tags
+TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # tags
+ROLL_CALL = -1.0  # in the place of seconds
 START_S = 120.0  # that ranks wait for each other at first
 LEAST_S, STEPS = 10.0, 20.0  # later: so long, or so many of the longest steps so far
 ALIVE_EVERY_S = 1.0
@@ -143,10 +144,10 @@ class MPIRanks(Ranks):
         table[self.rank] = own
         if self.rank == 0:
             waiting = [self._comm.Irecv(table[r], r, TO_ROOT) for r in range(1, self.count)]
-            self._wait(waiting, lambda: [r + 1 for r, request in enumerate(waiting) if not request.Test()])
+            self._wait(waiting)
             self._wait([self._comm.Isend(table, r, TO_ALL) for r in range(1, self.count)])
         else:
-            self._wait([self._comm.Isend(own, 0, TO_ROOT), self._comm.Irecv(table, 0, TO_ALL)], lambda: [0])
+            self._wait([self._comm.Isend(own, 0, TO_ROOT), self._comm.Irecv(table, 0, TO_ALL)])
         if table[:, FAILED].any():
             first = int(table[:, FAILED].argmax())
             everyone = self._exchange_values([type(failed).__name__, _text_of(failed)])
@@ -195,17 +196,15 @@ class MPIRanks(Ranks):
 
     # ------------------------------------------------------------------------------------------ waiting
 
-    def _wait(self, requests: list[Any], missing: Callable[[], list[int]] = list) -> None:
-        """Until all are done; ends all ranks if that takes too long. ``missing`` are ranks that others wait for."""
+    def _wait(self, requests: list[Any]) -> None:
+        """Until all are done; ends all ranks if that takes too long."""
         try:
-            self._look(requests, missing)
-        except self._mpi.Exception as error:  # whoever is gone
-            self._give_up(missing(), f"({reason_of(error)})")
+            self._look(requests)
+        except self._mpi.Exception as error:  # a library may notice that one is gone
+            self._give_up("another rank", f"({reason_of(error)})")
 
-    def _look(self, requests: list[Any], missing: Callable[[], list[int]]) -> None:
+    def _look(self, requests: list[Any]) -> None:
         begun, looks, limit = time.monotonic(), 0, self._limit
-        # Rank 0 knows best whom all are waiting for, so it is the first to speak.
-        later = 1.0 if self.rank == 0 else 1.25 + 0.05 * min(self.rank, 10)
         while not self._mpi.Request.Testall(requests):
             looks += 1
             if looks < SPIN:
@@ -214,9 +213,25 @@ class MPIRanks(Ranks):
             if self.rank and self._comm.Iprobe(0, ALIVE):
                 seconds = np.zeros(1)
                 self._comm.Recv(seconds, 0, ALIVE)
-                begun, limit = time.monotonic(), max(self._limit, seconds[0])
-            if time.monotonic() - begun > limit * later:
-                self._give_up(missing(), f"for {time.monotonic() - begun:.0f} s")
+                if seconds[0] == ROLL_CALL:
+                    self._comm.Isend(seconds, 0, HERE).Wait()
+                else:
+                    begun, limit = time.monotonic(), max(self._limit, seconds[0])
+            waited = time.monotonic() - begun
+            if self.rank == 0 and waited > limit:
+                self._give_up(self._silent(limit / 10), f"for {waited:.0f} s")
+            if self.rank and waited > limit * (1.25 + 0.05 * min(self.rank, 10)):  # rank 0 would have spoken first
+                self._give_up("rank 0", f"for {waited:.0f} s")
+
+    def _silent(self, seconds: float) -> str:
+        """Which ranks are not even waiting; rank 0 asks all."""
+        self.alive(ROLL_CALL)
+        until = time.monotonic() + min(seconds, 1.0)
+        silent = list(range(1, self.count))
+        while silent and time.monotonic() < until:
+            time.sleep(NAP_S)
+            silent = [rank for rank in silent if not self._comm.Iprobe(rank, HERE)]
+        return f"rank{'s' * (len(silent) > 1)} {', '.join(map(str, silent))}" if silent else "another rank"
 
     @property
     def _limit(self) -> float:
@@ -224,8 +239,7 @@ class MPIRanks(Ranks):
             return self.patience
         return START_S if self._longest is None else max(LEAST_S, STEPS * self._longest)
 
-    def _give_up(self, missing: Sequence[int], why: str) -> None:
-        who = f"rank{'s' * (len(missing) > 1)} {', '.join(map(str, missing))}" if missing else "another rank"
+    def _give_up(self, who: str, why: str) -> None:
         print(f"no sign of {who} {why}; all ranks end, the last snapshot is untouched", file=sys.stderr, flush=True)
         self._comm.Abort(1)
 

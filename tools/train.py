@@ -49,6 +49,8 @@ def main(argv: list[str] | None = None) -> int:
         args = parser.parse_args(argv)
         if args.snapshot and args.weights:
             parser.error("--snapshot brings its own weights; give either it or --weights")
+        if args.patience == 0:
+            parser.error("argument --patience: expected more than 0")
     return guarded(run, args)
 
 

@@ -157,6 +157,8 @@ def requests_by_signal(
     handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
         handlers[signal.SIGHUP] = effects[on_sighup]
+        if solver.ranks.count > 1:  # mpiexec hands this one on, and dies of SIGHUP itself
+            handlers[signal.SIGUSR1] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield stopped
