@@ -71,13 +71,14 @@ class MPIRanks(Ranks):
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """All tell all their facts."""
         self._exchange(0.0, None, None)
-        texts = {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
-        everyone: list[dict[str, str]] = self._exchange_values(texts)
+        everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
                 if other.get(name) != value:
-                    raise self._known(f"rank {rank} has other {name} than rank 0: {_short(other.get(name, ''))} and "
-                                      f"{_short(value)}; expected the same on all ranks")  # fmt: skip
+                    theirs, ours = map(_short, _different(other.get(name), value))
+                    raise self._known(
+                        f"rank {rank} has another {name} than rank 0: {theirs}, not {ours}; expected the same on all"
+                    )
 
     def of_root(self, number: int) -> int:
         """All tell all theirs."""
@@ -248,5 +249,14 @@ def _text_of(error: Exception | None) -> str:
     return str(error) if isinstance(error, NetlibError) else f"{type(error).__name__}: {reason_of(error)}"
 
 
-def _short(text: str, most: int = 120) -> str:
+def _different(a: Any, b: Any) -> tuple[Any, Any]:
+    """Of two lists of lists, those that differ."""
+    if not (isinstance(a, list) and isinstance(b, list) and len(a) == len(b) and isinstance(a[0], list)):
+        return a, b
+    pairs = [(x, y) for x, y in zip(a, b) if x != y]
+    return [x for x, _ in pairs], [y for _, y in pairs]
+
+
+def _short(value: Any, most: int = 120) -> str:
+    text = json.dumps(value)
     return text if len(text) <= most else text[: most - 3] + "..."

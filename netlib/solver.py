@@ -137,7 +137,7 @@ class Solver:
         try:
             finished = self.step(p.max_iter - self.iter)
         except DataError:
-            if (p.snapshot or p.snapshot_after_train) and self._saved_iter != self.iter:
+            if self._introduced and (p.snapshot or p.snapshot_after_train) and self._saved_iter != self.iter:
                 try:
                     self.snapshot()  # what was learned is not lost with the data
                 except WeightsError as error:
@@ -206,11 +206,11 @@ class Solver:
 
     def _introduce(self) -> None:
         """Ranks that train together must be about to compute the same, each on its own rows. Raises NetlibError."""
-        if self.ranks.count > 1 and not self._introduced:
+        if not self._introduced and self.ranks.count > 1:
             with self.ranks.together():
                 facts = together.facts_of(self)
             self.ranks.introduce(facts)
-            self._introduced = True
+        self._introduced = True
 
     def _at_root(self, do: Callable[[], Any]) -> str | None:
         """Rank 0 does it while the others wait; what rank 0 was asked for by then. Raises what ``do`` raises."""

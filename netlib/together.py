@@ -35,7 +35,7 @@ def facts_of(solver: Solver) -> dict[str, Any]:
     return {
         "solver prototxt": _crc(repr(solver.param)),
         "net prototxt": _crc(str(schema.to_tree(solver.net.param))),
-        "data": {layer.name: reads for layer in solver.net.layers if (reads := layer.reads()) is not None},
+        **{f"data in layer {layer.name!r}": reads for layer in solver.net.layers if (reads := layer.reads())},
         "engine": solver.engine.name,
         "iteration": solver.iter,
         "parameters": f"{_crc_of(solver.net.learnable):08x}",

@@ -118,9 +118,9 @@ class HDF5Data(Layer):
                 raise ValueError(f"there is no row at {state['cursor']}")
 
     def reads(self) -> Any:
-        """The files, and a few of their rows."""
-        some = {0, self.rows // 3, 2 * self.rows // 3, self.rows - 1}
-        return [self._identity(), [zlib.crc32(b"".join(x.tobytes() for x in self.row(i))) for i in sorted(some)]]
+        """The files, and the last row of each."""
+        last = [b"".join(x[file.rows - 1].tobytes() for x in file.datasets) for file in self.files]
+        return [[*identity, zlib.crc32(row)] for identity, row in zip(self._identity(), last)]
 
     def _identity(self) -> list[list[Any]]:
         return [[file.path.name, file.rows, file.made_from] for file in self.files]
