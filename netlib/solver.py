@@ -156,6 +156,7 @@ class Solver:
             with self.ranks.together():
                 loss = self._finite(self.net.run_forward())
             self.smoothed.append(self.ranks.agree(loss, None, None))
+            self.ranks.average(together.averaged(self.net))
             log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
         if p.test_interval and self.iter % p.test_interval == 0:
             self._at_root(self.test_all)
