@@ -48,7 +48,7 @@ class MPIRanks(Ranks):
     """The ranks of a communicator of mpi4py.
 
     divide    the prototxt's batch is that of all ranks together
-    patience  how many s to wait for a rank; by default by the length of the steps
+    patience  how many s to wait for a rank in a step; by default by the length of the steps
     """
 
     def __init__(self, comm: Any, divide: bool = False, patience: float | None = None) -> None:
@@ -236,9 +236,9 @@ class MPIRanks(Ranks):
 
     @property
     def _limit(self) -> float:
-        if self.patience is not None:
-            return self.patience
-        return START_S if self._longest is None else max(LEAST_S, STEPS * self._longest)
+        if self._longest is None:
+            return max(START_S, self.patience or 0.0)
+        return max(LEAST_S, STEPS * self._longest) if self.patience is None else self.patience
 
     def _give_up(self, who: str, why: str) -> None:
         print(f"no sign of {who} {why}; all ranks end, the last snapshot is untouched", file=sys.stderr, flush=True)

@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--ranks-divide-batch", action="store_true",
                         help="several processes divide the net's batch, instead of each running all of it")  # fmt: skip
     parser.add_argument("--patience", type=weight, metavar="S",
-                        help="wait S seconds for a process (default: 20 steps, at least 10 s)")  # fmt: skip
+                        help="wait S seconds for a process in a step (default: 20 steps, at least 10 s)")  # fmt: skip
     with first_speaks():
         args = parser.parse_args(argv)
         if args.snapshot and args.weights:

@@ -131,9 +131,10 @@ def test_what_a_layer_reads(tmp_path, write_rows, layer):
 
 def test_random_numbers():
     """Parameters are those of one; what is drawn later is not."""
-    text = ('type: "DummyData" top: "x" dummy_data_param { shape { dim: %d dim: 4 } '
-            'data_filler { type: "gaussian" } } } layer { name: "fc" type: "InnerProduct" bottom: "x" top: "y" inner_product_param { num_output: 3 '
-            'weight_filler { type: "gaussian" } }')  # fmt: skip
+    text = """type: "DummyData" top: "x" dummy_data_param { shape { dim: %d dim: 4 }
+              data_filler { type: "gaussian" } } }
+              layer { name: "fc" type: "InnerProduct" bottom: "x" top: "y"
+                      inner_product_param { num_output: 3 weight_filler { type: "gaussian" } }"""
     nets = [net(text, 2, Share(r, 3)) for r in range(3)]
     drawn = [n.forward()["y"].tobytes() for n in nets]
     assert len({n.params["fc"][0].data.tobytes() for n in nets}) == 1
@@ -147,7 +148,7 @@ def test_windows(tmp_path):
     windows = "".join(f"{i % 3 + 1} {overlap} {i} {i} {i + 6} {i + 6}\n" for i in range(10) for overlap in (0.9, 0.1))
     (tmp_path / "windows").write_text(f"# 0\n{tmp_path}/p.png\n3 20 20\n20\n{windows}")
     text = (f'type: "WindowData" top: "x" top: "t" window_data_param {{ source: "{tmp_path}/windows" batch_size: %d '
-            'fg_fraction: 0.5 }} transform_param {{ crop_size: 4 }')  # fmt: skip
+            'fg_fraction: 0.5 } transform_param { crop_size: 4 }')  # fmt: skip
     nets = [net(text, 8, Share(r, 2)) for r in range(2)]
     first, second = (n.forward()["x"].copy() for n in nets)
     assert first.shape == second.shape and not np.array_equal(first, second)

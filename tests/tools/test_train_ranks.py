@@ -160,11 +160,11 @@ def test_one_process_of_a_training_is_stopped(small):
     """A rank that hangs ends all, in the time that --patience gives, with its number; the last snapshot is whole. So
     does one that is killed, by the launcher; and one that gets SIGTERM, after a snapshot."""
     for sent, status, said in (
-        (signal.SIGSTOP, 1, r"no sign of rank 1 for 1 s; all ranks end, the last snapshot is untouched"),
+        (signal.SIGSTOP, 1, r"no sign of rank 1 for 2 s; all ranks end, the last snapshot is untouched"),
         (signal.SIGKILL, signal.SIGKILL, None),
         (signal.SIGTERM, 128 + signal.SIGTERM, None),
     ):
-        with ranks_started.started(2, TRAIN, "solver.prototxt", "--patience", "1") as process:
+        with ranks_started.started(2, TRAIN, "solver.prototxt", "--patience", "2") as process:
             lines = ranks_started.lines_until(process, "Snapshotting to binary proto file snapshots/small_iter_40")
             os.kill(int(Path("pid.1").read_text()), sent)
             rest = ends(process, status)
