@@ -112,3 +112,4 @@ class Ranks:
 
 
 ALONE = Ranks()
+latest = [ALONE]  # of the solver that was made last, for layers that ask (caffe.solver_rank)

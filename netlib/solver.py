@@ -29,7 +29,7 @@ from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
-from netlib.ranks import ALONE, EVERY_ROW, Ranks
+from netlib.ranks import ALONE, EVERY_ROW, Ranks, latest
 from netlib.resume import extra_state, restore_state, state_of, undo_of
 from netlib.sharing import Param
 from netlib.updates import histories, learning_rate
@@ -66,6 +66,7 @@ class Solver:
         ranks: Ranks = ALONE,
     ) -> None:
         self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
+        latest[:] = [ranks]
         if seed is None:
             seed = param.random_seed if param.random_seed >= 0 else next_seed()
         self.seed = ranks.of_root(secrets.randbits(31) if seed is None else seed)

@@ -12,8 +12,9 @@ from netlib import engine
 from netlib.errors import NetlibError
 from netlib.ranks import ALONE, Ranks
 
+OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
 LAUNCHERS = (  # how they tell a process how many there are, and which it is
-    ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"),  # Open MPI
+    OPEN_MPI,
     ("PMI_SIZE", "PMI_RANK"),  # MPICH, Intel MPI
     ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),  # srun; also in a shell that it started, so only python -m mpi4py looks
 )
@@ -29,13 +30,20 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
     if started == 1 and "mpi4py" not in sys.modules:
         return ALONE
     try:
+        import mpi4py
+
+        mpi4py.rc.initialize, mpi4py.rc.finalize = False, True
         from mpi4py import MPI
     except ImportError as error:
         raise NetlibError(f"{started} processes were started to train together, which needs mpi4py: {error}; "
                           "python -m pip install 'deepmodel-numpy[mpi]'") from None  # fmt: skip
-    count = MPI.COMM_WORLD.Get_size()
+    library = " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].rstrip("\0").split())
+    count = 1
+    if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):  # it would end here, without a word
+        if not MPI.Is_initialized():
+            MPI.Init_thread()
+        count = MPI.COMM_WORLD.Get_size()
     if count != started > 1:
-        library = " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].rstrip("\0").split())
         raise NetlibError(f"{started} processes were started, but mpi4py, with {library}, sees {count}: they were "
                           "started for another MPI; use the mpiexec of the MPI that mpi4py was built with")  # fmt: skip
     if count == 1:
