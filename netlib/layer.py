@@ -147,6 +147,13 @@ class Layer:
         numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
         return max(numbers)[2] if numbers else None
 
+    def batch_of(self, size: int) -> int:
+        """How many rows to read of a ``batch_size``: its own, where several ranks divide it. Raises LayerError."""
+        try:
+            return self.share.batch(size)
+        except ValueError as error:
+            raise self.fail(str(error), "batch_size") from None
+
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""
         n = len(blob.shape)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from netlib.blob import Array
-from netlib.errors import LayerError, NetlibError
+from netlib.errors import NetlibError
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Share:
     divide: bool = False
 
     def batch(self, size: int) -> int:
-        """How many rows a rank reads of a prototxt's batch. Raises LayerError if they cannot be divided."""
+        """How many rows a rank reads of a prototxt's batch. Raises ValueError if they cannot be divided."""
         if not self.divide:
             return size
         if size % self.count:
-            raise LayerError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
+            raise ValueError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
         return size // self.count
 
     def rows(self, done: int, take: int) -> tuple[slice, slice]:

@@ -58,7 +58,7 @@ class Data(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.share.batch(p.batch_size)
+        self.batch_size = self.batch_of(p.batch_size)
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
                             "tools/convert_imageset.py, from its images) and say backend: LMDB", "backend")  # fmt: skip

@@ -92,7 +92,7 @@ class WindowData(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.share.batch(p.batch_size)
+        self.batch_size = self.batch_of(p.batch_size)
         if not 0 <= p.fg_fraction <= 1:
             raise self.fail(f"fg_fraction {p.fg_fraction:g} must be from 0 to 1", "fg_fraction")
         if p.crop_mode not in ("warp", "square"):

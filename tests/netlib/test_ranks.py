@@ -31,8 +31,14 @@ def test_batches():
     """The prototxt's, or a part of it."""
     assert Share(1, 4).batch(6) == 6
     assert Share(1, 4, divide=True).batch(8) == 2
-    with pytest.raises(LayerError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple$"):
+    with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple$"):
         Share(1, 4, divide=True).batch(6)
+
+
+def test_a_batch_that_cannot_be_divided(write_rows):
+    """The line names the layer and the place of its batch_size."""
+    with pytest.raises(LayerError, match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks"):
+        net(hdf5(None, write_rows, "false"), 6, Share(1, 4, divide=True))
 
 
 def test_alone():
