@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,6 +21,7 @@ from netlib.blob import Array
 from netlib.errors import WeightsError, reason_of
 from netlib.messages import SolverParameter
 from netlib.net import Net
+from netlib.ranks import Ranks
 from netlib.saved import SolverState
 from netlib.updates import steps_taken
 
@@ -41,29 +42,34 @@ class Solver(Protocol):
     net: Net
     test_nets: list[Net]
     iter: int
+    ranks: Ranks
     history: list[list[Array]]
     smoothed: deque[float]
 
 
-def state_of(solver: Solver, learned_net: Path) -> SolverState:
-    """What a solver state file will hold beside the weights ``learned_net``. Raises TypeError if a layer's cannot."""
+def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:
+    """What a solver state file will hold beside the weights ``learned_net``. Raises TypeError if a layer's cannot.
+
+    others  the layers' states of the ranks from 1 on
+    """
     # Return the SolverState of the solver: its iteration, steps_taken(solver.param, solver.iter), str(learned_net),
     # the histories in one list, and extra_state(solver). solver.history has for each parameter the list of its
     # histories; the file has the first histories of all parameters, then the second ones, as Caffe.
     raise NotImplementedError
 
 
-def extra_state(solver: Solver) -> dict[str, Any]:
-    """What Caffe has no place for."""
+def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """What Caffe has no place for; ``others`` are the layers' states of the ranks from 1 on."""
     # Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), smoothed (the losses
     # that are averaged), layers (layer_states() of solver.net and of each test net).
     raise NotImplementedError
 
 
 def _course(solver: Solver) -> dict[str, Any]:
-    """The options of ``COURSE``, and the batch size."""
+    """The options of ``COURSE``, the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
-    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": first[0] if first else 0}
+    batch = first[0] if first else 0
+    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": solver.ranks.count}
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
@@ -73,6 +79,22 @@ def restore_state(solver: Solver, path: str | Path) -> None:
     # writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then weights_of.write(writes), copies
     # weights. (Ours also checks the histories first, and says in the log what it does.)
     raise NotImplementedError
+
+
+def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
+    """The states of the layers of all nets, on this rank.
+
+    Of a training of as many ranks as there are now, those that this rank had. Else the data go on where they were, and
+    random numbers of other ranks than 0 start anew.
+    """
+    nets: list[dict[str, Any]] = list(state.extra.get("layers", []))
+    others, rank = state.extra.get("ranks", []), solver.ranks.rank
+    if rank and nets:
+        if len(others) == solver.ranks.count - 1:
+            nets[0] = others[rank - 1]
+        else:
+            nets[0] = {name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()}
+    return nets
 
 
 def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
@@ -122,10 +144,10 @@ def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
     if solver.param.lr_policy != "poly":
         now.pop("max_iter")  # training longer changes nothing on the way
     defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in COURSE})
-    then = {**defaults, **state.extra.get("solver", {})}  # a state may be older than a field
+    then = {**defaults, "ranks": 1, **state.extra.get("solver", {})}  # a state may be older than a field
     for name in now:
         if now[name] != then.get(name):
-            what = "batch size" if name == "batch" else name
+            what = {"batch": "batch size", "ranks": "number of ranks"}.get(name, name)
             yield f"{what} was {_g(then.get(name))}, is now {_g(now[name])}"
 
 
