@@ -61,7 +61,8 @@ def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, An
 def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """What Caffe has no place for; ``others`` are the layers' states of the ranks from 1 on."""
     # Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), smoothed (the losses
-    # that are averaged), layers (layer_states() of solver.net and of each test net).
+    # that are averaged), layers (layer_states() of solver.net and of each test net); and ranks, the list of others,
+    # if there are any.
     raise NotImplementedError
 
 

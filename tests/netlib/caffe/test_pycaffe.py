@@ -264,7 +264,7 @@ def test_one_solver_of_several_processes(work: Path) -> None:
     pycaffe.get_solver("solver.prototxt", ranks=OneOfThree())
     assert (process.solver_count(), process.solver_rank()) == (3, 1)
     process.set_solver_count(3)
-    with pytest.raises(NotImplementedError, match="docs/distributed.md"):
+    with pytest.raises(NotImplementedError, match=r"docs/distributed\.md"):
         process.set_solver_rank(0)
     pycaffe.get_solver("solver.prototxt")
     assert (process.solver_count(), process.solver_rank()) == (1, 0)
