@@ -12,7 +12,7 @@ a checksum), and rank 0 tells all of them to all. So a signal that reaches the r
 the same one, and an error of one rank is the error of all.
 
 **Waiting** is limited: a rank that nobody hears of ends the others, too. Nothing here blocks: whoever waits looks again
-and again, and at the clock.
+and again, at the clock, and whether rank 0 is busy (``alive``) or calls the roll: who does not answer is named.
 """
 
 from __future__ import annotations
