@@ -111,6 +111,10 @@ class Layer:
         if "rng" in state:
             self.rng.bit_generator.state = state["rng"]
 
+    def reads(self) -> Any:
+        """Of a layer that reads files: what tells its data from others, as plain numbers, strings, lists."""
+        return None
+
     # ------------------------------------------------------------------------------------------ for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
@@ -142,6 +146,13 @@ class Layer:
         block = self.spec.blocks.get(block_name(type(self), self.spec.type))
         numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
         return max(numbers)[2] if numbers else None
+
+    def batch_of(self, size: int) -> int:
+        """How many rows to read of a ``batch_size``: its own, where several ranks divide it. Raises LayerError."""
+        try:
+            return self.share.batch(size)
+        except ValueError as error:
+            raise self.fail(str(error), "batch_size") from None
 
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""

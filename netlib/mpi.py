@@ -12,7 +12,7 @@ a checksum), and rank 0 tells all of them to all. So a signal that reaches the r
 the same one, and an error of one rank is the error of all.
 
 **Waiting** is limited: a rank that nobody hears of ends the others, too. Nothing here blocks: whoever waits looks again
-and again, and at the clock.
+and again, at the clock, and whether rank 0 is busy (``alive``) or calls the roll: who does not answer is named.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from netlib.blob import Array
-from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError
+from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
 from netlib.ranks import Ranks
 
 REQUESTS = (None, "snapshot", "stop")
@@ -36,7 +36,8 @@ ERRORS: dict[str, type[NetlibError]] = {
 }
 LOSS, ASKED, FAILED, CHECKSUM = range(4)  # the four numbers
 NO_CHECKSUM = -1.0
-TO_ROOT, TO_ALL, ALIVE = 1, 2, 3  # tags
+TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # tags
+ROLL_CALL = -1.0  # in the place of seconds
 START_S = 120.0  # that ranks wait for each other at first
 LEAST_S, STEPS = 10.0, 20.0  # later: so long, or so many of the longest steps so far
 ALIVE_EVERY_S = 1.0
@@ -47,7 +48,7 @@ class MPIRanks(Ranks):
     """The ranks of a communicator of mpi4py.
 
     divide    the prototxt's batch is that of all ranks together
-    patience  how many s to wait for a rank; by default by the length of the steps
+    patience  how many s to wait for a rank in a step; by default by the length of the steps
     """
 
     def __init__(self, comm: Any, divide: bool = False, patience: float | None = None) -> None:
@@ -57,11 +58,12 @@ class MPIRanks(Ranks):
         self.rank, self.count, self.divide = comm.Get_rank(), comm.Get_size(), divide
         self.beside = comm.Split_type(MPI.COMM_TYPE_SHARED).Get_size()
         self.patience = patience
-        self._longest = 0.0
-        self._since: float | None = None  # when the last step was agreed on
+        self._longest: float | None = None  # of the steps so far
+        self._since: float | None = None  # when the last step was agreed on, and nothing has been done since
         self._asked = 0
-        self._over = False  # an error that all ranks know of
+        self._agreed: NetlibError | None = None  # an error that all ranks know of
         self._told = 0.0  # when the others were last told that rank 0 is alive
+        self._telling: list[Any] = []
         self._flat = self._pieces = self._mean = np.zeros(0)
 
     # ------------------------------------------------------------------------------------------ agreement
@@ -69,45 +71,49 @@ class MPIRanks(Ranks):
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """All tell all their facts."""
         self._exchange(0.0, None, None)
-        texts = {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
-        everyone: list[dict[str, str]] = self._exchange_values(texts)
+        everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
                 if other.get(name) != value:
-                    self._over = True
-                    raise NetlibError(f"rank {rank} has another {name} than rank 0: {_short(other.get(name, ''))} and "
-                                      f"{_short(value)}; expected the same on all ranks")  # fmt: skip
+                    theirs, ours = map(_short, _different(other.get(name), value))
+                    raise self._known(
+                        f"rank {rank} has another {name} than rank 0: {theirs}, not {ours}; expected the same on all"
+                    )
 
     def of_root(self, number: int) -> int:
-        """In the table that rank 0 sends to all."""
-        return int(self._exchange(float(number), None, None)[0, LOSS])
+        """All tell all theirs."""
+        self._exchange(0.0, None, None)
+        return int(self._exchange_values(number)[0])
 
     def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
         """One round of the four numbers."""
         table = self._exchange(loss, asked, checksum)
         now = time.monotonic()
         if self._since is not None:
-            self._longest = max(self._longest, now - self._since)
+            self._longest = max(self._longest or 0.0, now - self._since)
         self._since = now
         self._asked = max(int(table[0, ASKED]), STOP * int(table[:, ASKED].max() == STOP))
         different = np.flatnonzero(table[:, CHECKSUM] != table[0, CHECKSUM])
         if len(different):
-            self._over = True
-            raise NetlibError(
+            raise self._known(
                 f"the parameters of rank {different[0]} are not those of rank 0 any more: its memory or its processor "
-                "computes something else; the last snapshot is untouched"
+                "computes something else, or a callback changed them; the last snapshot is untouched"
             )
         return float(table[:, LOSS].mean())
 
-    def fail(self, error: NetlibError) -> NetlibError:
+    def fail(self, error: Exception) -> Exception:
         """In the place of what the others are waiting for."""
-        if self._over:  # all know of it
-            return error
-        try:
-            self._exchange(0.0, None, None, failed=error)
-        except NetlibError as agreed:
-            return agreed
+        if error is not self._agreed:
+            try:
+                self._exchange(0.0, None, None, failed=error)
+            except NetlibError as agreed:
+                return agreed
         return error
+
+    def _known(self, message: str, kind: type[NetlibError] = NetlibError) -> NetlibError:
+        """An error that every rank raises."""
+        self._agreed = kind(message)
+        return self._agreed
 
     def asked(self, own: str | None) -> str | None:
         """As the last round said."""
@@ -115,6 +121,7 @@ class MPIRanks(Ranks):
 
     def from_root(self, own: str | None) -> str | None:
         """One round of the four numbers."""
+        self._since = None  # what rank 0 did is no step
         return REQUESTS[int(self._exchange(0.0, own, None)[0, ASKED])]
 
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -123,32 +130,31 @@ class MPIRanks(Ranks):
         everyone: list[dict[str, Any]] = self._exchange_values(dict(value))
         return everyone[1:] if self.rank == 0 else []
 
-    def alive(self) -> None:
-        """An empty message to the others, now and then."""
+    def alive(self, seconds: float = 0.0) -> None:
+        """A message to the others, now and then."""
         now = time.monotonic()
-        if self.rank == 0 and now - self._told > ALIVE_EVERY_S:
+        if self.rank == 0 and (seconds or now - self._told > ALIVE_EVERY_S):
             self._told = now
-            for other in range(1, self.count):
-                self._comm.Isend([np.zeros(0), self._mpi.DOUBLE], other, ALIVE).Free()
+            self._telling = [request for request in self._telling if not request.Test()]  # they keep their messages
+            self._telling += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
 
-    def _exchange(
-        self, loss: float, asked: str | None, checksum: int | None, failed: NetlibError | None = None
-    ) -> Array:
+    def _exchange(self, loss: float, asked: str | None, checksum: int | None, failed: Exception | None = None) -> Array:
         """The four numbers of all ranks (N, 4). Raises, on every rank, what a rank has failed with."""
         own = np.array([loss, REQUESTS.index(asked), failed is not None, NO_CHECKSUM if checksum is None else checksum])
         table = np.zeros((self.count, len(own)))
         table[self.rank] = own
         if self.rank == 0:
             waiting = [self._comm.Irecv(table[r], r, TO_ROOT) for r in range(1, self.count)]
-            self._wait(waiting, lambda: [r + 1 for r, request in enumerate(waiting) if not request.Test()])
+            self._wait(waiting)
             self._wait([self._comm.Isend(table, r, TO_ALL) for r in range(1, self.count)])
         else:
-            self._wait([self._comm.Isend(own, 0, TO_ROOT), self._comm.Irecv(table, 0, TO_ALL)], lambda: [0])
+            self._wait([self._comm.Isend(own, 0, TO_ROOT), self._comm.Irecv(table, 0, TO_ALL)])
         if table[:, FAILED].any():
             first = int(table[:, FAILED].argmax())
-            self._over = True
-            kind, text = self._exchange_values([type(failed).__name__, str(failed)])[first]
-            raise ERRORS.get(kind, NetlibError)(f"rank {first}: {text}")
+            everyone = self._exchange_values([type(failed).__name__, _text_of(failed)])
+            kind, text = everyone[first]
+            where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
+            raise self._known(where + text, ERRORS.get(kind, NetlibError))
         return table
 
     def _exchange_values(self, own: Any) -> list[Any]:
@@ -191,33 +197,66 @@ class MPIRanks(Ranks):
 
     # ------------------------------------------------------------------------------------------ waiting
 
-    def _wait(self, requests: list[Any], missing: Callable[[], list[int]] = list) -> None:
-        """Until all are done; ends all ranks if that takes too long. ``missing`` are ranks that others wait for."""
-        begun, looks = time.monotonic(), 0
+    def _wait(self, requests: list[Any]) -> None:
+        """Until all are done; ends all ranks if that takes too long."""
+        try:
+            self._look(requests)
+        except self._mpi.Exception as error:  # a library may notice that one is gone
+            self._give_up("another rank", f"({reason_of(error)})")
+
+    def _look(self, requests: list[Any]) -> None:
+        begun, looks, limit = time.monotonic(), 0, self._limit
         while not self._mpi.Request.Testall(requests):
             looks += 1
             if looks < SPIN:
                 continue
             time.sleep(NAP_S)
             if self.rank and self._comm.Iprobe(0, ALIVE):
-                self._comm.Recv([np.zeros(0), self._mpi.DOUBLE], 0, ALIVE)
-                begun = time.monotonic()
-            # Rank 0 knows best whom all are waiting for, so it is the first to speak.
-            if time.monotonic() - begun > self._limit * (1.0 if self.rank == 0 else 1.25 + 0.05 * min(self.rank, 10)):
-                self._give_up(missing(), time.monotonic() - begun)
+                seconds = np.zeros(1)
+                self._comm.Recv(seconds, 0, ALIVE)
+                if seconds[0] == ROLL_CALL:
+                    self._comm.Isend(seconds, 0, HERE).Wait()
+                else:
+                    begun, limit = time.monotonic(), max(self._limit, seconds[0])
+            waited = time.monotonic() - begun
+            if self.rank == 0 and waited > limit:
+                self._give_up(self._silent(limit / 10), f"for {waited:.0f} s")
+            if self.rank and waited > limit * (1.25 + 0.05 * min(self.rank, 10)):  # rank 0 would have spoken first
+                self._give_up("rank 0", f"for {waited:.0f} s")
+
+    def _silent(self, seconds: float) -> str:
+        """Which ranks are not even waiting; rank 0 asks all."""
+        self.alive(ROLL_CALL)
+        until = time.monotonic() + min(seconds, 1.0)
+        silent = list(range(1, self.count))
+        while silent and time.monotonic() < until:
+            time.sleep(NAP_S)
+            silent = [rank for rank in silent if not self._comm.Iprobe(rank, HERE)]
+        return f"rank{'s' * (len(silent) > 1)} {', '.join(map(str, silent))}" if silent else "another rank"
 
     @property
     def _limit(self) -> float:
-        if self.patience is not None:
-            return self.patience
-        return START_S if self._since is None else max(LEAST_S, STEPS * self._longest)
+        if self._longest is None:
+            return max(START_S, self.patience or 0.0)
+        return max(LEAST_S, STEPS * self._longest) if self.patience is None else self.patience
 
-    def _give_up(self, missing: Sequence[int], waited: float) -> None:
-        who = f"rank{'s' * (len(missing) > 1)} {', '.join(map(str, missing))}" if missing else "another rank"
-        print(f"no sign of {who} for {waited:.0f} s; all ranks end, the last snapshot is untouched", file=sys.stderr)
-        sys.stderr.flush()
+    def _give_up(self, who: str, why: str) -> None:
+        print(f"no sign of {who} {why}; all ranks end, the last snapshot is untouched", file=sys.stderr, flush=True)
         self._comm.Abort(1)
 
 
-def _short(text: str, most: int = 120) -> str:
+def _text_of(error: Exception | None) -> str:
+    return str(error) if isinstance(error, NetlibError) else f"{type(error).__name__}: {reason_of(error)}"
+
+
+def _different(a: Any, b: Any) -> tuple[Any, Any]:
+    """Of two lists of lists, those that differ."""
+    if not (isinstance(a, list) and isinstance(b, list) and len(a) == len(b) and isinstance(a[0], list)):
+        return a, b
+    pairs = [(x, y) for x, y in zip(a, b) if x != y]
+    return [x for x, _ in pairs], [y for _, y in pairs]
+
+
+def _short(value: Any, most: int = 120) -> str:
+    text = json.dumps(value)
     return text if len(text) <= most else text[: most - 3] + "..."

@@ -9,12 +9,13 @@ logs and writes snapshots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from netlib.blob import Array
-from netlib.errors import LayerError, NetlibError
+from netlib.errors import NetlibError
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,11 @@ class Share:
     divide: bool = False
 
     def batch(self, size: int) -> int:
-        """How many rows a rank reads of a prototxt's batch. Raises LayerError if they cannot be divided."""
+        """How many rows a rank reads of a prototxt's batch. Raises ValueError if they cannot be divided."""
         if not self.divide:
             return size
         if size % self.count:
-            raise LayerError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
+            raise ValueError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
         return size // self.count
 
     def rows(self, done: int, take: int) -> tuple[slice, slice]:
@@ -66,6 +67,17 @@ class Ranks:
         """Rank 0's number."""
         return number
 
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What fails within it on one rank fails on all."""
+        try:
+            yield
+        except NetlibError as error:
+            agreed = self.fail(error)
+            if agreed is error:
+                raise
+            raise agreed from error
+
     def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
         """A step has been computed; the mean loss of all ranks.
 
@@ -76,7 +88,7 @@ class Ranks:
         """
         return loss
 
-    def fail(self, error: NetlibError) -> NetlibError:
+    def fail(self, error: Exception) -> Exception:
         """This rank cannot go on, and the others hear of it wherever they wait. Returns what to raise."""
         return error
 
@@ -95,8 +107,9 @@ class Ranks:
         """The values of the other ranks, in order, at rank 0; plain numbers, strings, lists. Elsewhere nothing."""
         return []
 
-    def alive(self) -> None:
-        """Rank 0 is busy with something that the others do not do; they may go on waiting."""
+    def alive(self, seconds: float = 0.0) -> None:
+        """Rank 0 is busy with what the others do not do; they may go on waiting, for so long if that is longer."""
 
 
 ALONE = Ranks()
+latest = [ALONE]  # of the solver that was made last, for layers that ask (caffe.solver_rank)

@@ -16,27 +16,27 @@ import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from netlib import engine as engines
-from netlib import introduction, report, schema, snapshot, snapshot_hdf5, solver_parameter, weights
+from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, together, weights
 from netlib.blob import Array
-from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError
+from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
-from netlib.ranks import ALONE, EVERY_ROW, Ranks
+from netlib.ranks import ALONE, EVERY_ROW, Ranks, latest
 from netlib.resume import extra_state, restore_state, state_of, undo_of
 from netlib.sharing import Param
 from netlib.updates import histories, learning_rate
 
 log = logging.getLogger("netlib")
 
-COMPARED_EVERY = 100  # iterations: parameters of ranks
+SNAPSHOT_S = 120.0  # that other ranks wait for one to be written
 
 
 class Solver:
@@ -66,9 +66,10 @@ class Solver:
         ranks: Ranks = ALONE,
     ) -> None:
         self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
+        latest[:] = [ranks]
         if seed is None:
             seed = param.random_seed if param.random_seed >= 0 else next_seed()
-        self.seed = ranks.of_root(secrets.randbits(31)) if seed is None else seed
+        self.seed = ranks.of_root(secrets.randbits(31) if seed is None else seed)
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0
@@ -122,7 +123,7 @@ class Solver:
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
-        with contextlib.ExitStack() as stack:
+        with self.ranks.together(), contextlib.ExitStack() as stack:
             if (p.snapshot or p.snapshot_after_train) and self.ranks.rank == 0:
                 stack.enter_context(snapshot.prefix_in_use(self.prefix))
                 if p.snapshot_format == "HDF5":
@@ -137,7 +138,7 @@ class Solver:
         try:
             finished = self.step(p.max_iter - self.iter)
         except DataError:
-            if (p.snapshot or p.snapshot_after_train) and self._saved_iter != self.iter:
+            if self._introduced and (p.snapshot or p.snapshot_after_train) and self._saved_iter != self.iter:
                 try:
                     self.snapshot()  # what was learned is not lost with the data
                 except WeightsError as error:
@@ -153,12 +154,13 @@ class Solver:
             log.info("Optimization stopped early.")
             return False
         if p.display and self.iter % p.display == 0:
-            with self._together():
+            with self.ranks.together():
                 loss = self._finite(self.net.run_forward())
             self.smoothed.append(self.ranks.agree(loss, None, None))
+            self.ranks.average(together.averaged(self.net))
             log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
-        if p.test_interval and self.iter % p.test_interval == 0 and self.ranks.rank == 0:
-            self.test_all()
+        if p.test_interval and self.iter % p.test_interval == 0:
+            self._at_root(self.test_all)
         log.info("Optimization Done.")
         return True
 
@@ -170,20 +172,16 @@ class Solver:
             self.net.clear_param_diffs()
             test = self._test_is_due()
             with _undone_if_cut_short([self.net, *self.test_nets] if test else [self.net]) as undo:
-                if test:
-                    with self._together():
-                        if self.ranks.rank == 0:
-                            self.test_all()
-                    if self.ranks.from_root(self.requested) == "stop":
-                        undo()  # a resume makes the tests of this iteration again, from the same rows on
-                        return self._stop()
+                if test and self._at_root(self.test_all) == "stop":
+                    undo()  # a resume makes the tests of this iteration again, from the same rows on
+                    return self._stop()
                 for on_start, _ in self.callbacks:
                     on_start()
-                with self._together():
+                checksum = together.checksum(self)
+                with self.ranks.together():
                     loss = self._forward_backward()
-                loss = self.ranks.agree(loss, self.requested, self._checksum())
-            self.ranks.average(self._shared_arrays())
-            self.smoothed.append(loss)
+                self.smoothed.append(self.ranks.agree(loss, self.requested, checksum))
+            self.ranks.average(together.averaged(self.net))
             if self._display_is_due():
                 self._display()
             for _, on_gradients_ready in self.callbacks:
@@ -210,32 +208,18 @@ class Solver:
 
     def _introduce(self) -> None:
         """Ranks that train together must be about to compute the same, each on its own rows. Raises NetlibError."""
-        if self.ranks.count > 1 and not self._introduced:
-            self.ranks.introduce(introduction.facts_of(self))
-            self._introduced = True
+        if not self._introduced and self.ranks.count > 1:
+            with self.ranks.together():
+                facts = together.facts_of(self)
+            self.ranks.introduce(facts)
+        self._introduced = True
 
-    @contextlib.contextmanager
-    def _together(self) -> Iterator[None]:
-        """What fails within it on one rank fails on all."""
-        try:
-            yield
-        except NetlibError as error:
-            agreed = self.ranks.fail(error)
-            if agreed is error:
-                raise
-            raise agreed from error
-
-    def _checksum(self) -> int | None:
-        """Of the parameters, when ranks are to be compared."""
-        due = self.ranks.count > 1 and self.iter % COMPARED_EVERY == 0
-        return introduction.crc_of(self.net.learnable) if due else None
-
-    def _shared_arrays(self) -> list[Array]:
-        """What is averaged over the ranks: the gradients, and the running means that forward changes."""
-        if self.ranks.count == 1:
-            return []
-        moving = [blob.data for layer in self.net.layers if layer.moving for blob in layer.blobs]
-        return [param.blob.diff for param in self.net.learnable if param.spec.lr_mult != 0] + moving
+    def _at_root(self, do: Callable[[], Any]) -> str | None:
+        """Rank 0 does it while the others wait; what rank 0 was asked for by then. Raises what ``do`` raises."""
+        with self.ranks.together():
+            if self.ranks.rank == 0:
+                do()
+        return self.ranks.from_root(self.requested)
 
     # ------------------------------------------------------------------------------------------ one iteration
 
@@ -306,7 +290,7 @@ class Solver:
         speed = done / seconds if seconds and done else 0.0
         log.info("Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
                  self.iter, speed, seconds, self.param.display, self.loss)  # fmt: skip
-        report.outputs("Train", self.net, {name: self.net.blobs[name].data for name in self.net.outputs})
+        report.outputs("Train", self.net, together.mean_outputs(self.net, self.ranks))
         if self.param.debug_info:
             report.debug(self.net)
 
@@ -374,17 +358,18 @@ class Solver:
                     "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
                 )
         weights_path, state_path = self.snapshot_paths(self.iter)
-        others = self.ranks.gather(snapshot.as_plain(self.net.layer_states())) if self.ranks.count > 1 else []
-        if self.ranks.rank:
-            self._saved_iter = self.iter
-            return state_path
+        others = self.ranks.gather(snapshot.as_plain(self.net.layer_states()) if self.ranks.count > 1 else {})
+        self._at_root(lambda: self._write(weights_path, state_path, others))
+        self._saved_iter = self.iter
+        return state_path
+
+    def _write(self, weights_path: Path, state_path: Path, others: Sequence[Mapping[str, Any]]) -> None:
         kind = "HDF5" if self.param.snapshot_format == "HDF5" else "binary proto"
         log.info("Snapshotting to %s file %s", kind, weights_path)
         log.info("Snapshotting solver state to %s file %s", kind, state_path)
+        self.ranks.alive(SNAPSHOT_S)
         image = weights.image(self.net, weights_path, self.param.snapshot_diff)
         snapshot.write_pair(image, state_of(self, weights_path, others), weights_path, state_path)
-        self._saved_iter = self.iter
-        return state_path
 
     def restore(self, path: str | Path) -> None:
         """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""

@@ -27,7 +27,7 @@ tools.begin(__name__)
 from tools import training
 from tools.arguments import add_engine, natural, parser_of, positive, weight
 from tools.console import guarded
-from tools.ranks import world
+from tools.ranks import first_speaks, world
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -44,15 +44,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--ranks-divide-batch", action="store_true",
                         help="several processes divide the net's batch, instead of each running all of it")  # fmt: skip
     parser.add_argument("--patience", type=weight, metavar="S",
-                        help="wait S seconds for a process (default: 20 steps, at least 10 s)")  # fmt: skip
-    args = parser.parse_args(argv)
-    if args.snapshot and args.weights:
-        parser.error("--snapshot brings its own weights; give either it or --weights")
+                        help="wait S seconds for a process in a step (default: 20 steps, at least 10 s)")  # fmt: skip
+    with first_speaks():
+        args = parser.parse_args(argv)
+        if args.snapshot and args.weights:
+            parser.error("--snapshot brings its own weights; give either it or --weights")
+        if args.patience == 0:
+            parser.error("argument --patience: expected more than 0")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Train as the parsed arguments say."""
+    with first_speaks():
+        ranks = world(args.ranks_divide_batch, args.patience)
     return training.train(
         args.solver,
         snapshot=args.snapshot,
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         threads=args.threads,
         engine=args.engine,
         log_file=args.log,
-        ranks=world(args.ranks_divide_batch, args.patience),
+        ranks=ranks,
     )
 
 

@@ -47,9 +47,10 @@ def train(
 
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
-    ranks     who trains together; only rank 0 logs, and raises
+    ranks     who trains together; rank 0 alone logs, raises, and has an exit status: another's would end it, too early
     watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
     """
+    status = DONE
     with ended_together(ranks), log_to(None if ranks.rank else log_file, append=snapshot is not None) as console:
         if ranks.rank:
             log.setLevel(logging.CRITICAL)
@@ -63,8 +64,8 @@ def train(
         solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
         if watch is not None:
             solver.callbacks.append((lambda: watch(solver), lambda: None))
-        return solve(solver, console, snapshot)
-    return DONE  # of another rank than 0: what there is to say, rank 0 says, and ends with its status
+        status = solve(solver, console, snapshot)
+    return DONE if ranks.rank else status
 
 
 def new_solver(
@@ -96,7 +97,9 @@ def solve(
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
         finished = solver.solve(snapshot)
-    return DONE if finished or not stopped else 128 + stopped[0]
+    if stopped or solver.ranks.count == 1:
+        return DONE if finished or not stopped else 128 + stopped[0]
+    return DONE if finished else 128 + signal.SIGTERM  # it was another rank that was signalled
 
 
 def _describe(solver: Solver) -> None:
@@ -143,6 +146,8 @@ def requests_by_signal(
     handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
         handlers[signal.SIGHUP] = effects[on_sighup]
+        if solver.ranks.count > 1:  # mpiexec hands this one on, and dies of SIGHUP itself
+            handlers[signal.SIGUSR1] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield stopped

@@ -61,7 +61,8 @@ def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, An
 def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """What Caffe has no place for; ``others`` are the layers' states of the ranks from 1 on."""
     # Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), smoothed (the losses
-    # that are averaged), layers (layer_states() of solver.net and of each test net).
+    # that are averaged), layers (layer_states() of solver.net and of each test net); and ranks, the list of others,
+    # if there are any.
     raise NotImplementedError
 
 
@@ -75,7 +76,7 @@ def _course(solver: Solver) -> dict[str, Any]:
 def restore_state(solver: Solver, path: str | Path) -> None:
     """Take back a solver state, all of it or nothing. Raises WeightsError."""
     # Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and take back all of it: the weights,
-    # solver.history, solver.iter, solver.smoothed, the states of the layers (_restore_layers).
+    # solver.history, solver.iter, solver.smoothed, the states of the layers (_restore_layers, of _states_of_rank).
     # writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then weights_of.write(writes), copies
     # weights. (Ours also checks the histories first, and says in the log what it does.)
     raise NotImplementedError

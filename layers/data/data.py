@@ -10,6 +10,7 @@ the same, unless they are cropped.
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -57,7 +58,7 @@ class Data(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.share.batch(p.batch_size)
+        self.batch_size = self.batch_of(p.batch_size)
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
                             "tools/convert_imageset.py, from its images) and say backend: LMDB", "backend")  # fmt: skip
@@ -108,6 +109,10 @@ class Data(Layer):
         super().restore(state)
         if state.get("database") == self._identity():  # in another database there is no such place to go on
             self.key = bytes.fromhex(state["key"])
+
+    def reads(self) -> Any:
+        """The database, and the entry that is read next."""
+        return [*self._identity(), self.key.hex(), zlib.crc32(self.cursor.value())]
 
     def _identity(self) -> list[Any]:
         return [self.path.name, self.entries]

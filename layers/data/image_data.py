@@ -69,7 +69,7 @@ class ImageData(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.share.batch(p.batch_size)
+        self.batch_size = self.batch_of(p.batch_size)
         if (p.new_height == 0) != (p.new_width == 0):
             raise self.fail(f"new_height {p.new_height} and new_width {p.new_width} must be given together",
                             "new_height" if p.new_height else "new_width")  # fmt: skip
@@ -136,6 +136,10 @@ class ImageData(Layer):
             self.cursor = (turn, place)
             if turn < 0 or not 0 <= place < len(self.items):
                 raise ValueError(f"there is no image at {state['cursor']}")
+
+    def reads(self) -> Any:
+        """The list."""
+        return self._identity()
 
     def _identity(self) -> list[Any]:
         return [len(self.items), self.checksum]

@@ -26,6 +26,7 @@ where ``scale`` is that of this block (not transform_param's, as in Caffe), and 
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,7 +92,7 @@ class WindowData(Layer):
         p = self.param
         if p.batch_size == 0:
             raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.share.batch(p.batch_size)
+        self.batch_size = self.batch_of(p.batch_size)
         if not 0 <= p.fg_fraction <= 1:
             raise self.fail(f"fg_fraction {p.fg_fraction:g} must be from 0 to 1", "fg_fraction")
         if p.crop_mode not in ("warp", "square"):
@@ -147,6 +148,14 @@ class WindowData(Layer):
             mirrored = self.transformer.param.mirror and self.rng.integers(2) == 1
             self._cut(window, mirrored, data[i])
             labels[i] = window.label
+
+    def reads(self) -> Any:
+        """The windows."""
+        return [
+            len(self.foreground),
+            len(self.background),
+            zlib.crc32(repr(self.foreground + self.background).encode()),
+        ]
 
     def _cut(self, window: Window, mirrored: bool, y: Array) -> None:
         """Write one window, stretched, into its place (3, S, S)."""

@@ -8,9 +8,11 @@ import time
 from typing import Any
 
 from netlib import notes
+from netlib.ranks import latest
 
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's 0 to 3
+_ADVICE = "several solvers are processes of mpiexec here, each with get_solver(..., ranks=...): docs/distributed.md"
 
 
 class Timer:
@@ -56,29 +58,29 @@ def log(text: str) -> None:
         _log.info("%s", line)
 
 
-# One process trains with one solver here.
+# Solvers that train together are processes (netlib/mpi.py), started by mpiexec and known from the beginning.
 
 
 def solver_count() -> int:
     """Number of solvers that train together."""
-    return 1
+    return latest[0].count
 
 
 def set_solver_count(count: int) -> None:
-    """Accepted if it is one. Raises NotImplementedError."""
-    if count != 1:
-        raise NotImplementedError(f"set_solver_count({count}): one solver trains in one process here")
+    """Accepted if it is so. Raises NotImplementedError."""
+    if count != solver_count():
+        raise NotImplementedError(f"set_solver_count({count}): {_ADVICE}")
 
 
 def solver_rank() -> int:
     """Number of this solver among those that train together."""
-    return 0
+    return latest[0].rank
 
 
 def set_solver_rank(rank: int) -> None:
-    """Accepted if it is zero. Raises NotImplementedError."""
-    if rank != 0:
-        raise NotImplementedError(f"set_solver_rank({rank}): one solver trains in one process here")
+    """Accepted if it is so. Raises NotImplementedError."""
+    if rank != solver_rank():
+        raise NotImplementedError(f"set_solver_rank({rank}): {_ADVICE}")
 
 
 def set_multiprocess(on: bool) -> None:
@@ -94,9 +96,13 @@ class NCCL:
     """NCCL joins GPUs. Raises NotImplementedError."""
 
     def __init__(self, solver: Any, uid: str) -> None:
-        raise NotImplementedError("NCCL joins GPUs, and this runs on the CPU; train with one solver")
+        raise NotImplementedError(
+            "NCCL joins GPUs, and this runs on the CPU; several processes train together over MPI: docs/distributed.md"
+        )
 
     @staticmethod
     def new_uid() -> str:
         """Raises NotImplementedError."""
-        raise NotImplementedError("NCCL joins GPUs, and this runs on the CPU; train with one solver")
+        raise NotImplementedError(
+            "NCCL joins GPUs, and this runs on the CPU; several processes train together over MPI: docs/distributed.md"
+        )

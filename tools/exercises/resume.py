@@ -250,10 +250,11 @@ EXERCISE = Exercise(
         "solver.history has for each parameter the list of its histories; the file has the first "
         "histories of all parameters, then the second ones, as Caffe.",
         "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe has no place for: solver (_course), "
-        "smoothed (the losses that are averaged), layers (layer_states() of solver.net and of each test net).",
+        "smoothed (the losses that are averaged), layers (layer_states() of solver.net and of each test net); "
+        "and ranks, the list of others, if there are any.",
         "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and take back "
         "all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the "
-        "layers (_restore_layers).\n"
+        "layers (_restore_layers, of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
         "weights_of.write(writes), copies weights. (Ours also checks the histories first, and "
         "says in the log what it does.)",

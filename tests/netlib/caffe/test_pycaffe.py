@@ -15,6 +15,7 @@ import netlib
 from netlib import notes
 from netlib.caffe import process, pycaffe
 from netlib.errors import NetlibError
+from netlib.ranks import Ranks
 
 NET = """
     name: "n" force_backward: true
@@ -252,6 +253,21 @@ def test_one_solver_in_one_process() -> None:
     for call in (lambda: process.set_solver_count(2), lambda: process.set_solver_rank(1), process.NCCL.new_uid):
         with pytest.raises(NotImplementedError):
             call()
+
+
+def test_one_solver_of_several_processes(work: Path) -> None:
+    """Who trains together is what the solver that was made last says; another truth is refused."""
+
+    class OneOfThree(Ranks):
+        rank, count = 1, 3
+
+    pycaffe.get_solver("solver.prototxt", ranks=OneOfThree())
+    assert (process.solver_count(), process.solver_rank()) == (3, 1)
+    process.set_solver_count(3)
+    with pytest.raises(NotImplementedError, match=r"docs/distributed\.md"):
+        process.set_solver_rank(0)
+    pycaffe.get_solver("solver.prototxt")
+    assert (process.solver_count(), process.solver_rank()) == (1, 0)
 
 
 def test_the_log(

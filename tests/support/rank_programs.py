@@ -1,0 +1,133 @@
+"""Programs for several ranks: ``mpiexec -n N python -m mpi4py rank_programs.py NAME``. They assert on every rank."""
+
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import netlib  # noqa: I001  before NumPy
+import numpy as np
+from mpi4py import MPI
+
+from netlib import together
+from netlib.errors import DataError, NetlibError
+from netlib.mpi import MPIRanks
+
+
+def caught(kind, function, *arguments):
+    """The text of the error that it raises, exactly of this kind."""
+    try:
+        function(*arguments)
+    except NetlibError as error:
+        assert type(error) is kind, error
+        return str(error)
+    raise AssertionError("no error")
+
+
+def sums(ranks):
+    """In the order of the ranks, bit for bit, for any number of elements; and nothing else is touched."""
+    for dtype in (np.float32, np.float64):
+        for shapes in ([(1,)], [(5,), (3, 7), ()], [(1000,), (2, 2)]):
+            all_ranks = [
+                [(10.0 ** rng.integers(-6, 7, s) * rng.standard_normal(s)).astype(dtype) for s in shapes]
+                for rng in map(np.random.default_rng, range(ranks.count))
+            ]
+            arrays = [np.array(a) for a in all_ranks[ranks.rank]]
+            ranks.average(arrays)
+            for got, *of_ranks in zip(arrays, *all_ranks):
+                total = of_ranks[0].copy()
+                for other in of_ranks[1:]:
+                    total = total + other
+                assert got.dtype == dtype and got.tobytes() == (total / dtype(ranks.count)).tobytes()
+    ranks.average([])
+
+
+def agreement(ranks):
+    """What every rank hears of the others."""
+    N, rank = ranks.count, ranks.rank
+    assert ranks.of_root(2**62 + rank) == 2**62
+    ranks.introduce({"data": [1, 2], "net": "x"})
+    assert ranks.agree(float(rank), "snapshot" if rank == 1 else None, 7) == (N - 1) / 2
+    assert ranks.asked(None) is None  # a snapshot is asked of rank 0
+    ranks.agree(0.0, "snapshot" if rank == 0 else None, None)
+    assert ranks.asked(None) == "snapshot"
+    ranks.agree(0.0, "stop" if rank == N - 1 else "snapshot", None)
+    assert ranks.asked(None) == "stop"
+    assert ranks.from_root("snapshot" if rank == 0 else "stop") == "snapshot"
+    others = ranks.gather({"rank": rank, "text": "ü" * rank})
+    assert others == ([{"rank": r, "text": "ü" * r} for r in range(1, N)] if rank == 0 else [])
+    ranks.alive(1.0)
+
+
+def errors(ranks):
+    """An error of one rank is that of all, with its kind; they go on together afterwards."""
+    mean = lambda: ranks.agree(1.0, None, None)  # noqa: E731
+
+    def failing(error):
+        with ranks.together():
+            raise error
+
+    of_one = failing, DataError("no rows")
+    assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
+    assert caught(NetlibError, failing, NetlibError("no file")) == "no file"  # of all
+    lacking = isinstance(ranks.fail(MemoryError()) if ranks.rank == 1 else None, NetlibError)
+    assert lacking if ranks.rank == 1 else caught(NetlibError, mean) == "rank 1: MemoryError: MemoryError"
+    said = caught(NetlibError, ranks.introduce, {"net": "a" if ranks.rank < 3 else "b"})
+    assert said == 'rank 3 has another net than rank 0: "b", not "a"; expected the same on all'
+    said = caught(NetlibError, ranks.agree, 1.0, None, int(ranks.rank == 2))
+    assert said.startswith("the parameters of rank 2 are not those of rank 0 any more")
+    assert mean() == 1.0
+
+
+def losses(ranks):
+    """Those of every solver file losses*.prototxt, 50 iterations each, into a .json beside it."""
+    for path in sorted(Path().glob("losses*.prototxt")):
+        got = train(netlib.get_solver(path, ranks=ranks), 50)
+        if ranks.rank == 0:
+            path.with_suffix(".json").write_text(json.dumps(got))
+
+
+def train(solver, iterations):
+    """The loss of each."""
+    got = []
+    for _ in range(iterations):
+        solver.step(1)
+        got.append(solver.smoothed[-1])
+    return got
+
+
+def resume(ranks):
+    """The same again, and from the middle on, bit for bit; all ranks have the same bits."""
+    bits = []
+    for begin in (None, None, "snapshots/exact_iter_3.solverstate"):
+        solver = netlib.get_solver("exact.prototxt", ranks=ranks)
+        solver.solve(begin)
+        assert solver.iter == 6
+        arrays = [p.blob.data for p in solver.net.learnable] + [h for hs in solver.history for h in hs]
+        bits.append((b"".join(a.tobytes() for a in arrays), list(solver.smoothed)))
+        ranks.introduce({"parameters": together.facts_of(solver)["parameters"]})
+    assert bits[0] == bits[1], "not the same again"
+    assert bits[0] == bits[2], "a resume is not exact"
+
+
+def checksum(ranks):
+    """A weight that changes on one rank is found."""
+    together.COMPARED_EVERY = 4
+    solver = netlib.get_solver("exact.prototxt", ranks=ranks)
+
+    def change():
+        if solver.iter == 5 and ranks.rank == 1:
+            weights = solver.net.learnable[0].blob.data.view(np.uint32).reshape(-1)
+            weights[3] ^= 1  # the last bit
+
+    solver.callbacks.append((change, lambda: None))
+    said = caught(NetlibError, solver.step, 12)
+    assert solver.iter == 8 and said.startswith("the parameters of rank 1 are not those of rank 0 any more")
+
+
+if __name__ == "__main__":
+    ranks = MPIRanks(MPI.COMM_WORLD)
+    for name in sys.argv[1:]:
+        globals()[name](ranks)
+        sys.stdout.write(f"rank {ranks.rank} {name}\n")  # in one piece

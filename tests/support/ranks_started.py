@@ -1,0 +1,69 @@
+"""Real ``mpiexec``: programs of several ranks are run, or started and followed. Skips where there is none."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = Path(__file__).with_name("rank_programs.py")
+TRAIN = ROOT / "tools" / "train.py"
+TIMEOUT_S = 100
+MPIEXEC = shutil.which("mpiexec", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
+
+needs_mpi = pytest.mark.skipif(
+    MPIEXEC is None or importlib.util.find_spec("mpi4py") is None,
+    reason="no mpi4py, or no mpiexec: python -m pip install 'deepmodel-numpy[mpi]'",
+)
+
+
+def command(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> list[str]:
+    """A Python program, on so many ranks. Each writes its process id into pid.RANK of the working directory, and runs
+    in the folder rank.RANK of it, if there is one."""
+    shell = 'echo $$ > pid.$PMI_RANK; if [ -d rank.$PMI_RANK ]; then cd rank.$PMI_RANK; fi; exec "$0" "$@"'
+    return [str(MPIEXEC), "-n", str(count), "sh", "-c", shell, sys.executable, *by, *map(str, words)]
+
+
+def run(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> subprocess.CompletedProcess[str]:
+    """To its end; standard output and error apart."""
+    return subprocess.run(command(count, *words, by=by), capture_output=True, text=True, timeout=TIMEOUT_S)
+
+
+@contextlib.contextmanager
+def started(count: int, *words: object) -> Iterator[subprocess.Popen[str]]:
+    """While it runs, both outputs in one; ended with all its ranks when the block ends."""
+    with subprocess.Popen(
+        command(count, *words), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            for path in Path().glob("pid.*"):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(int(path.read_text()), signal.SIGKILL)
+
+
+def lines_until(process: subprocess.Popen[str], wanted: str) -> list[str]:
+    """What it writes, up to a line with these words."""
+    lines = []
+    for line in process.stdout or ():
+        lines.append(line.rstrip("\n"))
+        if wanted in line:
+            return lines
+    raise AssertionError("\n".join([f"no line with {wanted!r}:", *lines]))
+
+
+def ours(text: str) -> list[str]:
+    """The lines of a program's own, without those of a log and of the launcher."""
+    return [line for line in text.splitlines() if line.startswith(("rank", "no sign", "usage", "train.py"))]

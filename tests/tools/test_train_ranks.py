@@ -1,0 +1,212 @@
+"""tools/train.py on several ranks, with real ``mpiexec``: the same training as one, exact, and over for all at once."""
+
+import json
+import os
+import re
+import shutil
+import signal
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import ranks_started
+from ranks_started import PROGRAMS, TRAIN, needs_mpi, ours
+
+import netlib
+from tools import training
+
+pytestmark = needs_mpi
+
+NET = """
+layer { name: "data" type: "HDF5Data" top: "x" top: "y" include { phase: TRAIN }
+        hdf5_data_param { source: "list.txt" batch_size: 8 } }
+layer { name: "data" type: "HDF5Data" top: "x" top: "y" include { phase: TEST }
+        hdf5_data_param { source: "list.txt" batch_size: 9 } }
+layer { name: "fc1" type: "InnerProduct" bottom: "x" top: "h"
+        inner_product_param { num_output: 20 weight_filler { type: "xavier" } } }
+layer { name: "relu" type: "ReLU" bottom: "h" top: "h" }
+layer { name: "fc2" type: "InnerProduct" bottom: "h" top: "p"
+        inner_product_param { num_output: 2 weight_filler { type: "xavier" } } }
+layer { name: "loss" type: "EuclideanLoss" bottom: "p" bottom: "y" top: "loss" }
+"""
+SOLVER = """
+net: "small.prototxt" type: "SGD" base_lr: 0.001 momentum: 0.9 lr_policy: "fixed" max_iter: 1000000 display: 20
+test_iter: 3 test_interval: 40 snapshot: 20 snapshot_prefix: "snapshots/small" random_seed: 3
+"""
+ADAM = """
+net: "small.prototxt" type: "Adam" base_lr: 0.01 momentum: 0.9 momentum2: 0.999 lr_policy: "fixed" clip_gradients: 5
+iter_size: 2 max_iter: 100 random_seed: 3
+"""
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """A folder with a small net on three files of rows, and solver.prototxt, which goes on for long."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    for i, rows in enumerate((31, 9, 20)):
+        x = rng.standard_normal((rows, 6)).astype(np.float32)
+        with h5py.File(f"d{i}.h5", "w") as file:
+            file["x"], file["y"] = x, x[:, :2] - x[:, 2:4]
+    Path("list.txt").write_text("d0.h5\nd1.h5\nd2.h5\n")
+    Path("small.prototxt").write_text(NET)
+    Path("solver.prototxt").write_text(SOLVER)
+    return tmp_path
+
+
+def for_rank(number):
+    """A folder of copies, which this rank will run in."""
+    folder = Path(f"rank.{number}")
+    folder.mkdir()
+    for path in Path().glob("*.*"):
+        if path.is_file():
+            shutil.copy(path, folder)
+    return folder
+
+
+def ends(process, status):
+    """What a started training still says, once it has ended with this status."""
+    rest = process.communicate(timeout=ranks_started.TIMEOUT_S)[0]
+    assert process.returncode == status, rest
+    return rest
+
+
+def whole_snapshot():
+    """The iteration of the newest solver state, which can be restored."""
+    solver = netlib.get_solver("solver.prototxt")
+    states = sorted(Path("snapshots").glob("*.solverstate"), key=lambda path: int(path.stem.split("_")[-1]))
+    solver.restore(states[-1])
+    return solver.iter
+
+
+def test_two_ranks_are_one_with_twice_the_batch(small, work, small_data):
+    """Every loss of 50 iterations to 1e-5: the paper's network without dropout, and Adam with clipped gradients and
+    iter_size."""
+    text = re.sub(r"layer \{ name: .Dropout.*\n", "", Path("net.prototxt").read_text())
+    Path("net.prototxt").write_text(text.replace("batch_size: 16", "batch_size: 8"))
+    solver = Path("solver.prototxt").read_text()
+    Path("losses_paper.prototxt").write_text(
+        re.sub(r"test_iter.*|snapshot: 3.*", "", solver) + "snapshot_after_train: false"
+    )
+    Path("losses_adam.prototxt").write_text(ADAM)
+    done = ranks_started.run(2, PROGRAMS, "losses")
+    assert done.returncode == 0, done.stderr
+    for net in ("net.prototxt", "small.prototxt"):
+        Path(net).write_text(Path(net).read_text().replace("batch_size: 8", "batch_size: 16"))
+    for name in ("losses_paper", "losses_adam"):
+        alone = []
+        one = netlib.get_solver(f"{name}.prototxt")
+        for _ in range(50):
+            one.step(1)
+            alone.append(one.smoothed[-1])
+        np.testing.assert_allclose(json.loads(Path(f"{name}.json").read_text()), alone, rtol=1e-5)
+        assert len(set(alone)) == 50
+
+
+def test_exact(work):
+    """Twice the same, and a resume the same, bit for bit, with dropout, augmentation, shuffled rows and running means;
+    a bit that changes on one rank is found; another number of ranks resumes, and says so."""
+    text = Path("net.prototxt").read_text().replace("batch_size: 16", "batch_size: 4")
+    augment = (
+        'layer { name: "augment" type: "HandAugment" bottom: "depth" bottom: "joint" top: "depth" top: "joint" }\n'
+    )
+    norm = 'layer { name: "norm" type: "BatchNorm" bottom: "FC1" top: "FC1" }\n'
+    first, second = text.index('layer {\n  name: "convL1"'), text.index('layer { name: "ReLUFC1"')
+    Path("net.prototxt").write_text(text[:first] + augment + text[first:second] + norm + text[second:])
+    Path("exact.prototxt").write_text(Path("solver.prototxt").read_text().replace("snapshots/net", "snapshots/exact"))
+    done = ranks_started.run(2, PROGRAMS, "resume", "checksum")
+    assert done.returncode == 0, done.stderr
+    assert (
+        training.train("exact.prototxt", snapshot="snapshots/exact_iter_3.solverstate", max_iter=4, log_file="log") == 0
+    )
+    assert [line.split("] ")[1] for line in Path("log").read_text().splitlines() if "Changed: " in line] == [
+        "Changed: number of ranks was 2, is now 1"
+    ]
+
+
+def test_wrong_usage_is_said_once():
+    """And the launcher's exit status is argparse's, without ``-m mpi4py``, too."""
+    for by in (("-m", "mpi4py"), ()):
+        done = ranks_started.run(4, TRAIN, "--patience", "0", "solver", by=by)
+        assert done.returncode == 2
+        assert ours(done.stderr) == [
+            "usage: train.py [-h] [--no-python-layers] [--snapshot STATE] [--weights FILE]",
+            "train.py: error: argument --patience: expected more than 0",
+        ]
+
+
+def test_a_signal_to_mpiexec(small):
+    """SIGUSR1 writes one snapshot, SIGTERM one more and stops all; rank 0 alone speaks; a resume goes on exactly."""
+    with ranks_started.started(2, TRAIN, "solver.prototxt", "--log", "log") as process:
+        lines = ranks_started.lines_until(process, "Iteration 20 (")
+        process.send_signal(signal.SIGUSR1)
+        lines += ranks_started.lines_until(process, "Snapshotting solver state to binary proto")
+        process.send_signal(signal.SIGTERM)
+        lines += ends(process, 128 + signal.SIGTERM).splitlines()
+    assert sum("2 ranks × 8 = 16 a step; base_lr as written" in line for line in lines) == 1
+    assert sum("Optimization stopped early" in line for line in lines) == 1
+    stopped = whole_snapshot()
+    assert stopped == max(int(i) for i in re.findall(r"state to .*_iter_(\d+)", "\n".join(lines)))
+    assert len(re.findall(rf"_iter_{stopped}\.", "\n".join(lines))) == 2  # weights and state, once
+    said = [line for line in Path("log").read_text().splitlines() if re.match(r"[IWE]\d{4} ", line)]
+    assert said == [line for line in lines if re.match(r"[IWE]\d{4} ", line)]
+    again = ranks_started.run(2, TRAIN, "solver.prototxt", "--snapshot", f"snapshots/small_iter_{stopped}.solverstate",
+                              "--max-iter", stopped + 1)  # fmt: skip
+    assert again.returncode == 0 and "averaged loss; the training goes on exactly" in again.stderr
+
+
+def test_one_process_of_a_training_is_stopped(small):
+    """A rank that hangs ends all, in the time that --patience gives, with its number; the last snapshot is whole. So
+    does one that is killed, by the launcher; and one that gets SIGTERM, after a snapshot."""
+    for sent, status, said in (
+        (signal.SIGSTOP, 1, r"no sign of rank 1 for 2 s; all ranks end, the last snapshot is untouched"),
+        (signal.SIGKILL, signal.SIGKILL, None),
+        (signal.SIGTERM, 128 + signal.SIGTERM, None),
+    ):
+        with ranks_started.started(2, TRAIN, "solver.prototxt", "--patience", "2") as process:
+            lines = ranks_started.lines_until(process, "Snapshotting to binary proto file snapshots/small_iter_40")
+            os.kill(int(Path("pid.1").read_text()), sent)
+            rest = ends(process, status)
+        assert ours(rest) == ([said] if said else []), lines
+        assert whole_snapshot() >= 20
+
+
+def test_what_one_rank_finds_ends_all(small):
+    """NaN, other data, another prototxt, a missing file: one line, which names the rank; nothing is written."""
+    for break_it, said in (
+        (nan, r"rank 1: iteration \d+: the loss is nan; .* top blob 'y' of layer 'data'.*"),
+        (other_rows, r'rank 1 has another data in layer \'data\' than rank 0: \[\["d1.h5", 9, .*\]\], not .*'),
+        (other_net, r"rank 1 has another net prototxt than rank 0: .*; expected the same on all"),
+        (no_file, r"rank 1: list.txt: names 'd1.h5', which does not exist; .*"),
+    ):
+        shutil.rmtree("snapshots", ignore_errors=True)
+        break_it(for_rank(1))
+        done = ranks_started.run(2, TRAIN, "solver.prototxt", "--max-iter", "19")
+        shutil.rmtree("rank.1")
+        assert done.returncode == 1
+        (line,) = ours(done.stderr)
+        assert re.fullmatch(said, line), line
+        assert not list(Path().rglob("*.solverstate"))
+
+
+def nan(folder):
+    """In a row that is read after some steps."""
+    with h5py.File(folder / "d2.h5", "a") as file:
+        file["y"][:19] = np.nan
+
+
+def other_rows(folder):
+    """As many."""
+    with h5py.File(folder / "d1.h5", "a") as file:
+        file["x"][...] += 1
+
+
+def other_net(folder):
+    """A layer is wider."""
+    (folder / "small.prototxt").write_text(NET.replace("num_output: 20", "num_output: 21"))
+
+
+def no_file(folder):
+    """One of three."""
+    (folder / "d1.h5").unlink()
