@@ -125,7 +125,7 @@ def test_exact(work):
     ]
 
 
-def test_wrong_usage_is_said_once():
+def test_wrong_usage_is_said_once(work):
     """And the launcher's exit status is argparse's, without ``-m mpi4py``, too."""
     for by in (("-m", "mpi4py"), ()):
         done = ranks_started.run(4, TRAIN, "--patience", "0", "solver", by=by)
