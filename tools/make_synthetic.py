@@ -5,7 +5,7 @@
 
 writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt
 that HDF5Data layers read. What is already there and the same is kept: a second run returns at once, and an
-interrupted run goes on where it stopped. Data of another origin are replaced only with --force.
+interrupted run goes on where it stopped. Data of another origin, or of another body, are replaced only with --force.
 
     python tools/make_synthetic.py --raw --out data/nyu_raw --train 200 --test 100
 
@@ -86,6 +86,8 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Make what is missing of the data that the parsed arguments ask for."""
     recipe = recipes.recipe_of(args.body) if args.body else recipes.recipe(args.recipe or "nyu")
+    if args.body:
+        recipes.check_in_view(recipe, args.seed)
     out: Path = args.out or Path("data") / _folder(args, recipe)
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
     what = "places" if args.places else "frames"

@@ -27,6 +27,7 @@ import numpy as np
 from handpose.data.examples import examples_of
 from handpose.drawing import hands, sheets
 from layers.hand import skeleton as skeletons
+from netlib.errors import DataError
 from tools import pictures
 from tools.arguments import parser_of, positive
 from tools.console import DONE, guarded, say
@@ -54,7 +55,11 @@ def run(args: argparse.Namespace) -> int:
     images, titles = [], []
     for name in args.sets:
         for number, (crop, joints) in enumerate(examples_of(Path(name), args.frames)):
-            if args.plain or joints is None or joints.size != 3 * len(skeleton.parents):
+            found = 0 if joints is None else joints.size // 3
+            if args.skeleton and found not in (0, len(skeleton.parents)):
+                raise DataError(f"{name}: frames have {found} joints, "
+                                f"{args.skeleton} has {len(skeleton.parents)}")  # fmt: skip
+            if args.plain or joints is None or found != len(skeleton.parents):
                 images.append(hands.picture(crop, args.zoom))
             else:
                 images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))

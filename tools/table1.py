@@ -36,6 +36,7 @@ from handpose.experiments.recipes import RECIPES
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
 from layers.hand import skeleton as skeletons
 from netlib import atomic
+from netlib.errors import NetlibError
 from tools.arguments import natural, parser_of, positive, weight
 from tools.console import DONE, aligned, guarded, say
 from tools.pictures import make_folder
@@ -78,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
     """Do what the parsed arguments say."""
     deadline = time.monotonic() + 3600 * args.hours if args.hours is not None else float("inf")
     sitting = Sitting(args.ledger, args.work, args.command, deadline, args.longest, args.threads)
+    if (args.list or args.page) and not args.ledger.is_dir():
+        raise NetlibError(f"{args.ledger}: no such folder; expected the ledger, whose files --list and --page show")
     if args.list:
         print(aligned(report([*_jobs(args), *_lambdas(args, sitting)], sitting.ledger_of, args.longest)))
         return DONE
@@ -120,7 +123,9 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
     """The trainings that are asked for."""
     recipes = [RECIPES[args.recipe]] if args.recipe else list(RECIPES.values())
     networks = [network for network in NETWORKS if network.name in args.networks]
-    return list(order(_first(args), None if args.setting else MANY_HANDS, networks, recipes, args.seeds))
+    return list(
+        order(_first(args), None if args.setting else MANY_HANDS, networks, recipes, list(dict.fromkeys(args.seeds)))
+    )
 
 
 if __name__ == "__main__":

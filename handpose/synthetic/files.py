@@ -16,6 +16,7 @@ from handpose.data.parts import Columns, Part
 from handpose.synthetic.many import Source, generate
 from handpose.synthetic.workers import processes
 from netlib import atomic
+from netlib.errors import DataError
 
 MADE_FROM = nyu_files.SYNTHETIC
 
@@ -38,6 +39,22 @@ def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
     return pieces
 
 
+def _body_of(recipe: object) -> object:
+    """The skeleton file that the frames of a recipe show; None if it names none."""
+    try:
+        return json.loads(str(recipe))["prior"]["skeleton"]
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _refuse_another_body(part: Part) -> None:
+    """Raise DataError if there are frames of another body where the part is to be."""
+    found = parts.attributes(part.path) if part.path.is_file() else None
+    there, asked = _body_of((found or {}).get("recipe")), _body_of(part.recipe)
+    if there and there != asked:
+        raise DataError(f"{part.path} shows the body of {there}, not of {asked}; choose another folder, or --force")
+
+
 class DataSet:
     """Synthetic rows of some splits as files in a folder.
 
@@ -45,7 +62,7 @@ class DataSet:
     sources  a generator for each split, and how many of its rows
     force    write everything anew, and replace data of another origin
 
-    Raises DataError where data of another origin would be replaced.
+    Raises DataError where data of another origin, or of another body, would be replaced.
     """
 
     def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
@@ -55,6 +72,8 @@ class DataSet:
         self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
         if not force:
             parts.refuse_foreign([piece.part.path for piece in every], list(self.lists), [MADE_FROM])
+            for piece in every:
+                _refuse_another_body(piece.part)
         self.missing = [piece for piece in every if force or not parts.is_whole(piece.part)]
 
     @property

@@ -184,7 +184,7 @@ class BodySampler:
         if self.prior.center is None:
             return np.zeros(0, dtype=int)
         joint = self.skeleton.joint_names.index(self.prior.center.joint)
-        along = {m.axis: m.dof for m in self.skeleton.motions[joint] if m.kind == "translate" and m.sign > 0}
+        along = prior_file.translations(self.skeleton, joint)
         whole = self.skeleton.parents[joint] < 0 and len(along) == 3
         return np.array([along[axis] for axis in range(3)] if whole else [], dtype=int)
 

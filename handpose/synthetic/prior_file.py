@@ -27,9 +27,11 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import NYU_HAND, Skeleton
 from netlib import prototxt, schema
 from netlib.errors import PrototxtError, did_you_mean
-from netlib.paths import find
+from netlib.paths import exists, find
 from netlib.schema import Double
 
+FARTHEST_MM = 1e5  # that a depth camera sees
+MOST_REDRAWS = 1000
 NYU_PRIOR = NYU_HAND.with_name("nyu_prior.prototxt")
 
 
@@ -136,7 +138,7 @@ class CenterParameter:
 class PosePrior:
     """A whole prior file."""
 
-    skeleton: str  # its file; found from the prior's
+    skeleton: str  # its file, beside the prior's
     cube_mm: Double  # edge of the crops; the skeleton's lengths are in half of it
     depth: RangeParameter  # of the centre
     camera: str = "nyu"  # that the body is seen by
@@ -170,7 +172,8 @@ class PosePrior:
     def body(self) -> Skeleton:
         """The skeleton. Raises PrototxtError, NetlibError."""
         place = schema.position_of(self, "skeleton")
-        return skeletons.load(find(self.skeleton, place.source))
+        beside = Path(place.source).parent / self.skeleton
+        return skeletons.load(beside if self.skeleton and exists(beside) else find(self.skeleton, place.source))
 
 
 def load(path: str | Path = NYU_PRIOR) -> PosePrior:
@@ -194,26 +197,62 @@ def _check(prior: PosePrior) -> None:
         raise _unknown(prior.center, "joint", prior.center.joint, skeleton.joint_names)
     normals = (prior.lateral_x, prior.lateral_y)
     drawn: tuple[object, ...] = (prior, *normals, *prior.turn, *prior.bend, *prior.spread, *prior.between)
-    for message in drawn:
+    for message in (*drawn, *(prior.center,) * (prior.center is not None)):
         _check_numbers(message)
+    _check_sizes(prior)
+    _check_center(prior, skeleton)
     bent = [part for bend in prior.bend for part in (bend.shared, bend.own)]
     betas: list[BetweenParameter | BetaParameter] = [*prior.between, *bent]
     for beta in betas:
-        _expect(beta, "a", beta.a > 0 and beta.b > 0, "a and b > 0")
+        _expect(beta, "a", 0 < beta.a < np.inf and 0 < beta.b < np.inf, "a and b > 0")
     _expect(prior, "cube_mm", 0 < prior.cube_mm < np.inf, "a length in mm > 0")
-    _expect(prior.depth, "low", 0 < prior.depth.low <= prior.depth.high < np.inf, "0 < low <= high, in mm")
-    _expect(prior, "redraws", prior.redraws > 0, "1 or more")
+    _expect(
+        prior.depth,
+        "low",
+        0 < prior.depth.low <= prior.depth.high <= FARTHEST_MM,
+        f"0 < low <= high <= {FARTHEST_MM:g}, in mm",
+    )
+    _expect(prior, "redraws", 0 < prior.redraws <= MOST_REDRAWS, f"1 to {MOST_REDRAWS}")
     _check_dofs(prior, skeleton)
     _check_poses(prior, skeleton)
 
 
 def _check_numbers(message: object) -> None:
-    """Deviations are 0 or more, fractions 0 to 1."""
+    """Deviations are 0 or more, fractions 0 to 1, places and angles numbers that a camera could see."""
     for name, value in vars(message).items():
-        if name in ("std", "noise", *(f"{what}_std" for what in ("scale", "bone"))) or name.startswith("center_jitter"):
-            _expect(message, name, 0 <= value < np.inf, "0 or more")
+        if name in ("std", "noise", "blend_noise", "scale_std", "bone_std") or name.startswith("center_jitter"):
+            _expect(message, name, 0 <= value <= FARTHEST_MM, f"0 or more, up to {FARTHEST_MM:g}")
+        elif name in ("mean", "x", "y", "z"):
+            _expect(message, name, abs(value) <= FARTHEST_MM, f"a number between -{FARTHEST_MM:g} and {FARTHEST_MM:g}")
+        elif name in ("most", "scale_clip"):
+            _expect(message, name, value >= 0, "0 or more")
+        elif name == "penetration":
+            _expect(message, name, not np.isnan(value), "a depth in mm")
         elif name in ("any", "independent", "wide", "blend") and value is not None:
             _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
+
+
+def _check_sizes(prior: PosePrior) -> None:
+    """No body, and no bone, is drawn smaller than nothing."""
+    for name, std in (("scale_std", prior.scale_std), ("bone_std", prior.bone_std)):
+        _expect(prior, name, not std or std * prior.scale_clip < 1, "less than 1 / scale_clip, so that none is below 0")
+
+
+def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
+    """The centre of crops hangs on a joint that carries the whole body; nothing else can be put there."""
+    if prior.center is None:
+        for name in ("center_jitter", "center_jitter_wide"):
+            _expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
+        return
+    joint = skeleton.joint_names.index(prior.center.joint)
+    carries = skeleton.parents[joint] < 0 and len(translations(skeleton, joint)) == 3
+    _expect(prior.center, "joint", carries, "one without a parent that translates along X, Y and Z")
+
+
+def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
+    """The free DoFs that move a joint along x, y, z (0, 1, 2) of its parent."""
+    own = skeleton.motions[joint]
+    return {m.axis: m.dof for m in own if m.kind == "translate" and m.sign > 0 and m.row >= 0}
 
 
 def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
@@ -246,9 +285,10 @@ def _check_poses(prior: PosePrior, skeleton: Skeleton) -> None:
         _expect(pose, "name", pose.name not in names, f"pose {pose.name!r} once")
         names.add(pose.name)
         for parts, known in ((pose.bend, chains), (pose.at, drawn)):
-            for part in parts:
+            for i, part in enumerate(parts):
                 if part.of not in known:
                     raise _unknown(part, "of", part.of, known)
+                _expect(part, "of", part.of not in [other.of for other in parts[:i]], f"{part.of!r} once in a pose")
                 _expect(part, "part", 0 <= part.part <= 1, "a part of the range, 0 to 1")
     _expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
 

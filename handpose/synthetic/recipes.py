@@ -7,13 +7,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from handpose.facts.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.facts.nyu import CUBE_MM
 from handpose.synthetic import prior_file
 from handpose.synthetic.flesh_prior import ANYBODY, OTHER_FLESH, FleshPrior
-from handpose.synthetic.generator import Recipe, Subject, View
+from handpose.synthetic.generator import Generator, Recipe, Subject, View
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
 from handpose.synthetic.sensor import CODED_LIGHT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
+from netlib.errors import NetlibError
 
 ONE_THICKNESS = FleshPrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # as NYU's second subject: smaller, with proportions of its own
@@ -71,3 +74,17 @@ def recipe_of(prior: str | Path) -> Recipe:
     # an edge is a steep slope between pixels, which lie farther apart in crops of a larger body
     steep = replace(sensor, edge=sensor.edge * max(loaded.cube_mm / CUBE_MM, 1))
     return Recipe(loaded, views=(View(camera, steep),))
+
+
+def check_in_view(recipe: Recipe, seed: int) -> None:
+    """Raise NetlibError if most of a body is beside the crops, as when lengths are in mm, not in half-cubes."""
+    frames = Generator(seed, "train", recipe).block(0)
+    outside = float((np.abs(frames.joint) >= 1).mean())  # the labels are clipped
+    unseen = float((np.ptp(frames.depth, axis=(1, 2, 3)) == 0).mean())
+    if max(outside, unseen) > 0.5:
+        found = f"{outside:.0%} of the joints lie beside the crops, {unseen:.0%} of the frames show nothing"
+        prior = recipe.prior
+        raise NetlibError(
+            f"skeleton {prior.skeleton}: {found}; expected lengths in half-cubes, {prior.cube_mm / 2:g} mm, and a "
+            f"cube_mm, center, depth and lateral_x, lateral_y that bring the body into view"
+        )

@@ -29,6 +29,7 @@ from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.paths import find
 
+LARGEST = 1e9  # length or angle: its square is a float32
 NYU_HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
 
 
@@ -133,15 +134,21 @@ class Skeleton:
 
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
-            if joint.bone and not np.isfinite(joint.bone.length):
+            if joint.bone and not abs(joint.bone.length) <= LARGEST:
                 raise PrototxtError(schema.position_of(joint.bone), f"{joint.bone.length} is not a length or an angle")
         for d in self.param.dof:
-            if not np.isfinite(d.initial):
+            if not abs(d.initial) <= LARGEST:
                 raise PrototxtError(schema.position_of(d), f"{d.initial} is not a length or an angle")
             if d.lower > d.upper:
                 raise PrototxtError(
                     schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
                 )
+            lowest, highest = (-LARGEST if d.lower == -np.inf else d.lower), (LARGEST if d.upper == np.inf else d.upper)
+            if not (abs(lowest) <= LARGEST and abs(highest) <= LARGEST):
+                where = schema.position_of(d, "upper" if abs(lowest) <= LARGEST else "lower")
+                raise PrototxtError(where, f"DoF {d.name!r}: limits {d.lower:g} and {d.upper:g}; expected numbers")
+            if not d.deviation > 0:
+                raise PrototxtError(schema.position_of(d, "deviation"), f"deviation {d.deviation:g}; expected > 0")
 
     def _depths(self) -> dict[int, int]:
         """How many joints there are from each up to its root. Raises PrototxtError if there is no root."""

@@ -23,6 +23,7 @@ from handpose.data import nyu_files, parts
 from handpose.facts.nyu import CENTER_JOINT, frame_name
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
+from layers.hand.skeleton import NYU_HAND
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
@@ -311,3 +312,16 @@ def test_places(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[
     with pytest.raises(SystemExit, match="2"):
         tool.main(["--places", "--recipe", "cameras"])
     assert "--recipe is for hands; places are seen by three cameras" in capsys.readouterr().err
+
+
+def test_another_body_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its frames are replaced with --force alone."""
+    body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
+    assert tool.main(arguments(tmp_path, train=10)) == 0
+    before = (tmp_path / "train_000.h5").read_bytes()
+    capsys.readouterr()
+    assert tool.main(arguments(tmp_path, *body, train=10)) == 1
+    assert "shows the body of nyu.prototxt, not of arm.prototxt" in capsys.readouterr().err
+    assert (tmp_path / "train_000.h5").read_bytes() == before
+    assert tool.main(arguments(tmp_path, *body, "--force", train=10)) == 0
+    assert (tmp_path / "train_000.h5").read_bytes() != before

@@ -65,3 +65,12 @@ def test_a_file_without_crops(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         file["depth"] = np.zeros((3, 4))
     assert show_data.main([str(tmp_path / "a.h5"), "--out", str(tmp_path / "out.png")]) == 1
     assert "data set 'depth' has shape (3, 4), expected square crops" in capsys.readouterr().err
+
+
+def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Is told, not left out."""
+    (tmp_path / "one.prototxt").write_text('joint { name: "only" }')
+    options = ["--skeleton", str(tmp_path / "one.prototxt"), "--out", str(tmp_path / "out.png")]
+    assert show_data.main([str(frames), *options]) == 1
+    error = capsys.readouterr().err
+    assert "frames have 31 joints" in error and "one.prototxt has 1" in error and not (tmp_path / "out.png").exists()

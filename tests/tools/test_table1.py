@@ -254,6 +254,22 @@ def test_a_damaged_ledger_is_one_line(made):
         assert err.count("\n") == 1
 
 
+def test_a_ledger_that_is_not_there(made):
+    """Is a wrong name: no empty page is written over the one there is."""
+    for options in (["--page"], ["--list"]):
+        status, out, err = run("--ledger", "lodger", *options)
+        assert (status, out) == (1, "") and err.startswith("lodger: no such folder") and err.count("\n") == 1
+    assert not (made / "results").exists()
+
+
+def test_a_seed_named_twice(made):
+    """Is one training."""
+    out = run("--list", "--seeds", "2", "2", "--networks", "ours", "ours", "--recipe", "adam", "--setting", "one_hand")[
+        1
+    ]
+    assert out.count("ours, adam, seed 2") == 1
+
+
 def test_without_nyu_a_line_says_how_to_get_it(made):
     """NYU cannot be made."""
     status, _, err = run("--setting", "nyu")

@@ -131,6 +131,13 @@ def test_flesh_is_written_and_scaled_with_its_body() -> None:
         ('offset { joint: "tip"', 'offset { joint: "tp"', r":9:12: error: unknown joint 'tp'"),
         ('axes: "root"', 'axes: "rooot"', r":8:25: error: unknown joint 'rooot'"),
         ("radius: 0.2 part", "radius: -1 part", r":10:11: error: radius -1.0; expected one or two > 0"),
+        ("radius: 0.2 part", "radius: 1e200 part", r":10:11: error: radius 1e\+200; expected one or two > 0"),
+        ("y: 0.5", "y: nan", r":8:10: error: offset 0, nan, 0; expected lengths"),
+        (
+            'joint: "tip" axes: "tip"',
+            'joint: "end" axes: "root"',
+            r":9:10: error: joint 'end' has two offsets along 'root'",
+        ),
         ("radius: 0.2 part", "part", r":10:11: error: missing required field 'radius'"),
         ('parent: "end"', 'parent: "ned"', r":7:23: error: unknown parent 'ned'"),
     ],

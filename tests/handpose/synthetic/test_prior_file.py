@@ -12,7 +12,8 @@ from handpose.facts.cameras import CAMERAS
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.recipes import recipe, recipe_of
+from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
+from layers.hand.skeleton import NYU_HAND
 from netlib.errors import NetlibError
 
 SKELETON = """\
@@ -136,7 +137,23 @@ def test_one_hand_and_a_second() -> None:
         ('joint: "root"', 'joint: "rot"', "unknown joint 'rot'"),
         ('"tail.prototxt"', '"tial.prototxt"', "tial.prototxt: cannot read"),
         ("turn {", "trun {", "unknown field 'trun'"),
-        ("cube_mm: 1000", "cube_mm: 1000 blend: 0.5 redraws: 0", "redraws: expected 1 or more"),
+        ("cube_mm: 1000", "cube_mm: 1000 blend: 0.5 redraws: 0", "redraws: expected 1 to 1000"),
+        ("cube_mm: 1000", "cube_mm: 1000 redraws: 2000000000", "redraws: expected 1 to 1000"),
+        ("mean: 30", "mean: nan", "mean: expected a number between"),
+        ("std: 5", "most: -1", "most: expected 0 or more"),
+        ("y: 100", "y: 1e20", "y: expected a number between"),
+        ("y: 100", "y: nan", "y: expected a number between"),
+        ("high: 2500", "high: 1e30", "low: expected 0 < low <= high <= 100000"),
+        ("a: 2 b: 2", "a: inf b: 2", "expected a and b > 0"),
+        ("cube_mm: 1000", "cube_mm: 1000 penetration: nan", "penetration: expected a depth in mm"),
+        ("cube_mm: 1000", "cube_mm: 1000 blend_noise: -1", "blend_noise: expected 0 or more"),
+        ("cube_mm: 1000", "cube_mm: 1000 bone_std: 1e308", "bone_std: expected 0 or more"),
+        ("cube_mm: 1000", "cube_mm: 1000 scale_clip: nan", "scale_clip: expected 0 or more"),
+        ("cube_mm: 1000", "cube_mm: 1000 scale_std: 0.4", "scale_std: expected less than 1 / scale_clip"),
+        ("cube_mm: 1000", "cube_mm: 1000 lateral_x { mean: inf }", "mean: expected a number between"),
+        ('joint: "root"', 'joint: "first"', r":4:\d+: error: joint: expected one without a parent that translates"),
+        ('center { joint: "root" y: 100 }', "center_jitter: 5", "center_jitter: expected a center"),
+        ('of: "c" part: 0.5 }', 'of: "c" part: 0.5 } at { of: "c" part: 1 }', "of: expected 'c' once in a pose"),
     ],
 )
 def test_refusals(tail: Path, old: str, new: str, message: str) -> None:
@@ -145,3 +162,34 @@ def test_refusals(tail: Path, old: str, new: str, message: str) -> None:
     tail.write_text(PRIOR.replace(old, new, 1))
     with pytest.raises(NetlibError, match=message):
         prior_file.load(tail)
+
+
+def test_the_skeleton_beside_the_prior_comes_first(tail: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of the same name in the working directory is another body's."""
+    other = tail.parent / "other"
+    other.mkdir()
+    (other / "tail.prototxt").write_text('name: "other" joint { name: "root" }')
+    monkeypatch.chdir(other)
+    assert prior_file.load(tail).body().name == "tail"
+
+
+def test_a_centre_that_cannot_move(tail: Path) -> None:
+    """A fixed place takes no crop to the body."""
+    tail.with_name("tail.prototxt").write_text(SKELETON.replace('dof { name: "z" }', 'dof { name: "z" fixed: true }'))
+    with pytest.raises(NetlibError, match="joint: expected one without a parent that translates along X, Y and Z"):
+        prior_file.load(tail)
+
+
+@pytest.mark.parametrize(("old", "new"), [("0.3", "150"), ("cube_mm: 1000", "cube_mm: 1"), ("y: 100", "y: 3000")])
+def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
+    """Lengths in mm, a cube of 1 mm and a centre far away are told before frames are made of them."""
+    tail.with_name("tail.prototxt").write_text(SKELETON.replace(old, new))
+    tail.write_text(PRIOR.replace(old, new))
+    with pytest.raises(NetlibError, match=r"of the joints lie beside the crops.*expected lengths in half-cubes"):
+        check_in_view(recipe_of(tail), 0)
+
+
+def test_packaged_bodies_are_in_view() -> None:
+    """Person and arm are."""
+    for name in ("person", "arm"):
+        check_in_view(recipe_of(NYU_HAND.parents[1] / "body" / f"{name}_prior.prototxt"), 0)

@@ -95,6 +95,13 @@ def test_slides_can_be_freed(skeleton, arm_text):
         ("axis: Z", "axis: W", "unknown value W of 'axis'"),
         ("length: 1", "lenght: 1", r"unknown field 'lenght' \(did you mean 'length'\?\)"),
         ("bone { axis: X length: 1 }", "bone { axis: X }", "missing required field 'length' in bone"),
+        ("lower: -1 upper: 1", "lower: nan upper: 1", "DoF 'shoulder': limits nan and 1; expected numbers"),
+        ("lower: -1 upper: 1", "lower: -1 upper: nan", "DoF 'shoulder': limits -1 and nan; expected numbers"),
+        ("lower: -1 upper: 1", "lower: inf upper: inf", "DoF 'shoulder': limits inf and inf; expected numbers"),
+        ("lower: -1 upper: 1", "lower: -1 upper: 1e308", r"DoF 'shoulder': limits -1 and 1e\+308; expected numbers"),
+        ("lower: -1 upper: 1", "deviation: 0", "deviation 0; expected > 0"),
+        ("lower: -1 upper: 1", "deviation: nan", "deviation nan; expected > 0"),
+        ("length: 1 ", "length: 1e30 ", "1e[+]30 is not a length or an angle"),
     ],
 )  # fmt: skip
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, old, new, message):
