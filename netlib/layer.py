@@ -28,8 +28,8 @@ from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.messages import LayerParameter
 from netlib.prototxt import Field, Message, Place, Scalar
-from netlib.ranks import EVERY_ROW, Share
 from netlib.schema import Phase, numbered
+from netlib.share import EVERY_ROW, Share
 
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
 PHASES = {"TRAIN": TRAIN, "TEST": TEST}
@@ -58,7 +58,7 @@ class Layer:
     param_str           the string of a Python layer's ``python_param``
     blobs               the parameters
     rng                 the source of all randomness of this layer
-    share               which rows of a training's data it reads (ranks.py)
+    share               which rows of a training's data it reads (share.py)
     """
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options

@@ -23,7 +23,7 @@ from netlib.messages import LayerParameter, NetParameter, NetState
 from netlib.net_parameter import distinct, load_parameter, select_layers
 from netlib.plain import Connection, guarded
 from netlib.prototxt import Message
-from netlib.ranks import EVERY_ROW, Share
+from netlib.share import EVERY_ROW, Share
 from netlib.sharing import Parameters
 from netlib.splits import insert_splits
 
@@ -49,7 +49,7 @@ class Net:
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
     is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` refuses a net that brings code of its own.
-    ``share`` says which rows of the data it reads (netlib/ranks.py).
+    ``share`` says which rows of the data it reads (netlib/share.py).
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some

@@ -29,8 +29,9 @@ from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
-from netlib.ranks import ALONE, EVERY_ROW, Ranks, latest
+from netlib.ranks import ALONE, Ranks, latest
 from netlib.resume import extra_state, restore_state, state_of, undo_of
+from netlib.share import EVERY_ROW
 from netlib.sharing import Param
 from netlib.updates import histories, learning_rate
 

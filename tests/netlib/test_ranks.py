@@ -9,7 +9,8 @@ from caffe_messages import datum
 from netlib import prototxt
 from netlib.errors import LayerError, NetlibError
 from netlib.net import Net
-from netlib.ranks import ALONE, Share
+from netlib.ranks import ALONE
+from netlib.share import Share
 
 COUNT, ROWS, BATCH = 3, 10, 2
 
