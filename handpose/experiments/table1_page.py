@@ -31,8 +31,9 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
 ```
 
 - Setting: training frames of one hand; test frames of the same hand, and of a second, smaller one (cube 261
-  mm), as in NYU. Synthetic hands have exact angles, and fitted ones, as the paper had them. In `many_hands`,
-  bones, flesh and sizes are those of many people.
+  mm), as in NYU. Most hands are between two gestures, and palms are turned as much as those of NYU's test
+  frames. Synthetic hands have exact angles, and fitted ones, as the paper had them. In `many_hands`, bones, flesh
+  and sizes are those of many people.
 - Length: a training is made half as long again, until that changes the joint error by less than {MATTERS:.0%}
   ("done") or raises it ("rises": the length before counts). "Not yet" is neither.
 - Joint error: mean over the 14 joints compared on NYU, about the crop's centre (joint 34).
