@@ -32,7 +32,7 @@ def like_nyu() -> PosePrior:
     """Hands as NYU shows them: most are between two gestures, and palms are turned as those of its test frames.
 
     There half of the palms are turned by at most 46 degrees from the median one, a quarter by more than 79, a tenth by
-    more than 125 (of the hand fitted to the annotation); here it is 46, 70 and 118. The prior file's are turned more.
+    more than 125 (of the hand fitted to the annotation); here it is 49, 71 and 118. The prior file's are turned more.
     """
     turned = (
         prior_file.load()
