@@ -5,15 +5,21 @@
 
 First the step of one process is timed with one thread and with all, then that of ranks with one thread each, which
 divide the same batch: what a step costs, and what of it is agreeing and averaging. Then, with these figures, what a
-step would cost with more ranks on other networks (``model``). Depth images are synthetic hands. Run it on a quiet
-machine, with the extra mpi.
+step would cost with more ranks on other networks (``model``).
+
+With ``--launch`` two ranks on two machines are timed, where gradients are averaged while layers still run backwards;
+in every second step they are averaged at the end, to compare.
+
+Depth images are synthetic hands. Run it on quiet machines, with the extra mpi.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
+import shlex
 import shutil
 import statistics
 import subprocess
@@ -36,12 +42,16 @@ import netlib
 from benchmarks.paper import Paper
 from netlib import engine
 from netlib.errors import NetlibError
+from netlib.gradients import Gradients
+from netlib.layer import Layer
+from netlib.plain import Passed
 from tools.arguments import parser_of, positive
 from tools.console import DONE, aligned, guarded
 from tools.ranks import world
 
 BATCHES = (64, 512)
 RANKS = (2, 4, 8, 16, 32, 64, 128, 256)
+PARTS = 3  # of the gradients of the paper's network
 
 
 @dataclass(frozen=True)
@@ -69,35 +79,41 @@ class Step:
     """A step of some ranks in s, medians at rank 0.
 
     whole    all of it
+    behind   the backward pass that is left when the first part of the gradients is complete
     agree    telling each other losses, requests, failures
-    average  summing the gradients
+    average  waiting for the means of the gradients at the end
     """
 
     whole: float
+    behind: float
     agree: float
     average: float
 
 
-def model(network: Network, count: int, compute: float, copies: float, size: int) -> float:
+def model(network: Network, count: int, alone: Step, copies: float, size: int) -> float:
     """A step of ``count`` ranks on machines of their own, in s.
 
-    compute  the step of one rank alone
-    copies   copying the gradients to the flat buffer and back, and adding them up
-    size     of the gradients in bytes
+    alone   the step of one rank
+    copies  copying the gradients to the flat buffer and back, and adding them up
+    size    of the gradients in bytes
 
-    Two rounds of numbers to rank 0 and back; each piece of the gradients to its rank and its mean to all:
-    2 (N - 1) messages and 2 (N - 1) / N times the bytes.
+    Two rounds of numbers to rank 0 and back; each piece of the gradients to its rank and its mean to all: 2 (N - 1)
+    messages for each of three parts and 2 (N - 1) / N times the bytes, all but the messages of the last part while
+    layers still run backwards.
     """
     others = count - 1
     agreeing = 2 * network.latency + 2 * others * 1e-6  # rank 0 handles every message
-    averaging = 2 * others * network.latency + 2 * others / count * size / network.bandwidth
-    return compute + copies + agreeing + averaging
+    messages = 2 * others * network.latency
+    averaging = (PARTS - 1) * messages + 2 * others / count * size / network.bandwidth
+    return alone.whole + copies + agreeing + max(averaging - alone.behind, 0.0) + messages
 
 
 def main(argv: list[str] | None = None) -> int:
     """Measure; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("--steps", type=positive, default=60, metavar="N", help="of each timing (default: %(default)s)")
+    parser.add_argument("--launch", metavar="COMMAND", help="what starts two ranks on two machines, -n 2 follows "
+                        "it: time only these, each with a whole batch")  # fmt: skip
     parser.add_argument("--worker", metavar="SOLVER", help=argparse.SUPPRESS)  # what mpiexec starts
     parser.add_argument("--threads", type=positive, default=1, help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
@@ -105,65 +121,117 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def worker(args: argparse.Namespace) -> int:
-    """Time the steps of a rank; rank 0 prints them."""
+    """Time the steps of a rank; rank 0 prints those with averages meanwhile, and those with averages at the end."""
     ranks = world(divide=True)
     engine.get().set_threads(args.threads)
-    spent: dict[str, list[float]] = {"whole": [], "agree": [], "average": []}
-    for name in ("agree", "average"):
-        setattr(ranks, name, _timed(getattr(ranks, name), spent[name]))
+    watch = Watch(ranks)
     solver = netlib.get_solver(args.worker, seed=1, ranks=ranks)
-    for _ in range(args.steps):
-        begun = time.perf_counter()
+    for i in range(2 * args.steps):
+        watch.begin(meanwhile=i % 2 == 0)
         solver.step(1)
-        spent["whole"].append(time.perf_counter() - begun)
+        watch.end()
     if ranks.rank == 0:
-        middle = {name: statistics.median(times[len(times) // 5 :]) for name, times in spent.items()}
-        middle["size"] = sum(p.blob.bytes for p in solver.net.learnable)
-        print(json.dumps(middle))
+        steps = [dataclasses.asdict(watch.step(meanwhile)) for meanwhile in (True, False)]
+        print(json.dumps([steps, sum(p.blob.bytes for p in solver.net.learnable)]))
     return DONE
 
 
-def _timed(call: Any, times: list[float]) -> Any:
-    def timed(*args: Any) -> Any:
-        begun = time.perf_counter()
-        result = call(*args)
-        times.append(time.perf_counter() - begun)
-        return result
+class Watch:
+    """Times what some ranks do in a step."""
 
-    return timed
+    def __init__(self, ranks: Any) -> None:
+        self._agree, self._averaging, self._average = ranks.agree, ranks.averaging, ranks.average_gradients
+        ranks.agree, ranks.averaging, ranks.average_gradients = self.agree, self.averaging, self.average_gradients
+        self._begun = 0.0
+        self._meanwhile = True
+        self._first: float | None = None
+        self._times: dict[str, float] = {}
+        self._steps: dict[bool, list[Step]] = {True: [], False: []}
+
+    def begin(self, meanwhile: bool) -> None:
+        """A step, in which gradients are averaged while layers run backwards, or all at the end."""
+        self._begun, self._meanwhile, self._first, self._times = time.perf_counter(), meanwhile, None, {}
+
+    def end(self) -> None:
+        """Of this step."""
+        self._steps[self._meanwhile].append(Step(whole=time.perf_counter() - self._begun, **self._times))
+
+    def step(self, meanwhile: bool) -> Step:
+        """The medians of all steps but the first fifth."""
+        steps = self._steps[meanwhile]
+        later = [dataclasses.astuple(step) for step in steps[len(steps) // 5 :]]
+        return Step(*map(statistics.median, zip(*later)))
+
+    def averaging(self, gradients: Gradients) -> Passed:
+        """What is called during the backward pass."""
+        follow = self._averaging(gradients) if self._meanwhile else None
+
+        def passed(layer: Layer | None) -> None:
+            if layer is not None and self._first is None and gradients.complete(layer):
+                self._first = time.perf_counter()
+            if follow is not None:
+                follow(layer)
+
+        return passed
+
+    def agree(self, *args: Any) -> float:
+        """The end of the backward pass."""
+        begun = time.perf_counter()
+        loss: float = self._agree(*args)
+        self._times.update(behind=begun - (self._first or begun), agree=time.perf_counter() - begun)
+        return loss
+
+    def average_gradients(self, gradients: Gradients) -> None:
+        """What is left of the averages."""
+        begun = time.perf_counter()
+        self._average(gradients)
+        self._times["average"] = time.perf_counter() - begun
 
 
 def run(args: argparse.Namespace) -> int:
     """All timings, then the model."""
-    mpiexec = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
-    if mpiexec is None:
-        raise NetlibError("there is no mpiexec; python -m pip install 'deepmodel-numpy[mpi]'")
     cpus = engine.available_cpus()
+    launch = shlex.split(args.launch) if args.launch else [_mpiexec()]
+    runs = [(2, 1)] if args.launch else [(1, 1), (1, cpus), (cpus, 1), (2 * cpus, 1)]
     with tempfile.TemporaryDirectory() as folder:
         paper = Paper(Path(folder), cpus)
         for batch in BATCHES:
-            paper.solver(batch)
-            rows = [["processes x threads", "a step, ms", "frames/s", "agreeing, ms", "averaging, ms"]]
-            single: Step | None = None
-            size = 0
-            for count, threads in ((1, 1), (1, cpus), (cpus, 1), (2 * cpus, 1)):
-                command = [sys.executable, "-m", "mpi4py", __file__, "--worker", f"{folder}/solver.prototxt"]
-                launch = [mpiexec, "-n", str(count)] if count > 1 else []
-                options = ["--steps", str(args.steps), "--threads", str(threads)]
-                done = subprocess.run([*launch, *command, *options], capture_output=True, text=True)
-                if done.returncode:
-                    raise NetlibError(f"{count} ranks: {done.stderr.strip().splitlines()[-1:]}")
-                found = json.loads(done.stdout)
-                size = found.pop("size")
-                step = Step(**found)
-                single = single or step
-                rows.append([f"{count} x {threads}", f"{step.whole * 1e3:.1f}", f"{batch / step.whole:.0f}",
-                             f"{step.agree * 1e3:.2f}", f"{step.average * 1e3:.1f}"])  # fmt: skip
-            assert single is not None
-            print(f"\nbatch {batch}, gradients {size / 1e6:.1f} MB\n{aligned(rows)}\n")
-            print(f"batch {batch} on every rank, a machine each, by the model: speed, of N times one\n")
-            print(aligned(_table(single.whole, _copies(size), size)))
+            frames = 2 * batch if args.launch else batch
+            paper.solver(frames)
+            timed = [_time(count, threads, launch, f"{folder}/solver.prototxt", args.steps) for count, threads in runs]
+            (alone, _), size = timed[0]
+            rows = [["processes x threads", "averaged", "a step, ms", "frames/s", "agreeing, ms", "averaging, ms"]]
+            for (count, threads), (steps, _) in zip(runs, timed):
+                for step, when in list(zip(steps, ("meanwhile", "at the end")))[0 if args.launch else 1 :]:
+                    ends = [when, f"{step.agree * 1e3:.2f}", f"{step.average * 1e3:.1f}"] if count > 1 else [""] * 3
+                    rows.append([f"{count} x {threads}", ends[0], f"{step.whole * 1e3:.1f}",
+                                 f"{frames / step.whole:.0f}", *ends[1:]])  # fmt: skip
+            print(f"\nbatch {batch}, gradients {size / 1e6:.1f} MB\n{aligned(rows)}")
+            if not args.launch:
+                print(f"\nbatch {batch} on every rank, a machine each, by the model: speed, of N times one\n"
+                      f"(of the {alone.whole * 1e3:.1f} ms of a step {alone.behind * 1e3:.1f} ms come after the first "
+                      "gradients)\n")  # fmt: skip
+                print(aligned(_table(alone, _copies(size), size)))
     return DONE
+
+
+def _mpiexec() -> str:
+    found = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if found is None:
+        raise NetlibError("there is no mpiexec; python -m pip install 'deepmodel-numpy[mpi]'")
+    return found
+
+
+def _time(count: int, threads: int, launch: list[str], solver: str, steps: int) -> tuple[list[Step], int]:
+    """The steps, averaged meanwhile and at the end, and the size of the gradients."""
+    command = [sys.executable, "-m", "mpi4py", str(Path(__file__).resolve()), "--worker", solver]
+    options = ["--steps", str(steps), "--threads", str(threads)]
+    start = [*launch, "-n", str(count)] if count > 1 else []
+    done = subprocess.run([*start, *command, *options], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise NetlibError(f"{count} ranks: {done.stderr.strip().splitlines()[-1:]}")
+    found, size = json.loads(done.stdout)
+    return [Step(**step) for step in found], size
 
 
 def _copies(size: int) -> float:
@@ -182,10 +250,10 @@ def _copies(size: int) -> float:
     return statistics.median(times)
 
 
-def _table(compute: float, copies: float, size: int) -> list[list[str]]:
+def _table(alone: Step, copies: float, size: int) -> list[list[str]]:
     rows = [["network", *map(str, RANKS)]]
     for network in NETWORKS:
-        speeds = [compute / model(network, count, compute, copies, size) for count in RANKS]
+        speeds = [alone.whole / model(network, count, alone, copies, size) for count in RANKS]
         rows.append([network.name, *(f"{speed:.0%}" for speed in speeds)])
     return rows
 

@@ -21,7 +21,7 @@ from fast.twin import Twin
 from netlib.blob import Array, Blob
 from netlib.errors import NetlibError
 from netlib.one_thread import OneThread
-from netlib.plain import Connection, Executor, Step, guarded
+from netlib.plain import Connection, Executor, Passed, Step, guarded
 
 
 class SlicedExecutor(Executor):
@@ -68,12 +68,12 @@ class SlicedExecutor(Executor):
             if not self._is_part(first, last):
                 self._seen = [True, False]
 
-    def backward(self, first: int = 0, last: int | None = None) -> None:
+    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards."""
         with self.one_thread:
             if self._is_part(first, last):
                 self._run_by_layer()
-            super().backward(first, last)
+            super().backward(first, last, passed)
             if not self._is_part(first, last):
                 self._seen[1] = True
 

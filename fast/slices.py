@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import copy
 import threading
+from collections.abc import Callable
 from functools import partial
 
 from fast import parallel
@@ -33,7 +34,7 @@ from fast.twin import Twin
 from netlib import memory
 from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
-from netlib.plain import Connection, Step, guarded
+from netlib.plain import Connection, Passed, Step, guarded
 
 # Aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls.
 SLICE_BYTES = 16 << 20
@@ -80,19 +81,21 @@ class SlicedStep(Step):
             for at in piece:
                 guarded(at.layer, "forward", at.bottom, at.top)
 
-    def backward(self) -> None:
+    def backward(self, passed: Passed | None = None) -> None:
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self._needs_backward:
             return
         for blob in self._gradients:
             self._ensure(blob, "diff")
-        parallel.run([partial(self._backward, lane) for lane in self._lanes])
+        caller = threading.get_ident()
+        between = (lambda: threading.get_ident() == caller and passed(None)) if passed else lambda: None
+        parallel.run([partial(self._backward, lane, between) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):
                 for lane in self._lanes:
                     param.diff[...] += lane[0][i].layer.blobs[j].diff
 
-    def _backward(self, lane: Lane) -> None:
+    def _backward(self, lane: Lane, between: Callable[[], object]) -> None:
         for at in lane[0]:
             for param in at.layer.blobs:
                 param.diff[...] = 0
@@ -100,6 +103,7 @@ class SlicedStep(Step):
             for at in reversed(piece):
                 if at.needs_backward:
                     guarded(at.layer, "backward", at.top, at.propagate_down, at.bottom)
+                    between()
 
     def _ensure(self, blob: Blob, half: str) -> None:
         """Take the memory of ``data`` or ``diff`` now. Raises OutOfMemoryError."""

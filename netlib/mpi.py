@@ -2,14 +2,11 @@
 
     mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
 
-**Sums** are taken in the order of the ranks, whatever the library would do, so a training repeats itself bit for bit.
-All gradients lie in one flat buffer, in N pieces. Rank r is sent piece r by every rank, adds them up, first to last,
-divides by N, and sends the mean to all: 2 (N - 1) / N times the bytes of the gradients out of and into every rank,
-which is what the best algorithms for sums need (Thakur, Rabenseifner and Gropp 2005, Sec. 4).
+**Means** of the gradients are taken in the order of the ranks, and begin while layers run backwards (mpi_means.py).
 
-**Agreement**: before the sum every rank tells rank 0 four numbers (the loss, what it was asked for, whether it failed,
-a checksum), and rank 0 tells all of them to all. So a signal that reaches the ranks in different steps stops all after
-the same one, and an error of one rank is the error of all.
+**Agreement**: then every rank tells rank 0 five numbers (the loss, what it was asked for, whether it failed, a
+checksum, whether it is averaging), and rank 0 tells all of them to all. So a signal that reaches the ranks in different
+steps stops all after the same one, and an error of one rank is the error of all.
 
 **Waiting** is limited: a rank that nobody hears of ends the others, too. Nothing here blocks: whoever waits looks again
 and again, at the clock, and whether rank 0 is busy (``alive``) or calls the roll: who does not answer is named.
@@ -27,6 +24,9 @@ import numpy as np
 
 from netlib.blob import Array
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
+from netlib.gradients import Gradients
+from netlib.mpi_means import Averaging, Means, Requests
+from netlib.plain import Passed
 from netlib.ranks import Ranks
 
 REQUESTS = (None, "snapshot", "stop")
@@ -34,7 +34,7 @@ STOP = REQUESTS.index("stop")
 ERRORS: dict[str, type[NetlibError]] = {
     cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
 }
-LOSS, ASKED, FAILED, CHECKSUM = range(4)  # the four numbers
+LOSS, ASKED, FAILED, CHECKSUM, AVERAGING = range(5)  # the five numbers
 NO_CHECKSUM = -1.0
 TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # tags
 ROLL_CALL = -1.0  # in the place of seconds
@@ -64,12 +64,15 @@ class MPIRanks(Ranks):
         self._agreed: NetlibError | None = None  # an error that all ranks know of
         self._told = 0.0  # when the others were last told that rank 0 is alive
         self._telling: list[Any] = []
-        self._flat = self._pieces = self._mean = np.zeros(0)
+        self._means = Means(comm.Dup(), self._wait)
+        self._gradients: Gradients | None = None  # of the training
+        self._under_way: Averaging | None = None
 
     # ------------------------------------------------------------------------------------------ agreement
 
-    def introduce(self, facts: Mapping[str, Any]) -> None:
+    def introduce(self, facts: Mapping[str, Any], gradients: Gradients | None = None) -> None:
         """All tell all their facts."""
+        self._gradients = gradients
         self._exchange(0.0, None, None)
         everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
@@ -86,7 +89,7 @@ class MPIRanks(Ranks):
         return int(self._exchange_values(number)[0])
 
     def agree(self, loss: float, asked: str | None, checksum: int | None) -> float:
-        """One round of the four numbers."""
+        """One round of the five numbers."""
         table = self._exchange(loss, asked, checksum)
         now = time.monotonic()
         if self._since is not None:
@@ -95,6 +98,7 @@ class MPIRanks(Ranks):
         self._asked = max(int(table[0, ASKED]), STOP * int(table[:, ASKED].max() == STOP))
         different = np.flatnonzero(table[:, CHECKSUM] != table[0, CHECKSUM])
         if len(different):
+            self._settle(table)
             raise self._known(
                 f"the parameters of rank {different[0]} are not those of rank 0 any more: its memory or its processor "
                 "computes something else, or a callback changed them; the last snapshot is untouched"
@@ -120,7 +124,7 @@ class MPIRanks(Ranks):
         return REQUESTS[self._asked]
 
     def from_root(self, own: str | None) -> str | None:
-        """One round of the four numbers."""
+        """One round of the five numbers."""
         self._since = None  # what rank 0 did is no step
         return REQUESTS[int(self._exchange(0.0, own, None)[0, ASKED])]
 
@@ -139,8 +143,9 @@ class MPIRanks(Ranks):
             self._telling += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
 
     def _exchange(self, loss: float, asked: str | None, checksum: int | None, failed: Exception | None = None) -> Array:
-        """The four numbers of all ranks (N, 4). Raises, on every rank, what a rank has failed with."""
-        own = np.array([loss, REQUESTS.index(asked), failed is not None, NO_CHECKSUM if checksum is None else checksum])
+        """The five numbers of all ranks (N, 4). Raises, on every rank, what a rank has failed with."""
+        own = np.array([loss, REQUESTS.index(asked), failed is not None,
+                        NO_CHECKSUM if checksum is None else checksum, self._under_way is not None])  # fmt: skip
         table = np.zeros((self.count, len(own)))
         table[self.rank] = own
         if self.rank == 0:
@@ -154,6 +159,7 @@ class MPIRanks(Ranks):
             everyone = self._exchange_values([type(failed).__name__, _text_of(failed)])
             kind, text = everyone[first]
             where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
+            self._settle(table)
             raise self._known(where + text, ERRORS.get(kind, NetlibError))
         return table
 
@@ -168,43 +174,47 @@ class MPIRanks(Ranks):
         self._wait([self._comm.Iallgatherv(mine, [texts, sizes, places, self._mpi.BYTE])])
         return [json.loads(texts[at : at + n].tobytes()) for at, n in zip(places, sizes)]
 
-    # ------------------------------------------------------------------------------------------ sums
+    # ------------------------------------------------------------------------------------------ means
 
     def average(self, arrays: Sequence[Array]) -> None:
-        """In pieces, each added up by one rank, in the order of the ranks."""
-        if not arrays:
-            return
-        count = sum(array.size for array in arrays)
-        piece = -(-count // self.count)
-        if self._flat.shape != (piece * self.count,) or self._flat.dtype != arrays[0].dtype:
-            self._flat = np.zeros(piece * self.count, arrays[0].dtype)
-            self._pieces = np.zeros((self.count, piece), arrays[0].dtype)
-            self._mean = np.zeros(piece, arrays[0].dtype)
-        at = 0
-        for array in arrays:
-            self._flat[at : at + array.size] = array.reshape(-1)
-            at += array.size
-        self._wait([self._comm.Ialltoall(self._flat, self._pieces)])
-        self._mean[...] = self._pieces[0]
-        for other in self._pieces[1:]:
-            self._mean += other
-        self._mean /= self.count
-        self._wait([self._comm.Iallgather(self._mean, self._flat)])
-        at = 0
-        for array in arrays:
-            array.reshape(-1)[...] = self._flat[at : at + array.size]
-            at += array.size
+        """In the order of the ranks."""
+        self._means.average(arrays)
+
+    def averaging(self, gradients: Gradients) -> Passed | None:
+        """Those of the last layers are averaged while the first ones still run backwards, where ranks are on several
+        machines; on one, the processors would move the bytes, and they have enough to do."""
+        under_way = self._under_way = Averaging(self._means, gradients.parts)
+        if self.beside == self.count:
+            return None
+        return lambda layer: under_way.look(None if layer is None else gradients.complete(layer))
+
+    def average_gradients(self, gradients: Gradients) -> None:
+        """In the order of the ranks."""
+        (self._under_way or Averaging(self._means, gradients.parts)).finish()
+        self._under_way = None
+
+    def _settle(self, table: Array) -> None:
+        """What some ranks have begun to average, before all of them heard of an error, cannot be taken back."""
+        if table[:, AVERAGING].any() and self._gradients is not None:
+            self.average_gradients(self._gradients)
 
     # ------------------------------------------------------------------------------------------ waiting
 
-    def _wait(self, requests: list[Any]) -> None:
-        """Until all are done; ends all ranks if that takes too long."""
+    def _wait(self, requests: Requests, seconds: float | None = None) -> bool:
+        """Until all are done, or for so long; ends all ranks if they take too long. Are they done?"""
         try:
-            self._look(requests)
+            return self._look(requests) if seconds is None else self._look_for(requests, seconds)
         except self._mpi.Exception as error:  # a library may notice that one is gone
             self._give_up("another rank", f"({reason_of(error)})")
+            raise
 
-    def _look(self, requests: list[Any]) -> None:
+    def _look_for(self, requests: Requests, seconds: float) -> bool:
+        until = time.monotonic() + seconds
+        while not (done := bool(self._mpi.Request.Testall(requests))) and time.monotonic() < until:
+            pass
+        return done
+
+    def _look(self, requests: Requests) -> bool:
         begun, looks, limit = time.monotonic(), 0, self._limit
         while not self._mpi.Request.Testall(requests):
             looks += 1
@@ -223,6 +233,7 @@ class MPIRanks(Ranks):
                 self._give_up(self._silent(limit / 10), f"for {waited:.0f} s")
             if self.rank and waited > limit * (1.25 + 0.05 * min(self.rank, 10)):  # rank 0 would have spoken first
                 self._give_up("rank 0", f"for {waited:.0f} s")
+        return True
 
     def _silent(self, seconds: float) -> str:
         """Which ranks are not even waiting; rank 0 asks all."""

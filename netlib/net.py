@@ -21,7 +21,7 @@ from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.layer import PHASES, TEST, TRAIN, Layer
 from netlib.messages import LayerParameter, NetParameter, NetState
 from netlib.net_parameter import distinct, load_parameter, select_layers
-from netlib.plain import Connection, guarded
+from netlib.plain import Connection, Passed, guarded
 from netlib.prototxt import Message
 from netlib.share import EVERY_ROW, Share
 from netlib.sharing import Parameters
@@ -269,11 +269,11 @@ class Net:
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
-    def run_backward(self) -> None:
+    def run_backward(self, passed: Passed | None = None) -> None:
         """Run all layers backwards; the diffs of the parameters are added to."""
         with self.executor.one_thread:
             self._seed_losses()
-            self.executor.backward()
+            self.executor.backward(passed=passed)
 
     def _seed_losses(self) -> None:
         """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.

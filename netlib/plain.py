@@ -23,6 +23,8 @@ from netlib.one_thread import OneThread
 from netlib.updates import RULES, Rule
 
 T = TypeVar("T")
+Passed = Callable[["Layer | None"], None]
+"""What is called often during a backward pass: with a layer when that one and all after it are done, else with None."""
 
 
 @dataclass
@@ -47,8 +49,8 @@ class Step:
         guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
         guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
 
-    def backward(self) -> None:
-        """Compute the diffs, if somebody needs them."""
+    def backward(self, passed: Passed | None = None) -> None:
+        """Compute the diffs, if somebody needs them. ``passed`` may be called with None, by this thread."""
         if self.at.needs_backward:
             guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
 
@@ -79,11 +81,13 @@ class Executor:
             for step in self.steps[first:last]:
                 step.forward()
 
-    def backward(self, first: int = 0, last: int | None = None) -> None:
+    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
         with self.one_thread, np.errstate(all="ignore"):
             for step in reversed(self.steps[first:last]):
-                step.backward()
+                step.backward(passed)
+                if passed is not None:
+                    passed(step.at.layer)
 
     def _ask_for_memory(self) -> None:
         """Raise OutOfMemoryError if the parameters, and the tops that all layers write, cannot fit together."""

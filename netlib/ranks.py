@@ -15,6 +15,8 @@ from typing import Any
 
 from netlib.blob import Array
 from netlib.errors import NetlibError
+from netlib.gradients import Gradients
+from netlib.plain import Passed
 from netlib.share import Share
 
 
@@ -29,8 +31,11 @@ class Ranks:
         """What this rank reads."""
         return Share(self.rank, self.count, self.divide)
 
-    def introduce(self, facts: Mapping[str, Any]) -> None:
-        """Raise NetlibError, on every rank, unless all ranks have the same facts about their training."""
+    def introduce(self, facts: Mapping[str, Any], gradients: Gradients | None = None) -> None:
+        """Raise NetlibError, on every rank, unless all ranks have the same facts about their training.
+
+        gradients  what they are going to average
+        """
 
     def of_root(self, number: int) -> int:
         """Rank 0's number."""
@@ -71,6 +76,13 @@ class Ranks:
 
     def average(self, arrays: Sequence[Array]) -> None:
         """Replace arrays by their means over the ranks."""
+
+    def averaging(self, gradients: Gradients) -> Passed | None:
+        """What is to be called during the backward pass that completes them, if anything: averaging may begin."""
+        return None
+
+    def average_gradients(self, gradients: Gradients) -> None:
+        """All are complete; replace them by their means over the ranks."""
 
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """The values of the other ranks, in order, at rank 0; plain numbers, strings, lists. Elsewhere nothing."""

@@ -26,6 +26,7 @@ from netlib import engine as engines
 from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, together, weights
 from netlib.blob import Array
 from netlib.errors import DataError, DivergenceError, WeightsError
+from netlib.gradients import Gradients
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
 from netlib.paths import find
@@ -82,6 +83,7 @@ class Solver:
         self.rule, count = self.engine.rules[self.param.type]
         self.history = histories(self.net.learnable, count, self.param.type)
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
+        self._gradients = Gradients(self.net.layers, self.net.learnable)
         self.test_nets = self._make_test_nets()
         for names in param.weights:
             for path in names.split(","):
@@ -158,7 +160,7 @@ class Solver:
             with self.ranks.together():
                 loss = self._finite(self.net.run_forward())
             self.smoothed.append(self.ranks.agree(loss, None, None))
-            self.ranks.average(together.averaged(self.net))
+            self.ranks.average(together.moving(self.net))
             log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
         if p.test_interval and self.iter % p.test_interval == 0:
             self._at_root(self.test_all)
@@ -182,7 +184,8 @@ class Solver:
                 with self.ranks.together():
                     loss = self._forward_backward()
                 self.smoothed.append(self.ranks.agree(loss, self.requested, checksum))
-            self.ranks.average(together.averaged(self.net))
+            self.ranks.average_gradients(self._gradients)
+            self.ranks.average(together.moving(self.net))
             if self._display_is_due():
                 self._display()
             for _, on_gradients_ready in self.callbacks:
@@ -212,7 +215,7 @@ class Solver:
         if not self._introduced and self.ranks.count > 1:
             with self.ranks.together():
                 facts = together.facts_of(self)
-            self.ranks.introduce(facts)
+            self.ranks.introduce(facts, self._gradients)
         self._introduced = True
 
     def _at_root(self, do: Callable[[], Any]) -> str | None:
@@ -227,9 +230,9 @@ class Solver:
     def _forward_backward(self) -> float:
         """Sum the gradients of iter_size batches; returns the mean loss."""
         total = 0.0
-        for _ in range(self.param.iter_size):
+        for left in reversed(range(self.param.iter_size)):
             total += self._finite(self.net.run_forward())
-            self.net.run_backward()
+            self.net.run_backward(None if left else self.ranks.averaging(self._gradients))
         return total / self.param.iter_size
 
     def _finite(self, loss: float) -> float:

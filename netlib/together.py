@@ -49,10 +49,9 @@ def checksum(solver: Solver) -> int | None:
     return _crc_of(solver.net.learnable)
 
 
-def averaged(net: Net) -> list[Array]:
-    """What is averaged over the ranks: the gradients, and the running means that forward changes."""
-    moving = [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
-    return [param.blob.diff for param in net.learnable if param.spec.lr_mult != 0] + moving
+def moving(net: Net) -> list[Array]:
+    """The parameters that forward changes: running means."""
+    return [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
 
 
 def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:

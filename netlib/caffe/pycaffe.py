@@ -19,7 +19,7 @@ from netlib import weights as weights_of
 from netlib.blob import Array, Blob
 from netlib.errors import LayerError
 from netlib.messages import SolverParameter
-from netlib.plain import Executor
+from netlib.plain import Executor, Passed
 from netlib.snapshot import write_weights
 from netlib.updates import learning_rate
 
@@ -207,10 +207,10 @@ class _HookedExecutor(Executor):
             self._inner.forward(number, number + 1)
             self._call("after_forward", number)
 
-    def backward(self, first: int = 0, last: int | None = None) -> None:
+    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         for number in reversed(range(first, len(self._inner.connections) if last is None else last)):
             self._call("before_backward", number)
-            self._inner.backward(number, number + 1)
+            self._inner.backward(number, number + 1, passed)
             self._call("after_backward", number)
 
 

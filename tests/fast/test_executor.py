@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -168,6 +169,22 @@ def test_a_second_pass_gives_the_same_as_the_first(net_of: MakeNet) -> None:
     first = everything(net, batch(20))
     everything(net, batch(7, seed=5))
     assert_equal(everything(net, batch(20)), first)
+
+
+def test_who_follows_a_backward_pass_hears_of_it_often(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
+) -> None:
+    """Between the layers of slices, too, but always by the thread that runs the net."""
+    monkeypatch.setattr(slices, "LARGEST_SLICE", 2)
+    netlib.set_threads(2)
+    net = net_of(PAPER)
+    feed(net, batch(37))
+    heard: list[tuple[str | None, int]] = []
+    net.run_backward(lambda layer: heard.append((layer and layer.name, threading.get_ident())))
+    assert {thread for _, thread in heard} == {threading.get_ident()}
+    names = [name for name, _ in heard]
+    assert [name for name in names if name] == ["loss", "label", "fc", "c1", "depth"]
+    assert names.index("c1") > names.index("fc") + 5  # slices
 
 
 # ---------------------------------------------------------------------------------------------- looking at blobs

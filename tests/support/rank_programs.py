@@ -1,5 +1,6 @@
 """Programs for several ranks: ``mpiexec -n N python -m mpi4py rank_programs.py NAME``. They assert on every rank."""
 
+import functools
 import json
 import sys
 from pathlib import Path
@@ -10,8 +11,9 @@ import netlib  # noqa: I001  before NumPy
 import numpy as np
 from mpi4py import MPI
 
-from netlib import together
+from netlib import prototxt, together
 from netlib.errors import DataError, NetlibError
+from netlib.gradients import Gradients
 from netlib.mpi import MPIRanks
 
 
@@ -41,6 +43,39 @@ def sums(ranks):
                     total = total + other
                 assert got.dtype == dtype and got.tobytes() == (total / dtype(ranks.count)).tobytes()
     ranks.average([])
+
+
+def three_layers():
+    """A net with six parameters, and its gradients in three parts."""
+    text = 'layer { name: "in" type: "Input" top: "x0" input_param { shape { dim: 2 dim: 9 } } }' + "".join(
+        f'layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" '
+        "inner_product_param { num_output: 9 } }"
+        for i in range(3)
+    )
+    net = netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN)
+    return net, Gradients(net.layers, net.learnable, least=100)
+
+
+def overlapped(ranks):
+    """Means do not depend on when a rank knows that parts are complete, nor on how often it looks."""
+    ranks.beside = 1  # else nothing is averaged before the end
+    net, gradients = three_layers()
+    diffs = [param.blob.diff for param in net.learnable]
+    for knows in (lambda i: True, lambda i: False, lambda i: i % ranks.count != ranks.rank):
+        everyone = [
+            np.random.default_rng(r).standard_normal((len(diffs), 81)).astype(np.float32) for r in range(ranks.count)
+        ]
+        passed = ranks.averaging(gradients)
+        for i in (2, 1, 0):
+            for k in (2 * i, 2 * i + 1):
+                diffs[k].flat = everyone[ranks.rank][k]
+            for layer in (None, net.layers[1 + i] if knows(i) else None, None):
+                passed(layer)
+        assert ranks.agree(0.0, None, None) == 0.0
+        ranks.average_gradients(gradients)
+        mean = functools.reduce(np.add, everyone) / np.float32(ranks.count)
+        for k, diff in enumerate(diffs):
+            assert diff.tobytes() == mean[k, : diff.size].tobytes()
 
 
 def agreement(ranks):
@@ -78,6 +113,14 @@ def errors(ranks):
     said = caught(NetlibError, ranks.agree, 1.0, None, int(ranks.rank == 2))
     assert said.startswith("the parameters of rank 2 are not those of rank 0 any more")
     assert mean() == 1.0
+    net, gradients = three_layers()
+    ranks.introduce({}, gradients)
+    ranks.beside = 1
+    if ranks.rank != 2:  # the others have begun to average
+        ranks.averaging(gradients)(net.layers[2])
+    assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
+    assert mean() == 1.0
+    overlapped(ranks)
 
 
 def losses(ranks):
