@@ -15,6 +15,7 @@ and again, at the clock, and whether rank 0 is busy (``alive``) or calls the rol
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -41,6 +42,7 @@ ROLL_CALL = -1.0  # in the place of seconds
 START_S = 120.0  # that ranks wait for each other at first
 LEAST_S, STEPS = 10.0, 20.0  # later: so long, or so many of the longest steps so far
 ALIVE_EVERY_S = 1.0
+ABORT_S = 3
 SPIN, NAP_S = 2000, 1e-4  # looks without a pause, and the pause between later ones: cores may be shared
 
 
@@ -253,6 +255,7 @@ class MPIRanks(Ranks):
 
     def _give_up(self, who: str, why: str) -> None:
         print(f"no sign of {who} {why}; all ranks end, the last snapshot is untouched", file=sys.stderr, flush=True)
+        signal.alarm(ABORT_S)  # ends this process, if MPI waits for a network that is cut
         self._comm.Abort(1)
 
 

@@ -13,3 +13,11 @@ def test_four_ranks(tmp_path, monkeypatch):
     done = ranks_started.run(4, PROGRAMS, *programs)
     assert done.returncode == 0, done.stderr
     assert sorted(done.stdout.split("\n")[:-1]) == sorted(f"rank {r} {name}" for name in programs for r in range(4))
+
+
+def test_a_network_that_is_cut(tmp_path, monkeypatch):
+    """Where MPI itself waits for a machine that is gone, a rank that has given up ends all the same."""
+    monkeypatch.chdir(tmp_path)
+    done = ranks_started.run(2, PROGRAMS, "cut_off")
+    assert done.returncode != 0
+    assert "no sign of rank 1 for 0 s; all ranks end, the last snapshot is untouched" in done.stderr.splitlines()

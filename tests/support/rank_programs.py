@@ -3,6 +3,7 @@
 import functools
 import json
 import sys
+import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -11,7 +12,7 @@ import netlib  # noqa: I001  before NumPy
 import numpy as np
 from mpi4py import MPI
 
-from netlib import prototxt, together
+from netlib import mpi, prototxt, together
 from netlib.errors import DataError, NetlibError
 from netlib.gradients import Gradients
 from netlib.mpi import MPIRanks
@@ -121,6 +122,25 @@ def errors(ranks):
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
     assert mean() == 1.0
     overlapped(ranks)
+
+
+def cut_off(ranks):
+    """Rank 1 is not heard of any more, and MPI cannot end the others because it cannot reach it, either."""
+
+    class CutOff:
+        def __getattr__(self, name):
+            return getattr(comm, name)
+
+        def Abort(self, status):
+            while True:
+                time.sleep(0.1)
+
+    comm, ranks._comm = ranks._comm, CutOff()
+    mpi.ABORT_S, ranks.patience = 1, 0.1
+    mpi.START_S = 0.1
+    if ranks.rank == 1:
+        time.sleep(60)
+    ranks.agree(0.0, None, None)
 
 
 def losses(ranks):
