@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 
@@ -24,6 +25,10 @@ class Share:
         if size % self.count:
             raise ValueError(f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple")
         return size // self.count
+
+    def places(self, size: int) -> Iterator[int | None]:
+        """Of every row of a step: its place in this rank's batch of ``size``; None if it is another rank's."""
+        return (k // self.count if k % self.count == self.rank else None for k in range(size * self.count))
 
     def rows(self, done: int, take: int) -> tuple[slice, slice]:
         """Of ``take`` rows in a row, which follow ``done`` rows of a step: those of this rank, and their places in its

@@ -23,6 +23,7 @@ from netlib.messages import SolverParameter
 from netlib.net import Net
 from netlib.ranks import Ranks
 from netlib.saved import SolverState
+from netlib.together import moving
 from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")
@@ -99,12 +100,15 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
 
 
 def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
-    """A function that puts the data positions and random numbers of the nets back to what they are now."""
+    """A function that puts data positions, random numbers and running means of the nets back to what they are now."""
     before = [net.layer_states() for net in nets]
+    means = [(array, array.copy()) for net in nets for array in moving(net)]
 
     def undo() -> None:
         for net, states in zip(nets, before):
             net.restore_layer_states(states)
+        for array, values in means:
+            array[...] = values
 
     return undo
 

@@ -82,9 +82,8 @@ class Data(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.cursor.key != self.key and not self.cursor.set_key(self.key):
             self.cursor.first()
-        for k in range(self.batch_size * self.share.count):
-            i, rank = divmod(k, self.share.count)
-            if rank == self.share.rank:
+        for i in self.share.places(self.batch_size):
+            if i is not None:
                 image, label, what = self._entry()
                 if i == 0:
                     top[0].reshape(self.batch_size, *self.transformer.shape(image, what))

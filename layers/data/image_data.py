@@ -94,9 +94,8 @@ class ImageData(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         turn, place = self.cursor
         order = self._order(turn)
-        for k in range(self.batch_size * self.share.count):
-            i, rank = divmod(k, self.share.count)
-            if rank == self.share.rank:
+        for i in self.share.places(self.batch_size):
+            if i is not None:
                 path, top[1].data[i] = self.items[order[place]]
                 image = self._read(path)
                 if i == 0:

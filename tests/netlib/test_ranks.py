@@ -26,6 +26,8 @@ def test_every_row_of_a_step_goes_to_one_rank(count):
                 got.update(zip(range(places.start, places.stop), range(done, done + take)[own]))
                 done += take
             assert got == {k // count: k for k in range(12) if k % count == rank}
+            places = Share(rank, count).places(-(-12 // count))
+            assert got == {place: k for place, k in zip(places, range(12)) if place is not None}
 
 
 def test_batches():
