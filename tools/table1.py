@@ -9,7 +9,7 @@ that takes, says
     python tools/table1.py --list
 
 The setting is one hand, and a second one to test on, as in NYU; where data/nyu holds NYU itself, it is NYU. Missing
-synthetic data are made. Each network is trained by the paper's solver and by our recipe, half as long again each time,
+synthetic data are made. Each network is trained by our recipe and by the paper's solver, half as long again each time,
 until that changes its error by less than 2%; then from another seed; then on hands of many people; then with other
 weights of PhysLimit. Every length that was scored is a file in docs/results/table1: it is never trained again, on
 whatever machine the next run is. docs/results/table1.md and its pictures are written from these files.
@@ -32,7 +32,7 @@ tools.begin(__name__)
 from handpose.experiments import ledger, speed, table1_page
 from handpose.experiments.networks import NETWORKS
 from handpose.experiments.plan import Job, lambdas, order, report
-from handpose.experiments.recipes import RECIPES
+from handpose.experiments.recipes import ADAM, RECIPES
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
 from layers.hand import skeleton as skeletons
 from netlib import atomic
@@ -111,7 +111,8 @@ def _lambdas(args: argparse.Namespace, sitting: Sitting) -> list[Job]:
     """The trainings by weights of PhysLimit, if all networks are asked for, or it is said how long they are."""
     first = _first(args)
     asked = args.lambda_length or (len(args.networks) == len(NETWORKS) and first is not MANY_HANDS)
-    return lambdas(sitting.ledger_of(first), first, args.lambda_length) if asked and 1 in args.seeds else []
+    recipe = RECIPES[args.recipe] if args.recipe else ADAM
+    return lambdas(sitting.ledger_of(first), first, args.lambda_length, recipe) if asked and 1 in args.seeds else []
 
 
 def _first(args: argparse.Namespace) -> Setting:

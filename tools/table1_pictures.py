@@ -40,9 +40,10 @@ def write_pictures(out: Path, folder: Path, entries: table1_page.Ledger, skeleto
             _draw_hands(places[2], lines, shown, skeleton)
             written += places
     for setting in done:
-        if found := table1_page.lambda_entries(entries[setting.name]):
-            _draw_lambda(out / table1_page.LAMBDA_PICTURE, found, setting)
-            written.append(out / table1_page.LAMBDA_PICTURE)
+        for recipe in RECIPES.values():
+            if found := table1_page.lambda_entries(entries[setting.name], recipe):
+                written.append(out / table1_page.lambda_picture(recipe))
+                _draw_lambda(written[-1], found, setting)
     return written
 
 

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 from handpose.experiments.ledger import Entry
 from handpose.experiments.networks import LAMBDAS, NETWORKS, OURS, Network
-from handpose.experiments.recipes import ADAM, PAPER, Recipe
+from handpose.experiments.recipes import ADAM, RECIPES, Recipe
 from handpose.experiments.settings import MANY_HANDS, Setting
 
 MATTERS = 0.02  # of the error
@@ -88,7 +88,7 @@ def order(
     setting: Setting,
     many: Setting | None = MANY_HANDS,
     networks: Sequence[Network] = NETWORKS,
-    recipes: Sequence[Recipe] = (PAPER, ADAM),
+    recipes: Sequence[Recipe] = tuple(RECIPES.values()),
     seeds: Sequence[int] = (1, 2),
 ) -> Iterator[Job]:
     """All trainings in the order in which they answer most.
@@ -108,12 +108,12 @@ def order(
             yield from sorted(of(many, ADAM, seed), key=lambda job: job.network.name not in ASKED_OF_MANY)
 
 
-def lambdas(ledger: Sequence[Entry], setting: Setting, length: int | None = None) -> list[Job]:
+def lambdas(ledger: Sequence[Entry], setting: Setting, length: int | None = None, recipe: Recipe = ADAM) -> list[Job]:
     """The trainings of ours by weights of PhysLimit, all as long as ours was trained; none before that is known."""
-    ours = verdict(of_job(ledger, Job(setting, OURS, PAPER, 1)), PAPER.lengths)
+    ours = verdict(of_job(ledger, Job(setting, OURS, recipe, 1)), recipe.lengths)
     if length is None and ours.end != "not yet" and ours.counts is not None:
         length = ours.counts.iterations
-    return [Job(setting, network, PAPER, 1, length) for network in LAMBDAS] if length else []
+    return [Job(setting, network, recipe, 1, length) for network in LAMBDAS] if length else []
 
 
 def report(

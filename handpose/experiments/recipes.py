@@ -74,4 +74,4 @@ PAPER = Recipe("paper", "the paper's solver", PROTOTXT / "nyu_solver.prototxt", 
                batch=512, every=1000)  # fmt: skip
 ADAM = Recipe("adam", "our recipe", PROTOTXT / "synthetic_solver.prototxt", lengths(20000, 5), Fraction(3, 10),
               batch=64, every=5000, robust=True)  # fmt: skip
-RECIPES = {recipe.name: recipe for recipe in (PAPER, ADAM)}
+RECIPES = {recipe.name: recipe for recipe in (ADAM, PAPER)}  # ours is done sooner

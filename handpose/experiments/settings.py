@@ -75,16 +75,13 @@ class Setting:
 
 COUNTS: Mapping[Split, int] = {"train": nyu.TRAIN_FRAMES, "test": 4096}
 
-ONE_HAND = Setting(
-    "one_hand", "one hand, as in NYU", Path("data/one_hand"), "one_hand",
-    {"same hand": nyu.CUBE_MM / 2, "smaller hand": nyu.SECOND_CUBE_MM / 2}, COUNTS,
-)  # fmt: skip
+NYUS: Mapping[str, float | None] = {"same hand": nyu.CUBE_MM / 2, "smaller hand": nyu.SECOND_CUBE_MM / 2}
+
+ONE_HAND = Setting("one_hand", "one hand, as in NYU", Path("data/one_hand"), "one_hand", NYUS, COUNTS)
 MANY_HANDS = Setting(
     "many_hands", "hands of many people", Path("data/many_hands"), "many_hands", {"many people": None}, COUNTS
 )
-REAL = Setting(
-    "nyu", "NYU", Path("data/nyu"), None, {"same hand": nyu.CUBE_MM / 2, "smaller hand": nyu.SECOND_CUBE_MM / 2}
-)
+REAL = Setting("nyu", "NYU", Path("data/nyu"), None, NYUS)
 SETTINGS = {setting.name: setting for setting in (ONE_HAND, MANY_HANDS, REAL)}
 
 

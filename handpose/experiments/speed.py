@@ -12,6 +12,7 @@ import numpy as np
 import netlib
 from handpose.experiments.machine import machine
 from handpose.experiments.networks import PROTOTXT
+from handpose.synthetic.generator import Generator
 from handpose.tracks.fields import Fields, parsed
 from netlib import atomic, engine, files
 from netlib.blob import Array
@@ -35,9 +36,9 @@ class Speed:
 
 
 def measure(rounds: int = ROUNDS) -> Speed:
-    """Measure it, with weights that no speed depends on. Raises NetlibError."""
+    """Measure it on synthetic hands, with weights that no speed depends on. Raises NetlibError."""
     net = Net(DEPLOY, netlib.TEST, seed=1)
-    depth = np.random.default_rng(0).uniform(-1, 1, (BATCH, 1, 128, 128)).astype(np.float32)
+    depth = Generator(seed=1, split="test").block(0).depth[:BATCH]
     single, batched = (count / _seconds(net, depth[:count], rounds) for count in (1, BATCH))
     used = engine.get()
     return Speed(single, batched, BATCH, used.name, used.threads(), machine())

@@ -10,7 +10,7 @@ from handpose.experiments.findings import FINDINGS, decide
 from handpose.experiments.ledger import Entry
 from handpose.experiments.networks import LAMBDAS, NETWORKS
 from handpose.experiments.plan import MATTERS
-from handpose.experiments.recipes import PAPER, RECIPES, Recipe
+from handpose.experiments.recipes import RECIPES, Recipe
 from handpose.experiments.settings import MANY_HANDS, SETTINGS, Setting
 from handpose.experiments.speed import Speed
 from handpose.experiments.summary import Line, line_of, spread_text, value_of
@@ -24,7 +24,7 @@ Made by `python tools/table1.py` (`make table1`) from the files in [table1](tabl
 training that was scored. Synthetic data are made as they are needed, as by these commands, and `--setting nyu`
 takes NYU from data/nyu:
 
-<!-- not run: an hour -->
+<!-- not run: minutes, 8 GB -->
 ```bash
 python tools/make_synthetic.py --recipe one_hand --out data/one_hand --train 72757 --test 4096
 python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train 72757 --test 4096
@@ -64,7 +64,9 @@ def hands_picture(recipe: Recipe) -> str:
     return f"table1_hands_{recipe.name}.jpg"
 
 
-LAMBDA_PICTURE = "table1_lambda.png"
+def lambda_picture(recipe: Recipe) -> str:
+    """The name of the picture of the weight of PhysLimit."""
+    return f"table1_lambda_{recipe.name}.png"
 
 
 def lines_of(ledger: Ledger, setting: Setting, recipe: Recipe) -> dict[str, Line]:
@@ -90,7 +92,8 @@ def page_of(ledger: Ledger, speed: Speed | None = None) -> str:
                     lines += ["", *_findings(found, setting)]
                 else:
                     lines += ["", *_people(found, lines_of(ledger, done[0], recipe))]
-        lines += _lambdas(ledger[setting.name], setting)
+        for recipe in RECIPES.values():
+            lines += _lambdas(ledger[setting.name], setting, recipe)
         lines += _provenance(ledger[setting.name])
     return "\n".join([*lines, "", *_speed(speed)]) + "\n"
 
@@ -165,10 +168,10 @@ def _pictures(recipe: Recipe, setting: Setting) -> list[str]:
     ]
 
 
-def lambda_entries(entries: Sequence[Entry]) -> dict[tuple[float, str], Entry]:
+def lambda_entries(entries: Sequence[Entry], recipe: Recipe) -> dict[tuple[float, str], Entry]:
     """The entries by weight and norm of PhysLimit, all of one length; nothing if only the usual ones are there."""
     of = {network.name: network.limit or ((0.0 if network.name == "no_limit" else 1.0), "L1") for network in LAMBDAS}
-    found = [entry for entry in entries if entry.network in of and entry.seed == 1 and entry.recipe == PAPER.name]
+    found = [entry for entry in entries if entry.network in of and entry.seed == 1 and entry.recipe == recipe.name]
     special = {entry.iterations for entry in found if entry.network not in ("ours", "no_limit")}
     if not special:
         return {}
@@ -176,8 +179,8 @@ def lambda_entries(entries: Sequence[Entry]) -> dict[tuple[float, str], Entry]:
     return {of[entry.network]: entry for entry in found if entry.iterations == length}
 
 
-def _lambdas(entries: Sequence[Entry], setting: Setting) -> list[str]:
-    found = lambda_entries(entries)
+def _lambdas(entries: Sequence[Entry], setting: Setting, recipe: Recipe) -> list[str]:
+    found = lambda_entries(entries, recipe)
     if not found:
         return []
     rows = ["| λ | norm | joint error, mm | angle error | out of limits |", "|---|---|---|---|---|"]
@@ -188,14 +191,14 @@ def _lambdas(entries: Sequence[Entry], setting: Setting) -> list[str]:
     length = next(iter(found.values())).iterations
     return [
         "",
-        f"## {setting.title}: the weight of PhysLimit",
+        f"## {setting.title}: the weight of PhysLimit, {recipe.title}",
         "",
-        f"Ours by {PAPER.title}, {length:,} iterations, seed 1, with other weights λ and norms. The paper's is λ = 1, "
+        f"Ours by {recipe.title}, {length:,} iterations, seed 1, with other weights λ and norms. The paper's is λ = 1, "
         "L1; what was released is L2.",
         "",
         *rows,
         "",
-        f"![Errors over the weight of PhysLimit]({LAMBDA_PICTURE})",
+        f"![Errors over the weight of PhysLimit]({lambda_picture(recipe)})",
     ]
 
 
