@@ -7,8 +7,8 @@ First the step of one process is timed with one thread and with all, then that o
 divide the same batch: what a step costs, and what of it is agreeing and averaging. Then, with these figures, what a
 step would cost with more ranks on other networks (``model``).
 
-With ``--launch`` two ranks on two machines are timed, where gradients are averaged while layers still run backwards;
-in every second step they are averaged at the end, to compare.
+With ``--launch`` two ranks on two machines, which share the working folder, are timed. There gradients are averaged
+while layers still run backwards; in every second step they are averaged at the end, to compare.
 
 Depth images are synthetic hands. Run it on quiet machines, with the extra mpi.
 """
@@ -44,6 +44,7 @@ from netlib import engine
 from netlib.errors import NetlibError
 from netlib.gradients import Gradients
 from netlib.layer import Layer
+from netlib.net import Net
 from netlib.plain import Passed
 from tools.arguments import parser_of, positive
 from tools.console import DONE, aligned, guarded
@@ -124,8 +125,8 @@ def worker(args: argparse.Namespace) -> int:
     """Time the steps of a rank; rank 0 prints those with averages meanwhile, and those with averages at the end."""
     ranks = world(divide=True)
     engine.get().set_threads(args.threads)
-    watch = Watch(ranks)
     solver = netlib.get_solver(args.worker, seed=1, ranks=ranks)
+    watch = Watch(ranks, solver.net)
     for i in range(2 * args.steps):
         watch.begin(meanwhile=i % 2 == 0)
         solver.step(1)
@@ -139,9 +140,15 @@ def worker(args: argparse.Namespace) -> int:
 class Watch:
     """Times what some ranks do in a step."""
 
-    def __init__(self, ranks: Any) -> None:
-        self._agree, self._averaging, self._average = ranks.agree, ranks.averaging, ranks.average_gradients
-        ranks.agree, ranks.averaging, ranks.average_gradients = self.agree, self.averaging, self.average_gradients
+    def __init__(self, ranks: Any, net: Net) -> None:
+        self._gradients = Gradients(net.layers, net.learnable)
+        self._agree = ranks.agree
+        self._begin, self._finish = ranks.begin_gradients, ranks.finish_gradients
+        ranks.agree, ranks.begin_gradients, ranks.finish_gradients = (
+            self.agree,
+            self.begin_gradients,
+            self.finish_gradients,
+        )
         self._begun = 0.0
         self._meanwhile = True
         self._first: float | None = None
@@ -162,12 +169,12 @@ class Watch:
         later = [dataclasses.astuple(step) for step in steps[len(steps) // 5 :]]
         return Step(*map(statistics.median, zip(*later)))
 
-    def averaging(self, gradients: Gradients) -> Passed:
+    def begin_gradients(self) -> Passed:
         """What is called during the backward pass."""
-        follow = self._averaging(gradients) if self._meanwhile else None
+        follow = self._begin() if self._meanwhile else None
 
         def passed(layer: Layer | None) -> None:
-            if layer is not None and self._first is None and gradients.complete(layer):
+            if layer is not None and self._first is None and self._gradients.complete(layer):
                 self._first = time.perf_counter()
             if follow is not None:
                 follow(layer)
@@ -181,10 +188,10 @@ class Watch:
         self._times.update(behind=begun - (self._first or begun), agree=time.perf_counter() - begun)
         return loss
 
-    def average_gradients(self, gradients: Gradients) -> None:
+    def finish_gradients(self) -> None:
         """What is left of the averages."""
         begun = time.perf_counter()
-        self._average(gradients)
+        self._finish()
         self._times["average"] = time.perf_counter() - begun
 
 
@@ -193,7 +200,7 @@ def run(args: argparse.Namespace) -> int:
     cpus = engine.available_cpus()
     launch = shlex.split(args.launch) if args.launch else [_mpiexec()]
     runs = [(2, 1)] if args.launch else [(1, 1), (1, cpus), (cpus, 1), (2 * cpus, 1)]
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=Path.cwd() if args.launch else None) as folder:  # which both machines see
         paper = Paper(Path(folder), cpus)
         for batch in BATCHES:
             frames = 2 * batch if args.launch else batch
@@ -208,10 +215,11 @@ def run(args: argparse.Namespace) -> int:
                                  f"{frames / step.whole:.0f}", *ends[1:]])  # fmt: skip
             print(f"\nbatch {batch}, gradients {size / 1e6:.1f} MB\n{aligned(rows)}")
             if not args.launch:
+                copies = _copies(size)
                 print(f"\nbatch {batch} on every rank, a machine each, by the model: speed, of N times one\n"
                       f"(of the {alone.whole * 1e3:.1f} ms of a step {alone.behind * 1e3:.1f} ms come after the first "
-                      "gradients)\n")  # fmt: skip
-                print(aligned(_table(alone, _copies(size), size)))
+                      f"gradients; copies {copies * 1e3:.1f} ms)\n")  # fmt: skip
+                print(aligned(_table(alone, copies, size)))
     return DONE
 
 
@@ -229,7 +237,7 @@ def _time(count: int, threads: int, launch: list[str], solver: str, steps: int) 
     start = [*launch, "-n", str(count)] if count > 1 else []
     done = subprocess.run([*start, *command, *options], capture_output=True, text=True, check=False)
     if done.returncode:
-        raise NetlibError(f"{count} ranks: {done.stderr.strip().splitlines()[-1:]}")
+        raise NetlibError(f"{count} ranks ended with status {done.returncode}:\n{done.stderr.strip()}")
     found, size = json.loads(done.stdout)
     return [Step(**step) for step in found], size
 

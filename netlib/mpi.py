@@ -2,11 +2,12 @@
 
     mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
 
-**Means** of the gradients are taken in the order of the ranks, and begin while layers run backwards (mpi_means.py).
+**Means** of the gradients are taken in the order of the ranks (mpi_means.py). On several machines they begin while
+layers still run backwards.
 
 **Agreement**: then every rank tells rank 0 five numbers (the loss, what it was asked for, whether it failed, a
-checksum, whether it is averaging), and rank 0 tells all of them to all. So a signal that reaches the ranks in different
-steps stops all after the same one, and an error of one rank is the error of all.
+checksum, whether averages are under way), and rank 0 tells all of them to all. So a signal that reaches the ranks in
+different steps stops all after the same one, and an error of one rank is the error of all.
 
 **Waiting** is limited: a rank that nobody hears of ends the others, too. Nothing here blocks: whoever waits looks again
 and again, at the clock, and whether rank 0 is busy (``alive``) or calls the roll: who does not answer is named.
@@ -14,8 +15,9 @@ and again, at the clock, and whether rank 0 is busy (``alive``) or calls the rol
 
 from __future__ import annotations
 
+import faulthandler
 import json
-import signal
+import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -35,7 +37,7 @@ STOP = REQUESTS.index("stop")
 ERRORS: dict[str, type[NetlibError]] = {
     cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
 }
-LOSS, ASKED, FAILED, CHECKSUM, AVERAGING = range(5)  # the five numbers
+LOSS, ASKED, FAILED, CHECKSUM, UNDER_WAY = range(5)  # the five numbers
 NO_CHECKSUM = -1.0
 TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # tags
 ROLL_CALL = -1.0  # in the place of seconds
@@ -58,7 +60,9 @@ class MPIRanks(Ranks):
 
         self._mpi, self._comm = MPI, comm.Dup()
         self.rank, self.count, self.divide = comm.Get_rank(), comm.Get_size(), divide
-        self.beside = comm.Split_type(MPI.COMM_TYPE_SHARED).Get_size()
+        on_this_machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+        self.beside = on_this_machine.Get_size()
+        on_this_machine.Free()
         self.patience = patience
         self._longest: float | None = None  # of the steps so far
         self._since: float | None = None  # when the last step was agreed on, and nothing has been done since
@@ -67,14 +71,13 @@ class MPIRanks(Ranks):
         self._told = 0.0  # when the others were last told that rank 0 is alive
         self._telling: list[Any] = []
         self._means = Means(comm.Dup(), self._wait)
-        self._gradients: Gradients | None = None  # of the training
+        self._gradients: Gradients | None = None  # of the steps
         self._under_way: Averaging | None = None
 
     # ------------------------------------------------------------------------------------------ agreement
 
-    def introduce(self, facts: Mapping[str, Any], gradients: Gradients | None = None) -> None:
+    def introduce(self, facts: Mapping[str, Any]) -> None:
         """All tell all their facts."""
-        self._gradients = gradients
         self._exchange(0.0, None, None)
         everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
@@ -145,7 +148,7 @@ class MPIRanks(Ranks):
             self._telling += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
 
     def _exchange(self, loss: float, asked: str | None, checksum: int | None, failed: Exception | None = None) -> Array:
-        """The five numbers of all ranks (N, 4). Raises, on every rank, what a rank has failed with."""
+        """The five numbers of all ranks (N, 5). Raises, on every rank, what a rank has failed with."""
         own = np.array([loss, REQUESTS.index(asked), failed is not None,
                         NO_CHECKSUM if checksum is None else checksum, self._under_way is not None])  # fmt: skip
         table = np.zeros((self.count, len(own)))
@@ -182,23 +185,35 @@ class MPIRanks(Ranks):
         """In the order of the ranks."""
         self._means.average(arrays)
 
-    def averaging(self, gradients: Gradients) -> Passed | None:
+    def begin_steps(self, gradients: Gradients) -> None:
+        """What passed since the last step is no step."""
+        self._gradients, self._since = gradients, None
+        for blobs in gradients.parts:
+            self._means.buffers([blob.diff for blob in blobs])
+
+    def begin_gradients(self) -> Passed | None:
         """Those of the last layers are averaged while the first ones still run backwards, where ranks are on several
         machines; on one, the processors would move the bytes, and they have enough to do."""
-        under_way = self._under_way = Averaging(self._means, gradients.parts)
         if self.beside == self.count:
             return None
+        gradients = self._of_steps
+        under_way = self._under_way = Averaging(self._means, gradients.parts)
         return lambda layer: under_way.look(None if layer is None else gradients.complete(layer))
 
-    def average_gradients(self, gradients: Gradients) -> None:
+    def finish_gradients(self) -> None:
         """In the order of the ranks."""
-        (self._under_way or Averaging(self._means, gradients.parts)).finish()
+        (self._under_way or Averaging(self._means, self._of_steps.parts)).finish()
         self._under_way = None
+
+    @property
+    def _of_steps(self) -> Gradients:
+        assert self._gradients is not None, "begin_steps comes first"
+        return self._gradients
 
     def _settle(self, table: Array) -> None:
         """What some ranks have begun to average, before all of them heard of an error, cannot be taken back."""
-        if table[:, AVERAGING].any() and self._gradients is not None:
-            self.average_gradients(self._gradients)
+        if table[:, UNDER_WAY].any():
+            self.finish_gradients()
 
     # ------------------------------------------------------------------------------------------ waiting
 
@@ -255,8 +270,9 @@ class MPIRanks(Ranks):
 
     def _give_up(self, who: str, why: str) -> None:
         print(f"no sign of {who} {why}; all ranks end, the last snapshot is untouched", file=sys.stderr, flush=True)
-        signal.alarm(ABORT_S)  # ends this process, if MPI waits for a network that is cut
-        self._comm.Abort(1)
+        with open(os.devnull, "w") as nowhere:  # MPI may wait for a network that is cut: this ends the process then
+            faulthandler.dump_traceback_later(ABORT_S, exit=True, file=nowhere)
+            self._comm.Abort(1)
 
 
 def _text_of(error: Exception | None) -> str:

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from netlib import memory
 from netlib.blob import Array, Blob
 
 LOOK_S = 2e-4  # with less, little is moved between two layers; with more, slow networks hold up the layers
@@ -44,8 +45,8 @@ class Buffers:
     def __init__(self, arrays: Sequence[Array], count: int) -> None:
         sizes = [array.size for array in arrays]
         piece = -(-sum(sizes) // count)
-        self.flat, self.pieces = np.zeros((2, count, piece), arrays[0].dtype)
-        self.mean = np.zeros(piece, arrays[0].dtype)
+        self.flat, self.pieces = memory.zeros((2, count, piece), arrays[0].dtype)
+        self.mean = memory.zeros((piece,), arrays[0].dtype)
         cut = np.split(self.flat.reshape(-1), np.cumsum(sizes))
         self.places = [part.reshape(array.shape) for part, array in zip(cut, arrays)]
 
@@ -62,12 +63,16 @@ class Means:
         for requests in self.rounds(arrays) if arrays else ():
             self.wait(requests)
 
-    def rounds(self, arrays: Sequence[Array]) -> Iterator[Requests]:
-        """Replace arrays by their means; yields the requests of each round, and goes on when they are done."""
+    def buffers(self, arrays: Sequence[Array]) -> Buffers:
+        """Memory for such arrays. Raises OutOfMemoryError."""
         key = (arrays[0].dtype, *(array.shape for array in arrays))
         if key not in self._buffers:
             self._buffers[key] = Buffers(arrays, self.comm.Get_size())
-        own = self._buffers[key]
+        return self._buffers[key]
+
+    def rounds(self, arrays: Sequence[Array]) -> Iterator[Requests]:
+        """Replace arrays by their means; yields the requests of each round, and goes on when they are done."""
+        own = self.buffers(arrays)
         for place, array in zip(own.places, arrays):
             place[...] = array
         yield [self.comm.Ialltoall(own.flat, own.pieces)]
@@ -90,13 +95,13 @@ class Averaging:
         self._begun = self._complete = 0  # rounds
 
     def look(self, complete: int | None = None) -> None:
-        """Begin what can be begun, and let MPI move data, for a moment.
+        """Let MPI move data, for a moment, and begin what can be begun.
 
         complete  so many parts will not change any more; None: as many as before
         """
         if complete is not None:
             self._complete = ROUNDS * complete
-        while self._begun < self._complete and self._wait(self._requests, LOOK_S):
+        while self._wait(self._requests, LOOK_S) and self._begun < self._complete:
             self._requests = next(self._rounds)
             self._begun += 1
 

@@ -31,11 +31,8 @@ class Ranks:
         """What this rank reads."""
         return Share(self.rank, self.count, self.divide)
 
-    def introduce(self, facts: Mapping[str, Any], gradients: Gradients | None = None) -> None:
-        """Raise NetlibError, on every rank, unless all ranks have the same facts about their training.
-
-        gradients  what they are going to average
-        """
+    def introduce(self, facts: Mapping[str, Any]) -> None:
+        """Raise NetlibError, on every rank, unless all ranks have the same facts about their training."""
 
     def of_root(self, number: int) -> int:
         """Rank 0's number."""
@@ -77,12 +74,15 @@ class Ranks:
     def average(self, arrays: Sequence[Array]) -> None:
         """Replace arrays by their means over the ranks."""
 
-    def averaging(self, gradients: Gradients) -> Passed | None:
-        """What is to be called during the backward pass that completes them, if anything: averaging may begin."""
+    def begin_steps(self, gradients: Gradients) -> None:
+        """Steps follow, whose gradients these are. Raises OutOfMemoryError."""
+
+    def begin_gradients(self) -> Passed | None:
+        """A backward pass that completes the gradients begins; returns what to call in it, if anything."""
         return None
 
-    def average_gradients(self, gradients: Gradients) -> None:
-        """All are complete; replace them by their means over the ranks."""
+    def finish_gradients(self) -> None:
+        """All are complete; they are means over the ranks afterwards."""
 
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """The values of the other ranks, in order, at rank 0; plain numbers, strings, lists. Elsewhere nothing."""

@@ -170,6 +170,8 @@ class Solver:
     def step(self, iterations: int) -> bool:
         """Make some updates; False if a request stopped it early."""
         self._introduce()
+        with self.ranks.together():
+            self.ranks.begin_steps(self._gradients)
         self._lap = (self.iter, time.perf_counter())
         for _ in range(iterations):
             self.net.clear_param_diffs()
@@ -184,7 +186,7 @@ class Solver:
                 with self.ranks.together():
                     loss = self._forward_backward()
                 self.smoothed.append(self.ranks.agree(loss, self.requested, checksum))
-            self.ranks.average_gradients(self._gradients)
+            self.ranks.finish_gradients()
             self.ranks.average(together.moving(self.net))
             if self._display_is_due():
                 self._display()
@@ -215,7 +217,7 @@ class Solver:
         if not self._introduced and self.ranks.count > 1:
             with self.ranks.together():
                 facts = together.facts_of(self)
-            self.ranks.introduce(facts, self._gradients)
+            self.ranks.introduce(facts)
         self._introduced = True
 
     def _at_root(self, do: Callable[[], Any]) -> str | None:
@@ -232,7 +234,7 @@ class Solver:
         total = 0.0
         for left in reversed(range(self.param.iter_size)):
             total += self._finite(self.net.run_forward())
-            self.net.run_backward(None if left else self.ranks.averaging(self._gradients))
+            self.net.run_backward(None if left else self.ranks.begin_gradients())
         return total / self.param.iter_size
 
     def _finite(self, loss: float) -> float:

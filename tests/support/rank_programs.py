@@ -61,19 +61,20 @@ def overlapped(ranks):
     """Means do not depend on when a rank knows that parts are complete, nor on how often it looks."""
     ranks.beside = 1  # else nothing is averaged before the end
     net, gradients = three_layers()
+    ranks.begin_steps(gradients)
     diffs = [param.blob.diff for param in net.learnable]
     for knows in (lambda i: True, lambda i: False, lambda i: i % ranks.count != ranks.rank):
         everyone = [
             np.random.default_rng(r).standard_normal((len(diffs), 81)).astype(np.float32) for r in range(ranks.count)
         ]
-        passed = ranks.averaging(gradients)
+        passed = ranks.begin_gradients()
         for i in (2, 1, 0):
             for k in (2 * i, 2 * i + 1):
                 diffs[k].flat = everyone[ranks.rank][k]
             for layer in (None, net.layers[1 + i] if knows(i) else None, None):
                 passed(layer)
         assert ranks.agree(0.0, None, None) == 0.0
-        ranks.average_gradients(gradients)
+        ranks.finish_gradients()
         mean = functools.reduce(np.add, everyone) / np.float32(ranks.count)
         for k, diff in enumerate(diffs):
             assert diff.tobytes() == mean[k, : diff.size].tobytes()
@@ -115,10 +116,10 @@ def errors(ranks):
     assert said.startswith("the parameters of rank 2 are not those of rank 0 any more")
     assert mean() == 1.0
     net, gradients = three_layers()
-    ranks.introduce({}, gradients)
+    ranks.begin_steps(gradients)
     ranks.beside = 1
     if ranks.rank != 2:  # the others have begun to average
-        ranks.averaging(gradients)(net.layers[2])
+        ranks.begin_gradients()(net.layers[2])
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
     assert mean() == 1.0
     overlapped(ranks)
@@ -136,11 +137,33 @@ def cut_off(ranks):
                 time.sleep(0.1)
 
     comm, ranks._comm = ranks._comm, CutOff()
-    mpi.ABORT_S, ranks.patience = 1, 0.1
-    mpi.START_S = 0.1
+    mpi.ABORT_S = 1
+    mpi.START_S = ranks.patience = 0.1  # the larger one holds before the first step
     if ranks.rank == 1:
         time.sleep(60)
     ranks.agree(0.0, None, None)
+
+
+def two_solvers(ranks):
+    """They take turns on the same ranks; an error of one rank is that of all, and both solvers go on."""
+    ranks.beside = 1
+    one, other = (netlib.get_solver(f"{name}.prototxt", ranks=ranks) for name in ("exact", "small_solver"))
+    one.step(1)
+    other.step(1)
+    run = one.net.run_forward
+
+    def failing():
+        run()
+        raise DataError("no rows")
+
+    if ranks.rank == 1:
+        one.net.run_forward = failing
+    assert caught(DataError, one.step, 1) == "rank 1: no rows"
+    one.net.run_forward = run
+    for solver in (one, other):
+        solver.step(2)
+        ranks.introduce({"parameters": together.facts_of(solver)["parameters"]})
+    assert (one.iter, other.iter) == (3, 3)
 
 
 def losses(ranks):
@@ -161,9 +184,11 @@ def train(solver, iterations):
 
 
 def resume(ranks):
-    """The same again, and from the middle on, bit for bit; all ranks have the same bits."""
+    """The same again, and from the middle on, bit for bit, whether averages are taken at the end, as on one machine, or
+    meanwhile; all ranks have the same bits."""
     bits = []
-    for begin in (None, None, "snapshots/exact_iter_3.solverstate"):
+    for begin, beside in ((None, ranks.count), (None, 1), ("snapshots/exact_iter_3.solverstate", 1)):
+        ranks.beside = beside
         solver = netlib.get_solver("exact.prototxt", ranks=ranks)
         solver.solve(begin)
         assert solver.iter == 6

@@ -104,9 +104,10 @@ def test_two_ranks_are_one_with_twice_the_batch(small, work, small_data):
         assert len(set(alone)) == 50
 
 
-def test_exact(work):
-    """Twice the same, and a resume the same, bit for bit, with dropout, augmentation, shuffled rows and running means;
-    a bit that changes on one rank is found; another number of ranks resumes, and says so."""
+def test_exact(small, work):
+    """Twice the same, and a resume the same, bit for bit, with dropout, augmentation, shuffled rows and running means,
+    whenever gradients are averaged; two solvers take turns; a bit that changes on one rank is found; another number of
+    ranks resumes, and says so."""
     text = Path("net.prototxt").read_text().replace("batch_size: 16", "batch_size: 4")
     augment = (
         'layer { name: "augment" type: "HandAugment" bottom: "depth" bottom: "joint" top: "depth" top: "joint" }\n'
@@ -115,7 +116,8 @@ def test_exact(work):
     first, second = text.index('layer {\n  name: "convL1"'), text.index('layer { name: "ReLUFC1"')
     Path("net.prototxt").write_text(text[:first] + augment + text[first:second] + norm + text[second:])
     Path("exact.prototxt").write_text(Path("solver.prototxt").read_text().replace("snapshots/net", "snapshots/exact"))
-    done = ranks_started.run(2, PROGRAMS, "resume", "checksum")
+    Path("small_solver.prototxt").write_text(ADAM)
+    done = ranks_started.run(2, PROGRAMS, "resume", "two_solvers", "checksum")
     assert done.returncode == 0, done.stderr
     assert (
         training.train("exact.prototxt", snapshot="snapshots/exact_iter_3.solverstate", max_iter=4, log_file="log") == 0
