@@ -13,14 +13,14 @@ FIXED = "param { lr_mult: 0 } param { lr_mult: 0 }"
 SHARED = 'param { name: "w" } param { name: "b" }'
 
 
-def net_of(*params: str, engine: str = "plain") -> netlib.Net:
+def net_of(*params: str) -> netlib.Net:
     """Inner products fc0, fc1 ..., with these ``param`` blocks."""
     text = 'layer { name: "in" type: "Input" top: "x0" input_param { shape { dim: 2 dim: 4 } } }'
     for i, param in enumerate(params):
         text += f"""layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" {param}
                       inner_product_param {{ num_output: 4 weight_filler {{ type: "xavier" }} }} }}"""
     text += f'layer {{ name: "sum" type: "Reduction" bottom: "x{len(params)}" top: "loss" loss_weight: 1 }}'
-    return netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN, engine=engine)
+    return netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN)
 
 
 def labels(net: netlib.Net, gradients: Gradients) -> list[list[str]]:
@@ -52,10 +52,9 @@ def test_fixed_and_shared_parameters() -> None:
     assert [gradients.complete(net.layer_dict[f"fc{i}"]) for i in (3, 2, 1, 0)] == [0, 0, 1, 2]
 
 
-@pytest.mark.parametrize("engine", ["plain", "fast"])
-def test_what_a_net_says_is_complete_does_not_change(engine: str) -> None:
+def test_what_a_net_says_is_complete_does_not_change() -> None:
     """While the other layers still run backwards."""
-    net = net_of("", SHARED, SHARED, "", engine=engine)
+    net = net_of("", SHARED, SHARED, "")
     net.forward(x0=np.random.default_rng(0).standard_normal((2, 4)))
     net.clear_param_diffs()
     gradients = Gradients(net.layers, net.learnable, least=1)
