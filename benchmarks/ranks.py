@@ -44,6 +44,7 @@ from netlib import engine
 from netlib.errors import NetlibError
 from netlib.gradients import Gradients
 from netlib.layer import Layer
+from netlib.mpi_means import Buffers
 from netlib.net import Net
 from netlib.plain import Passed
 from tools.arguments import parser_of, positive
@@ -245,15 +246,15 @@ def _time(count: int, threads: int, launch: list[str], solver: str, steps: int) 
 def _copies(size: int) -> float:
     """Copying gradients to a flat buffer and back, and adding up as many, in s."""
     parts = [np.ones(size // 16, np.float32) for _ in range(4)]
-    flat = np.zeros(size // 16 * 4, np.float32)
+    buffers = Buffers(parts, 1)
     times = []
     for _ in range(9):
         begun = time.perf_counter()
-        for i, part in enumerate(parts):
-            flat[i * part.size : (i + 1) * part.size] = part
-        flat += 1
-        for i, part in enumerate(parts):
-            part[...] = flat[i * part.size : (i + 1) * part.size]
+        for place, part in zip(buffers.places, parts):
+            place[...] = part
+        buffers.flat += 1
+        for place, part in zip(buffers.places, parts):
+            part[...] = place
         times.append(time.perf_counter() - begun)
     return statistics.median(times)
 
