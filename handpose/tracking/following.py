@@ -35,7 +35,7 @@ class Seen:
         self.sight, self.time = sight, time
         self.motion: Motion | None = None
         self.filter = PoseFilter()
-        self.smooth = self.filter(sight.body, time)
+        self.smooth = self.filter(sight.body, time, sight.error_mm)
 
     def expected(self, time: float) -> Placed:
         """The body at a time, as it moved."""
@@ -49,7 +49,7 @@ class Seen:
         old = self.motion or new
         self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
         self.sight, self.time = sight, time
-        self.smooth = self.filter(sight.body, time)
+        self.smooth = self.filter(sight.body, time, sight.error_mm)
 
 
 class Follower:
@@ -61,6 +61,7 @@ class Follower:
     strikes  how often in a row what is followed did not look like a hand
     checked  s, when that was looked at last
     size     relative to the skeleton, once it is known
+    likely   what it likely is until then, if there is reason to think so
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Follower:
     ) -> None:
         """``leaning``: what speaks for a right hand (above 0) or a left one beside its picture."""
         self.id, self.time, self.size = id, time, size
+        self.likely: float | None = None
         self.strikes, self.checked = 0, time
         self._looker = looker
         self.sides = {sight.aim.side: Seen(sight, time) for sight in sights}
@@ -124,7 +126,7 @@ class Follower:
             if sight is not None:
                 center = self._looker.hand_near(depth, sight)
                 sides = ("right", "left") if self.is_decided else (sight.aim.side,)
-                aims += [Aim(center, side, None, self.size) for side in sides if side in self._looker.sides]
+                aims += [Aim(center, side, None, self._size) for side in sides if side in self._looker.sides]
         return aims
 
     def take(self, sights: Sequence[Sight | None], others: Sequence[Sight | None], time: float) -> bool:
@@ -154,7 +156,11 @@ class Follower:
         return time - self.time > COAST
 
     def _aim(self, side: str, body: Placed) -> Aim:
-        return Aim(self._looker.center_of(body, side), side, body, self.size)
+        return Aim(self._looker.center_of(body, side), side, body, self._size)
+
+    @property
+    def _size(self) -> float | None:
+        return self.likely if self.size is None else self.size
 
     def _moved(self, side: str) -> float:
         """How far the last fit is said to be from the network's joints, mm."""

@@ -72,7 +72,12 @@ class Sight(NamedTuple):
     @property
     def badness(self) -> float:
         """What compares looks by different plans: the expected error in mm; where it is not known, the misfit."""
-        return float(np.nan_to_num(self.fit.error_mm[0], nan=self.fit.misfit[0]))
+        return float(np.nan_to_num(self.error_mm, nan=self.fit.misfit[0]))
+
+    @property
+    def error_mm(self) -> float:
+        """The error to be expected of the joints; NaN where nobody has measured it."""
+        return float(self.fit.error_mm[0])
 
     @property
     def confidence(self) -> float:

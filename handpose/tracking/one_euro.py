@@ -6,25 +6,53 @@ A low-pass filter of the first order whose cutoff frequency grows with the speed
 
 with v̂ the speed of x, itself filtered with a fixed cutoff. At rest f_min decides how much trembling is left, in motion
 β how far x̂ lags behind. Times are the source's, so that a frame that is missing is a longer Δt.
+
+What trembles has a speed, too, which opens the filter for the trembling: the more of it, the more a sensor's noise or
+a limb that is hardly seen. So |v̂| counts only by how much it exceeds κ n̂, with n̂ the usual |Δx / Δt − v̂|: how far
+single speeds scatter about the filtered one, as a running geometric mean, because one jump is not trembling; and κ n̂
+up to a bound, because quick turns scatter as well. With κ = 0 this is the paper's filter.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from netlib.blob import Array
 
+SCATTER_HZ = 0.3  # cutoff of the logarithm of n̂
+NO_SPEED = 1e-6  # whose logarithm is told for 0
+
 
 @dataclass(frozen=True)
 class Cutoff:
-    """f_min in Hz, β in Hz per unit of speed, and the cutoff in Hz of the speed."""
+    """f_min in Hz, β in Hz per unit of speed, the cutoff in Hz of the speed, κ, and the bound of κ n̂."""
 
     least: float
     slope: float
     speed: float
+    noise: float = 0.0
+    most: float = math.inf
+
+    def hertz(self, speed: Array, scatter: Array, trust: float) -> Array:
+        """The cutoff at a speed |v̂| with a scatter n̂; of a value that is trusted less, so much lower."""
+        known = np.maximum(speed - np.minimum(self.noise * scatter, self.most), 0.0)
+        return np.asarray(trust * (self.least + self.slope * known))
+
+
+class _Kept(NamedTuple):
+    """Of the frame before; of the scatter the logarithm."""
+
+    time: float
+    raw: Array
+    filtered: Array
+    speed: Array
+    scatter: Array
+    steps: int
 
 
 def share(cutoff: Array | float, seconds: float) -> Array:
@@ -40,45 +68,56 @@ class OneEuro:
 
     def __init__(self, cutoff: Cutoff, together: bool = False) -> None:
         self.cutoff, self.together = cutoff, together
-        self._last: tuple[float, Array, Array, Array] | None = None  # time, raw, filtered, speed
+        self._kept: _Kept | None = None
 
-    def __call__(self, value: Array, time: float) -> Array:
-        """The filtered value (n,) at a time in s; times ascend."""
-        if self._last is None:
-            self._last = time, value, value, np.zeros_like(value)
+    def __call__(self, value: Array, time: float, trust: float = 1.0) -> Array:
+        """The filtered value (n,) at a time in s; times ascend.
+
+        trust  in it, up to 1: by so much the cutoff is lowered
+        """
+        kept = self._kept
+        if kept is None:
+            self._kept = _Kept(time, value, value, self._still(value), np.zeros(()), 0)
             return value
-        before, raw, filtered, speed = self._last
-        seconds = time - before
+        seconds = time - kept.time
         if seconds <= 0:
-            return filtered
-        speed = speed + share(self.cutoff.speed, seconds) * ((value - raw) / seconds - speed)
-        size = np.linalg.norm(speed) if self.together else np.abs(speed)
-        filtered = filtered + share(self.cutoff.least + self.cutoff.slope * size, seconds) * (value - filtered)
-        self._last = time, value, filtered, speed
+            return kept.filtered
+        now = self._between(kept.raw, value) / seconds
+        speed = kept.speed + share(self.cutoff.speed, seconds) * (now - kept.speed)
+        scatter = np.log(np.maximum(self._size(now - speed), NO_SPEED))
+        scatter = kept.scatter + max(share(SCATTER_HZ, seconds), 1 / (kept.steps + 1)) * (scatter - kept.scatter)
+        part = share(self.cutoff.hertz(self._size(speed), np.exp(scatter), trust), seconds)
+        filtered = self._moved(kept.filtered, part * self._between(kept.filtered, value))
+        self._kept = _Kept(time, value, filtered, speed, scatter, kept.steps + 1)
         return filtered
 
+    def _size(self, speed: Array) -> Array:
+        return np.asarray(np.linalg.norm(speed)) if self.together else np.abs(speed)
 
-class OneEuroRotation:
+    def _still(self, value: Array) -> Array:
+        return np.zeros_like(value)
+
+    def _between(self, first: Array, second: Array) -> Array:
+        return second - first
+
+    def _moved(self, value: Array, way: Array) -> Array:
+        return value + way
+
+
+class OneEuroRotation(OneEuro):
     """The same for rotations (3, 3): x − x̂ is the turn from one to the other, its speed in rad/s."""
 
     def __init__(self, cutoff: Cutoff) -> None:
-        self.cutoff = cutoff
-        self._last: tuple[float, Array, Array, Array] | None = None
+        super().__init__(cutoff, together=True)
 
-    def __call__(self, value: Array, time: float) -> Array:
-        """The filtered rotation at a time in s; times ascend."""
-        if self._last is None:
-            self._last = time, value, value, np.zeros(3)
-            return value
-        before, raw, filtered, speed = self._last
-        seconds = time - before
-        if seconds <= 0:
-            return filtered
-        speed = speed + share(self.cutoff.speed, seconds) * (turn_between(raw, value) / seconds - speed)
-        part = share(self.cutoff.least + self.cutoff.slope * np.linalg.norm(speed), seconds)
-        filtered = turned(filtered, part * turn_between(filtered, value))
-        self._last = time, value, filtered, speed
-        return filtered
+    def _still(self, value: Array) -> Array:
+        return np.zeros(3)
+
+    def _between(self, first: Array, second: Array) -> Array:
+        return turn_between(first, second)
+
+    def _moved(self, value: Array, way: Array) -> Array:
+        return turned(value, way)
 
 
 def turn_between(first: Array, second: Array) -> Array:

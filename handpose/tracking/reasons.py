@@ -23,24 +23,14 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
 
     sight  the best that was seen of it
     """
-    u, v, d = aim.center_uvd
+    d = aim.center_uvd[2]
     if not (depth > 0).any():
         return "nothing was read in this frame"
     if d <= 0:
         return LEFT
-    across, down = (MARGIN * cube_mm * f / d for f in (camera.fx, camera.fy))
-    sides = [
-        name
-        for name, beyond in (
-            ("left", u < across),
-            ("right", u > camera.width - across),
-            ("upper", v < down),
-            ("lower", v > camera.height - down),
-        )
-        if beyond
-    ]
-    if sides:
-        return f"{LEFT} at the {' '.join(sides)} edge"
+    beyond = _edges_near(camera, cube_mm * MARGIN, aim)
+    if beyond:
+        return _left_at(beyond)
     try:
         shown = crop(depth, aim.center_uvd, cube_mm, camera)
     except DataError:
@@ -51,4 +41,35 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
         return f"nothing is seen where it was, {d:.0f} mm away"
     if sight is None:
         return LEFT
+    cut = [edge for edge in _edges_near(camera, cube_mm / 2, aim) if _reaches(edge, depth, camera, cube_mm, aim)]
+    if cut:  # a wrist, say, whose hand is outside already
+        return _left_at(cut)
     return f"{NO_HAND} (confidence {sight.confidence:.0%})"
+
+
+def _left_at(edges: list[str]) -> str:
+    return f"{LEFT} at the {' '.join(edges)} edge"
+
+
+def _edges_near(camera: Camera, mm: float, aim: Aim) -> list[str]:
+    """The edges of the image to which the middle is nearer than so many mm, or beyond which it is."""
+    u, v, d = aim.center_uvd
+    across, down = mm * camera.fx / d, mm * camera.fy / d
+    near = {
+        "left": u < across,
+        "right": u > camera.width - across,
+        "upper": v < down,
+        "lower": v > camera.height - down,
+    }
+    return [edge for edge, is_near in near.items() if is_near]
+
+
+def _reaches(edge: str, depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim) -> bool:
+    """Is there something in the cube that the edge cuts?"""
+    u, v, d = aim.center_uvd
+    across, down = (cube_mm / 2 * f / d for f in (camera.fx, camera.fy))
+    rows, columns = (
+        slice(max(int(middle - half), 0), max(int(middle + half) + 1, 0)) for middle, half in ((v, down), (u, across))
+    )
+    line = {"left": depth[rows, 0], "right": depth[rows, -1], "upper": depth[0, columns], "lower": depth[-1, columns]}
+    return bool((np.abs(line[edge] - d) < cube_mm / 2).any())

@@ -15,7 +15,8 @@ FRAMES = 32  # that are collected ...
 BEST = 16  # ... and so many of them, with the least doubt, tell the size: a hand is often seen badly at first
 EVERY = 0.1  # s between them: poses must differ
 CONFIDENT = 0.5
-NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits
+NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits ...
+TIMES = 3  # ... and again about the best one, while it is the first or last of them
 
 
 def checked(size: float) -> float:
@@ -48,6 +49,10 @@ class SizeKeeper:
         seen = observe(crops, uvd, looker.camera, looker.cube_mm, PLANS["fast"].points)
         seen = seen.mirrored() if sight.aim.side == "left" else seen
         x = np.concatenate([s.fit.x for s in sights])
-        middle = np.clip(np.median(x[:, SIZE]), -SIZE_LIMIT - NEAR[0], SIZE_LIMIT - NEAR[-1])
-        near = np.exp(middle + NEAR)
-        return calibrate_size(looker.fitter, seen, x, sizes=near).size
+        size = float(np.exp(np.median(x[:, SIZE])))
+        for _ in range(TIMES):
+            middle = np.clip(np.log(size), -SIZE_LIMIT - NEAR[0], SIZE_LIMIT - NEAR[-1])
+            size = calibrate_size(looker.fitter, seen, x, sizes=np.exp(middle + NEAR)).size
+            if abs(np.log(size) - middle) < NEAR[-2]:
+                break
+        return size

@@ -6,13 +6,18 @@ every other variable through its own.
 
 from __future__ import annotations
 
+import math
+
 from handpose.tracking.body_pose import Placed
 from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation
 
-# Chosen on synthetic movements that no reported figure is of.
-PLACE = Cutoff(least=0.5, slope=0.15, speed=4.0)  # per mm/s
-ROTATION = Cutoff(least=0.5, slope=10.0, speed=3.0)  # per rad/s
-OTHERS = Cutoff(least=0.3, slope=4.0, speed=1.5)  # per rad/s, and of sizes their logarithm
+# Chosen on synthetic movements before three cameras that no reported figure is of.
+PLACE = Cutoff(least=0.5, slope=0.4, speed=2.7, noise=1.3, most=50.0)  # per mm/s
+ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5)  # per rad/s
+OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.8)  # per rad/s, and of sizes their logarithm
+GOOD_MM = 7.0  # error to be expected of a pose; those with a larger one jump: they are trusted less, ...
+POWER = 3  # ... by this power of how much larger, ...
+LEAST = 0.1  # ... but so much at least: a hand may move meanwhile
 
 
 class PoseFilter:
@@ -23,8 +28,14 @@ class PoseFilter:
         self._rotation = OneEuroRotation(ROTATION)
         self._others = OneEuro(OTHERS)
 
-    def __call__(self, body: Placed, time: float) -> Placed:
-        """The smoothed body at a time in s; times ascend."""
+    def __call__(self, body: Placed, time: float, error_mm: float = math.nan) -> Placed:
+        """The smoothed body at a time in s; times ascend.
+
+        error_mm  to be expected of its joints; NaN if nobody knows
+        """
+        trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, LEAST)
         return Placed(
-            self._place(body.place, time), self._rotation(body.rotation, time), self._others(body.others, time)
+            self._place(body.place, time, trust),
+            self._rotation(body.rotation, time, trust),
+            self._others(body.others, time, trust),
         )

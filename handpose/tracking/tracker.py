@@ -126,6 +126,8 @@ class Tracker:
                 self.followers.remove(follower)
                 if time - self._time > COAST:
                     self.known[follower.id].reason = f"no frame for {time - self._time:.1f} s, and not found again"
+        for follower in self.followers:
+            follower.likely = self._size_beside(follower.id)
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
         others = {follower.id: follower.other_aims(depth, sights[follower.id], time) for follower in self.followers}
@@ -213,6 +215,10 @@ class Tracker:
         """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
         lost = [id for id in self._missing(time) if self.known[id].hand == side]
         return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
+
+    def _size_beside(self, id: int) -> float | None:
+        """Of another hand, if any is known: most often both are one person's."""
+        return next((known.size for other, known in self.known.items() if other != id and known.size), None)
 
     def _measure(self, follower: Follower, time: float) -> None:
         """Tell the hand's size as soon as it can be told."""

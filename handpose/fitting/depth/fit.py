@@ -25,6 +25,7 @@ from netlib.errors import DataError
 
 FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
 STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good
+HOLD = 5.0  # a limb that is followed is so many times as likely where it is expected as where a network saw it
 STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
 
 
@@ -113,11 +114,16 @@ class DepthFitter:
     ) -> DepthFit:
         """The fits that are near what the frames before let expect, x (N, V): a few iterations, without the network.
 
+        Limbs that the picture hardly tells are held there (``HOLD``), as they would tremble otherwise; the signs of
+        doubt are counted without that, as for any other fit.
+
         moved_mm  (N,) how far a fit was from the network's joints when that was asked last: a sign of doubt, still
         """
         network = self.model.joints(before)
         priors = self._expected(before)[None]
-        found = self._searched(seen, before[None].copy(), priors, PLANS[plan].near(), size, np.ones(1))
+        found = self._searched(seen, before[None].copy(), priors, PLANS[plan].near(), size, np.ones(1), HOLD)
+        off = (found.x - priors[0])[:, self.model.limbs]
+        found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
         return self._told(found, seen, network, plan, moved_mm)
 
     def _expected(self, before: Array) -> Array:
@@ -128,17 +134,21 @@ class DepthFitter:
         return prior
 
     def _searched(
-        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None, handicap: Array
-    ) -> Found:
-        """The best of starts (K, N, V) with these priors, in pieces that suit the cache."""
-        objective, (K, N, V) = self.objective, starts.shape
+        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None, handicap: Array,
+        hold: float = 1.0,
+    ) -> Found:  # fmt: skip
+        """The best of starts (K, N, V) with these priors, in pieces that suit the cache.
+
+        hold  by how much the limbs' precision is larger than that of the network
+        """
+        objective, (K, N, V), precision = self.objective, starts.shape, hold * self.precision
         if size is not None:
             starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
             objective = objective.of_known_size()
         found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
-            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], self.precision, how, handicap)
+            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, how, handicap)
             for whole, values in zip(found, part):
                 whole[rows] = values
 

@@ -253,3 +253,13 @@ def test_smoothing_begins_with_the_first_pose() -> None:
     assert 0 < before < 10
     one.take([None], [], 3 * FRAME)
     assert one.best.smooth.place[0] == before
+
+
+def test_a_likely_size() -> None:
+    """Is looked for until the hand's own is known."""
+    one = Follower(0, LOOKER, both(), 0.0, None)
+    assert {aim.size for aim in one.aims(FRAME)} == {None}
+    one.likely = 0.9
+    assert {aim.size for aim in one.aims(2 * FRAME)} == {0.9}
+    one.size = 1.1
+    assert {aim.size for aim in one.aims(3 * FRAME)} == {1.1}

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation, share, turn_between, turned
+from handpose.tracking.one_euro import SCATTER_HZ, Cutoff, OneEuro, OneEuroRotation, share, turn_between, turned
 
 CUTOFF = Cutoff(least=0.8, slope=0.02, speed=1.5)
 SEEDS = st.integers(0, 10**6)
@@ -32,6 +32,24 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
         speed = a * (values[i] - values[i - 1]) / seconds + (1 - a) * speed
         a = alpha(cutoff.least + cutoff.slope * abs(speed), seconds)
         out.append(a * values[i] + (1 - a) * out[-1])
+    return out
+
+
+def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray) -> list[float]:
+    """The paper's with a bounded floor of the speed: the geometric mean of how far single speeds lie from it."""
+
+    def alpha(hertz: float, seconds: float) -> float:
+        return 1 / (1 + 1 / (2 * math.pi * hertz) / seconds)
+
+    out, speed, scatter = [values[0]], 0.0, 1.0
+    for i in range(1, len(values)):
+        seconds = times[i] - times[i - 1]
+        now = (values[i] - values[i - 1]) / seconds
+        speed += alpha(cutoff.speed, seconds) * (now - speed)
+        part = max(alpha(SCATTER_HZ, seconds), 1 / i)  # at first the mean of all there are
+        scatter = scatter ** (1 - part) * abs(now - speed) ** part
+        excess = max(abs(speed) - min(cutoff.noise * scatter, cutoff.most), 0.0)
+        out.append(out[-1] + alpha(trust[i] * (cutoff.least + cutoff.slope * excess), seconds) * (values[i] - out[-1]))
     return out
 
 
@@ -77,6 +95,30 @@ def test_a_point_has_no_axes(seed: int) -> None:
     np.testing.assert_allclose(filtered(OneEuro(CUTOFF, together=True), values @ R.T, times), once @ R.T, atol=1e-9)
     assert not np.allclose(filtered(OneEuro(CUTOFF), values @ R.T, times),
                            filtered(OneEuro(CUTOFF), values, times) @ R.T)  # fmt: skip
+
+
+@given(seed=SEEDS, noise=st.floats(0, 3), most=st.sampled_from([2.0, 30.0, math.inf]))
+def test_trembling_is_no_movement(seed: int, noise: float, most: float) -> None:
+    """What the speed scatters by is taken off it, up to a bound, and values are trusted more or less."""
+    rng = np.random.default_rng(seed)
+    times, values, trust = uneven(rng), np.cumsum(rng.normal(0, 2, (30, 3)), axis=0), rng.uniform(0.1, 1, 30)
+    cutoff = Cutoff(0.8, 0.5, 1.5, noise, most)
+    one = OneEuro(cutoff)
+    found = np.array([one(value, float(time), float(t)) for value, time, t in zip(values, times, trust)])
+    expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_steadier_at_rest_and_as_quick_in_motion() -> None:
+    """A filter with the noise's floor beside one without: much less trembling, the same lag behind a movement."""
+    times = np.arange(300) / 30
+    still = np.random.default_rng(0).normal(0, 1, (300, 1))
+    plain, floored = Cutoff(0.5, 0.4, 2.7), Cutoff(0.5, 0.4, 2.7, noise=1.3)
+    shaken = [filtered(OneEuro(cutoff), still, times)[60:].std() for cutoff in (plain, floored)]
+    assert shaken[1] < 0.7 * shaken[0]
+    moving = 300 * times[:, None] + still
+    behind = [np.abs(moving - filtered(OneEuro(cutoff), moving, times))[60:].mean() for cutoff in (plain, floored)]
+    assert behind[1] < behind[0] + 0.1
 
 
 def test_at_rest_it_stays() -> None:

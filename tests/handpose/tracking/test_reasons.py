@@ -46,9 +46,21 @@ def test_near_the_edges() -> None:
     """A hand that is seen in half at the edge leaves there, though its middle is in the image; a far one is smaller."""
     depth = wall()
     depth[40:80, 130:] = 600
-    assert why(depth, 153) == f"{LEFT} at the right edge" and why(depth, 143).startswith(NO_HAND)
-    depth[depth == 600] = 1200
-    assert why(depth, 153, d=1200).startswith(NO_HAND)
+    assert why(depth, 153) == f"{LEFT} at the right edge" and why(wall(), 143).startswith("nothing is seen")
+    far = np.where(depth == 600, 1200, depth)
+    assert why(far, 153, d=1200) == f"{LEFT} at the right edge" and why(far, 140, d=1200).startswith(NO_HAND)
+
+
+def test_something_that_an_edge_cuts() -> None:
+    """A wrist at the edge was a hand's that left there, though the middle of what is seen is well inside; what ends
+    before the edge is no such thing, nor what reaches another one."""
+    depth = wall()
+    depth[40:80, 130:] = 600
+    assert why(depth, 143) == why(depth, 126) == f"{LEFT} at the right edge"
+    assert why(depth, 122).startswith(NO_HAND)
+    depth[:, 159] = 1500
+    assert why(depth, 143).startswith(NO_HAND)
+    assert why(np.where(np.arange(120)[:, None] > 70, 600.0, wall()), 80, 95) == f"{LEFT} at the lower edge"
 
 
 def test_an_empty_frame() -> None:

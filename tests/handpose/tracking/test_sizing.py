@@ -62,6 +62,17 @@ def test_the_size_of_a_hand(looker: Any, hands: Any, side: str) -> None:
     assert told[-1] == pytest.approx(TRUE, abs=0.02)
 
 
+def test_a_size_far_from_what_was_expected(looker: Any, hands: Any) -> None:
+    """Hands that were fitted as another's, a fifth smaller: the sizes that are tried go on to the true one."""
+    crops, uvd, x = hands
+    wrong = x.copy()
+    wrong[:, SIZE] = np.log(0.8)
+    keeper, told = SizeKeeper(looker), []
+    for n, sight in enumerate(sights((crops, uvd, wrong), "right")):
+        told.append(keeper.take(sight, n / 5))
+    assert [one for one in told if one] == [pytest.approx(TRUE, abs=0.03)]
+
+
 def test_sights_as_the_other_hand_say_nothing(looker: Any, hands: Any) -> None:
     """Of the one that it was taken for before."""
     keeper, told = SizeKeeper(looker), []

@@ -60,3 +60,18 @@ def test_a_moving_hand_is_not_left_behind(model: FleshModel) -> None:
     behind = np.linalg.norm(found - raw, axis=2).mean(axis=1)
     way = np.linalg.norm(np.diff(raw, axis=0), axis=2).mean(axis=1)
     assert behind[30:].max() < way[30:].max()
+
+
+def test_a_pose_that_is_not_sure_moves_little(model: FleshModel, trembling: np.ndarray) -> None:
+    """The worse it is said to be, the less it counts, but never nothing; where nobody knows, as if it were good."""
+    placer = Placer(model)
+    other = trembling[0].copy()
+    other[model.limbs] += 0.5
+    ways = []
+    for error in (float("nan"), 3.0, 7.0, 12.0, 30.0, 300.0):
+        one = PoseFilter()
+        first = one(placer.placed(trembling[0], CENTER), 0.0, 4.0)
+        second = one(placer.placed(other, CENTER), 1 / 30, error)
+        ways.append(np.abs(second.others - first.others).max())
+    assert ways[0] == ways[1] == ways[2] > 1.5 * ways[3] > 1.5 * ways[4] > 0
+    assert ways[4] == ways[5]

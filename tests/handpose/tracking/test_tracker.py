@@ -238,6 +238,22 @@ def test_two_hands(two: Take) -> None:
         assert np.linalg.norm(hand.xyz - true.xyz, axis=1).mean() < 25
 
 
+def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) -> None:
+    """As soon as one is measured; until then each has its own size in every frame."""
+    tracker = Tracker(predictor, smooth=False)
+    for frame in two.frames:
+        told = tracker.step(frame)
+        if len(told.hands) == 2 and told.hands[1].id == 1 and tracker.known[1].size is None:
+            break
+    else:
+        pytest.fail("no second hand whose size is not known yet")
+    tracker.known[0].size = tracker.followers[0].size = 0.97
+    later = two.frames[two.frames.index(frame) + 1]
+    by_id = {hand.id: hand for hand in tracker.step(later).hands}
+    np.testing.assert_allclose(by_id[1].bones, 0.97 * predictor.skeleton.bones, rtol=2e-3)
+    assert tracker.known[1].size is None
+
+
 def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     """One of the two, always the same."""
     told = again(predictor, two, 8, hands=1)

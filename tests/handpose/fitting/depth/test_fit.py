@@ -180,6 +180,23 @@ def test_following(fitter: DepthFitter, scene: Scene, plan: str) -> None:
     np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, moved, plan).x)
 
 
+def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nearer to what is expected of them than by the network's errors; as signs of doubt they are counted by those."""
+    model, objective = fitter.model, fitter.objective
+    before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
+    before[:, -2:] = 0
+    before = np.clip(before, model.lower, model.upper)
+    found = fitter.follow(scene.seen, before, np.zeros(len(before)), "fast")
+    expected = before.copy()
+    expected[:, model.own] = 0
+    prior = objective.measure(found.x, scene.seen, objective.prior_of(expected, fitter.precision)).prior
+    np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
+    monkeypatch.setattr("handpose.fitting.depth.fit.HOLD", 1.0)
+    loose = fitter.follow(scene.seen, before, np.zeros(len(before)), "fast")
+    held, free = (np.abs(fit.x - before)[:, model.limbs].mean() for fit in (found, loose))
+    assert held < 0.95 * free
+
+
 def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
     """As many predictions as quarter turns, as many frames as crops."""
     inputs = fitter.model.inputs_of(scene.truth)
