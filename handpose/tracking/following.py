@@ -44,10 +44,11 @@ class Seen:
         return moved(self.sight.body, self.motion, KEPT * (time - self.time))
 
     def take(self, sight: Sight, time: float) -> None:
-        """What was seen next."""
-        new = motion_between(self.sight.body, sight.body, time - self.time)
-        old = self.motion or new
-        self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
+        """What was seen next. A jump to another pose is no movement: then the hand is taken to move on as before."""
+        if sight.goes_on:
+            new = motion_between(self.sight.body, sight.body, time - self.time)
+            old = self.motion or new
+            self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, old)))
         self.sight, self.time = sight, time
         self.smooth = self.filter(sight.body, time, sight.error_mm)
 

@@ -56,6 +56,7 @@ class Sight(NamedTuple):
     crop        (128, 128) in [-1, 1], not mirrored
     fit         of this body alone
     body        in space
+    goes_on     did its fit start from the body that was expected?
     """
 
     aim: Aim
@@ -63,6 +64,7 @@ class Sight(NamedTuple):
     crop: NDArray[np.float32]
     fit: DepthFit
     body: Placed
+    goes_on: bool = False
 
     @property
     def doubt(self) -> float:
@@ -171,14 +173,16 @@ class Looker:
         if placed:
             before = np.clip(np.stack([self.placer.variables(*one) for one in placed]), model.lower, model.upper)
         sizes = np.array([aim.size for aim in aims]) if aims[0].size is not None else None
+        goes_on = np.full(len(aims), before is not None)
         if before is not None and aims[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)
         else:
             fit = self.fitter.fit(seen, self._predictions(crops, left, plan), plan, size=sizes, before=before)
+            goes_on &= fit.start == len(PLANS[plan].quarters)
         sights = []
         for i, (aim, center) in enumerate(zip(aims, centers)):
             own = DepthFit(**{name: values[i : i + 1] for name, values in vars(fit).items()})
-            sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center)))
+            sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center), bool(goes_on[i])))
         return sights
 
     def _predictions(self, crops: NDArray[np.float32], left: NDArray[np.bool_], plan: str) -> list[Array]:

@@ -35,14 +35,19 @@ DEPTH = np.zeros((1, 1), np.float32)  # which it does not look at
 
 
 def sight(
-    side: str = "right", x: float = 0.0, doubt: float = 1.0, confidence: float = 1.0, error: float = 5.0
+    side: str = "right",
+    x: float = 0.0,
+    doubt: float = 1.0,
+    confidence: float = 1.0,
+    error: float = 5.0,
+    goes_on: bool = True,
 ) -> Sight:
     """A hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
     fit = DepthFit(none, one, none, none, one, doubt * one, error * one, confidence * one, none,
                    np.full((1, 5), 3.0), one)  # fmt: skip
     body = Placed(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
-    return Sight(Aim(body.place, side), body.place, np.zeros((128, 128), np.float32), fit, body)
+    return Sight(Aim(body.place, side), body.place, np.zeros((128, 128), np.float32), fit, body, goes_on)
 
 
 def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Sight]:
@@ -253,6 +258,18 @@ def test_smoothing_begins_with_the_first_pose() -> None:
     assert 0 < before < 10
     one.take([None], [], 3 * FRAME)
     assert one.best.smooth.place[0] == before
+
+
+def test_a_jump_is_no_movement() -> None:
+    """A pose that was found anew, elsewhere, says nothing of speed: the hand goes on as it moved, from there."""
+    one = Follower(0, LOOKER, [sight(x=0)], 0.0, None)
+    followed(one, [[sight(x=10.0 * n)] for n in range(1, 10)])
+    followed(one, [[sight(x=250.0, goes_on=False)]], 10)
+    (aim,) = one.aims(11 * FRAME)
+    assert 256 < aim.center_uvd[0] <= 260
+    rests = Follower(0, LOOKER, [sight(x=0)], 0.0, None)
+    followed(rests, [[sight(x=0)], [sight(x=0)], [sight(x=80, goes_on=False)]])
+    assert rests.aims(4 * FRAME)[0].center_uvd[0] == 80
 
 
 def test_a_likely_size() -> None:

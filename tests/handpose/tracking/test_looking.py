@@ -117,10 +117,20 @@ def test_from_the_pose_before(
     aims = [Aim(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))]
     near, far, aside = looker.look(depth, aims)
     assert near is not None and far is not None and aside is not None
+    assert not first.goes_on and near.goes_on and far.goes_on and aside.goes_on
     assert max(error(looker, sight, shown) for sight in (near, far, aside)) < 15
     assert near.fit.signs[0, -1] >= 1 and far.fit.signs[0, -1] >= 25 and far.doubt > near.doubt
     with pytest.raises(TypeError):
         looker.look(depth, [Aim(center, "right", first.body)])
+
+
+def test_does_it_go_on(looker: Looker, depth: np.ndarray, center: np.ndarray) -> None:
+    """Where both compete, what the network sees and what was expected: only if that is what won."""
+    (first,) = looker.look(depth, [Aim(center, "right")])
+    assert first is not None
+    far = first.body._replace(others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1]))
+    goes_on, anew = looker.look(depth, [Aim(center, "right", body) for body in (first.body, far)])
+    assert goes_on is not None and goes_on.goes_on and anew is not None and not anew.goes_on
 
 
 def test_a_left_hand_is_the_mirror_image() -> None:
