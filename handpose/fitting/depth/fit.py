@@ -141,7 +141,8 @@ class DepthFitter:
 
         hold  by how much the limbs' precision is larger than that of the network
         """
-        objective, (K, N, V), precision = self.objective, starts.shape, hold * self.precision
+        objective, (K, N, V) = self.objective, starts.shape
+        precision = hold * self.precision
         if size is not None:
             starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
             objective = objective.of_known_size()
