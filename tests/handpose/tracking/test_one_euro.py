@@ -18,12 +18,14 @@ SEEDS = st.integers(0, 10**6)
 FRAMES = np.arange(60) / 30
 
 
+def alpha(hertz: float, seconds: float) -> float:
+    """The paper's share of a new value."""
+    tau = 1 / (2 * math.pi * hertz)
+    return 1 / (1 + tau / seconds)
+
+
 def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[float]:
     """Its equations 1 to 5, number by number: the speed is that of the raw values, filtered with a fixed cutoff."""
-
-    def alpha(hertz: float, seconds: float) -> float:
-        tau = 1 / (2 * math.pi * hertz)
-        return 1 / (1 + tau / seconds)
 
     out, speed = [values[0]], 0.0
     for i in range(1, len(values)):
@@ -37,9 +39,6 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
 
 def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray) -> list[float]:
     """The paper's with a bounded floor of the speed: the geometric mean of how far single speeds lie from it."""
-
-    def alpha(hertz: float, seconds: float) -> float:
-        return 1 / (1 + 1 / (2 * math.pi * hertz) / seconds)
 
     out, speed, scatter = [values[0]], 0.0, 1.0
     for i in range(1, len(values)):
