@@ -6,7 +6,9 @@
     python tools/caffe.py test -model prototxt/nyu_train_test.prototxt -weights snapshots/nyu_iter_2000.caffemodel.h5
     python tools/caffe.py time -model prototxt/nyu_train_test.prototxt -iterations 10
 
-The environment says what Caffe's flags cannot: NETLIB_ENGINE=plain. docs/caffe_tools.md tells what differs from Caffe.
+What -gpu 0,1 is in Caffe, mpiexec -n 2 python -m mpi4py tools/caffe.py train ... is here: each process runs the batch,
+on rows of its own. The environment says what Caffe's flags cannot: NETLIB_ENGINE=plain. docs/caffe_tools.md tells what
+differs from Caffe.
 """
 
 from __future__ import annotations
@@ -23,17 +25,17 @@ import tools
 
 tools.begin(__name__)
 
-import numpy as np
-
 import netlib
-from netlib import engine, report, schema, solver_parameter
+from netlib import engine, schema, solver_parameter
 from netlib.net import Net
+from netlib.ranks import ALONE, Ranks
 from tools import training
 from tools.advice import on_missing_data
 from tools.arguments import caffes_flags, parser_of, positive
-from tools.caffe_log import BarHandler, log_to
+from tools.caffe_log import BarHandler
+from tools.caffe_reports import report_test, report_time
 from tools.console import DONE, guarded
-from tools.costs import time_layers, time_passes
+from tools.ranks import first_speaks, threads_of, world
 
 log = logging.getLogger("netlib")
 
@@ -56,21 +58,25 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)")
     parser.add_argument("--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)")
     parser.add_argument("--gpu", metavar="ID", help="accepted; this runs on the CPU")
-    args = parser.parse_args(caffes_flags(argv))
-    if args.command is None:  # Caffe does the same
-        parser.print_help()
-        return DONE
-    for flag in NEEDED[args.command]:
-        if not getattr(args, flag):
-            parser.error(f"{args.command} needs -{flag}")
-    if args.snapshot and args.weights:
-        parser.error("-snapshot brings its own weights; give either it or -weights")
+    with first_speaks():
+        args = parser.parse_args(caffes_flags(argv))
+        if args.command is None:  # Caffe does the same
+            parser.print_help()
+            return DONE
+        for flag in NEEDED[args.command]:
+            if not getattr(args, flag):
+                parser.error(f"{args.command} needs -{flag}")
+        if args.snapshot and args.weights:
+            parser.error("-snapshot brings its own weights; give either it or -weights")
     return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:
     """Do what the parsed arguments say."""
-    with log_to(None) as console:
+    with first_speaks():
+        ranks = world() if args.command == "train" else ALONE
+    status = DONE
+    with training.logged(ranks) as console:
         if args.command == "device_query":
             log.info("This runs on the CPU; there is no GPU to ask")
             return DONE
@@ -78,13 +84,15 @@ def run(args: argparse.Namespace) -> int:
         if args.gpu:
             log.info("-gpu %s is accepted, but this runs on the CPU", args.gpu)
         chosen = engine.get()
-        log.info("%d threads, engine %s. %s", chosen.threads(), chosen.name, netlib.BLAS_NOTE)
+        if threads := threads_of(ranks):
+            chosen.set_threads(threads)
+        count = chosen.threads()
+        log.info("%d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
         if args.command == "train":
-            return train(args, console)
-        with on_missing_data():
-            phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
-            net = Net(args.model, phase, level=args.level, stages=stages(args))
-        return time(net, args.iterations) if args.command == "time" else test(net, args.weights, args.iterations)
+            status = train(args, console, ranks)
+        else:
+            examine(args)
+    return DONE if ranks.rank else status
 
 
 def stages(args: argparse.Namespace) -> tuple[str, ...]:
@@ -92,12 +100,12 @@ def stages(args: argparse.Namespace) -> tuple[str, ...]:
     return tuple(filter(None, args.stage.split(",")))
 
 
-def train(args: argparse.Namespace, console: BarHandler) -> int:
+def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
     """Train; returns the exit status: Caffe's 0 for all ends that a user asks for."""
     state = solver_parameter.read(args.solver).train_state
     state = schema.changed(state, level=args.level, stage=(*state.stage, *stages(args)))
     weights = [args.weights] if args.weights else []
-    solver = training.new_solver(args.solver, args.snapshot, weights, train_state=state)
+    solver = training.new_solver(args.solver, args.snapshot, weights, ranks=ranks, train_state=state)
     log.info("Solver scaffolding done.")
     if args.snapshot:
         log.info("Resuming from %s", args.snapshot)
@@ -110,47 +118,15 @@ def train(args: argparse.Namespace, console: BarHandler) -> int:
     return DONE
 
 
-def test(net: Net, weights: str, iterations: int) -> int:
-    """Log the outputs of each batch, and their means over all."""
-    report.copied(weights, *net.copy_from(weights))
-    log.info("Running for %d iterations.", iterations)
-    loss, sums = 0.0, {name: np.zeros(0) for name in net.outputs}
-    for i in range(iterations):
-        loss += net.run_forward()
-        for name in net.outputs:
-            values = net.blobs[name].data.ravel().astype(np.float64)
-            sums[name] = sums[name] + values if i else values
-            for value in values:
-                log.info("Batch %d, %s = %.6g", i, name, value)
-    log.info("Loss: %.6g", loss / iterations)
-    for score in report.scores(net, {name: total / iterations for name, total in sums.items()}):
-        log.info("%s", score)
-    return DONE
-
-
-def time(net: Net, iterations: int) -> int:
-    """Log what each layer and whole passes cost."""
-    log.info("Performing Forward")
-    log.info("Initial loss: %.6g", net.run_forward())
-    log.info("Performing Backward")
-    net.run_backward()
-    log.info("*** Benchmark begins ***")
-    log.info("Testing for %d iterations.", iterations)
-    passes = []
-    for i in range(iterations):
-        passes.append(time_passes(net, 1))
-        log.info("Iteration: %d forward-backward time: %.6g ms.", i + 1, sum(passes[-1]) * 1e3)
-    forward, backward = time_layers(net, iterations)
-    log.info("Average time per layer: ")
-    for layer in net.layers:
-        log.info("%10s\tforward: %.6g ms.", layer.name, forward[layer.name] * 1e3)
-        log.info("%10s\tbackward: %.6g ms.", layer.name, backward[layer.name] * 1e3)
-    for what, seconds in zip(("Forward pass", "Backward pass"), np.mean(passes, axis=0)):
-        log.info("Average %s: %.6g ms.", what, seconds * 1e3)
-    log.info("Average Forward-Backward: %.6g ms.", np.sum(passes) / iterations * 1e3)
-    log.info("Total Time: %.6g ms.", np.sum(passes) * 1e3)
-    log.info("*** Benchmark ends ***")
-    return DONE
+def examine(args: argparse.Namespace) -> None:
+    """Test a net, or time it."""
+    phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
+    with on_missing_data():
+        net = Net(args.model, phase, level=args.level, stages=stages(args))
+    if args.command == "time":
+        report_time(net, args.iterations)
+    else:
+        report_test(net, args.weights, args.iterations)
 
 
 if __name__ == "__main__":

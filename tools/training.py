@@ -51,9 +51,7 @@ def train(
     watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
     """
     status = DONE
-    with ended_together(ranks), log_to(None if ranks.rank else log_file, append=snapshot is not None) as console:
-        if ranks.rank:
-            log.setLevel(logging.CRITICAL)
+    with logged(ranks, log_file, append=snapshot is not None) as console:
         chosen = engines.get(engine)
         threads = threads or threads_of(ranks)
         if threads:
@@ -66,6 +64,15 @@ def train(
             solver.callbacks.append((lambda: watch(solver), lambda: None))
         status = solve(solver, console, snapshot)
     return DONE if ranks.rank else status
+
+
+@contextlib.contextmanager
+def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = False) -> Iterator[BarHandler]:
+    """Within it, rank 0 logs, and an error of one rank ends all. Raises NetlibError, on rank 0."""
+    with ended_together(ranks), log_to(None if ranks.rank else log_file, append) as console:
+        if ranks.rank:
+            log.setLevel(logging.CRITICAL)
+        yield console
 
 
 def new_solver(

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 import ranks_started
-from ranks_started import PROGRAMS, TRAIN, needs_mpi, ours
+from ranks_started import CAFFE, PROGRAMS, TRAIN, needs_mpi, ours
 
 import netlib
 from tools import training
@@ -102,6 +102,23 @@ def test_two_ranks_are_one_with_twice_the_batch(small, work, small_data):
             alone.append(one.smoothed[-1])
         np.testing.assert_allclose(json.loads(Path(f"{name}.json").read_text()), alone, rtol=1e-5)
         assert len(set(alone)) == 50
+
+
+def test_caffes_command(small):
+    """tools/caffe.py train on two ranks is tools/train.py on two ranks, and the log is written once."""
+    Path("short.prototxt").write_text(SOLVER.replace("1000000", "20"))
+    weights = []
+    for words in ([TRAIN, "short.prototxt"], [CAFFE, "train", "-solver", "short.prototxt"]):
+        done = ranks_started.run(2, *words)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.count("2 ranks × 8 = 16 a step") == done.stderr.count("lr = 0.001") == 1, done.stderr
+        weights.append(Path("snapshots/small_iter_20.caffemodel").read_bytes())
+    assert weights[0] == weights[1]
+    done = ranks_started.run(2, CAFFE, "train", "-solver", "missing.prototxt")
+    assert done.returncode == 1
+    assert [line for line in done.stderr.splitlines() if "missing.prototxt" in line] == [
+        "missing.prototxt: cannot read the prototxt: No such file or directory"
+    ]
 
 
 def test_exact(small, work):

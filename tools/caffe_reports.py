@@ -1,0 +1,54 @@
+"""What ``caffe test`` and ``caffe time`` log about a net, line for line."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from netlib import report
+from netlib.net import Net
+from tools.costs import time_layers, time_passes
+
+log = logging.getLogger("netlib")
+
+
+def report_test(net: Net, weights: str, iterations: int) -> None:
+    """Log the outputs of each batch, and their means over all, with the weights of a file. Raises NetlibError."""
+    report.copied(weights, *net.copy_from(weights))
+    log.info("Running for %d iterations.", iterations)
+    loss, sums = 0.0, {name: np.zeros(0) for name in net.outputs}
+    for i in range(iterations):
+        loss += net.run_forward()
+        for name in net.outputs:
+            values = net.blobs[name].data.ravel().astype(np.float64)
+            sums[name] = sums[name] + values if i else values
+            for value in values:
+                log.info("Batch %d, %s = %.6g", i, name, value)
+    log.info("Loss: %.6g", loss / iterations)
+    for score in report.scores(net, {name: total / iterations for name, total in sums.items()}):
+        log.info("%s", score)
+
+
+def report_time(net: Net, iterations: int) -> None:
+    """Log what each layer and whole passes cost. Raises NetlibError."""
+    log.info("Performing Forward")
+    log.info("Initial loss: %.6g", net.run_forward())
+    log.info("Performing Backward")
+    net.run_backward()
+    log.info("*** Benchmark begins ***")
+    log.info("Testing for %d iterations.", iterations)
+    passes = []
+    for i in range(iterations):
+        passes.append(time_passes(net, 1))
+        log.info("Iteration: %d forward-backward time: %.6g ms.", i + 1, sum(passes[-1]) * 1e3)
+    forward, backward = time_layers(net, iterations)
+    log.info("Average time per layer: ")
+    for layer in net.layers:
+        log.info("%10s\tforward: %.6g ms.", layer.name, forward[layer.name] * 1e3)
+        log.info("%10s\tbackward: %.6g ms.", layer.name, backward[layer.name] * 1e3)
+    for what, seconds in zip(("Forward pass", "Backward pass"), np.mean(passes, axis=0)):
+        log.info("Average %s: %.6g ms.", what, seconds * 1e3)
+    log.info("Average Forward-Backward: %.6g ms.", np.sum(passes) / iterations * 1e3)
+    log.info("Total Time: %.6g ms.", np.sum(passes) * 1e3)
+    log.info("*** Benchmark ends ***")
