@@ -42,6 +42,7 @@ BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 IGNORED = ("codx", "cody", "metric_radius")  # of Azure: 0, 0, and how far out its own inverse is good
 KNOWN = (*RANGES, "name", *LENS, *IGNORED)
+KEYS = (*KNOWN, *SAME)  # every word that is understood
 
 
 def beside(source: Path) -> Given:

@@ -4,16 +4,16 @@ An .npy is an array (frames, height, width) of 16-bit or larger whole numbers, o
 or .h5 it is called depth; beside it may stand
 
     time             (frames,) s, by any clock
-    fx, fy, u0, v0   px, or all of a camera.json as the text ``camera``
-    unit_mm, rate    as in a camera.json
+    fx, fy, u0, v0   px, unit_mm, rate, distortion and all other words of a camera.json; or the whole of one as the
+                     text ``camera``
 
-(numbers and the text are attributes of an .h5). Frames are read one by one: a stack may be larger than the memory.
+(all but time are attributes of an .h5). Frames are read one by one: a stack may be larger than the memory.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,8 @@ from handpose.recordings.recording import DepthFrame, Recording
 from netlib import hdf5
 from netlib.errors import DataError
 from netlib.files import Source
+
+OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # words that may tell of something else, where there is no fx
 
 
 def open_stack(path: Path, given: Given = NOTHING) -> Recording:
@@ -123,32 +125,38 @@ class _Hdf5(_Frames):
         self._rows = stacks[0]
         self.shape, self.dtype = Header(self._rows.shape, self._rows.dtype, 0).stack(str(path)), self._rows.dtype
         self.times = _checked_times(stacks[1].numbers() if timed else None, self.shape[0], path)
-        self.own = _own({name: value for name, value in found.items() if name in KEYS}, path)
+        self.own = _own(found, path)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         for number in range(self.shape[0]):
             yield self._rows[number]
 
 
-KEYS = ("camera", "fx", "fy", "u0", "v0", "cx", "cy", "ppx", "ppy", "unit_mm", "rate", "fps", "depth_scale")
-
-
-def _own(found: dict[str, NDArray[Any]], path: Path) -> Given:
+def _own(found: Mapping[str, NDArray[Any]], path: Path) -> Given:
     """What arrays beside the frames say of the camera. Raises DataError."""
-    said: dict[str, float] = {}
-    for name in KEYS[1:]:
-        if name in found:
-            if found[name].size != 1 or found[name].dtype.kind not in "iuf":
-                raise DataError(f"{path}: {name} is {found[name].dtype} {found[name].shape}, expected a number")
-            said[name] = float(found[name].reshape(()))
+    keys = [key for key in camera_file.KEYS if key in found and ("fx" in found or key not in OF_ANYTHING)]
+    said = {key: _plain(found[key], f"{path}: {key}") for key in keys}
     own = camera_file.of(said, str(path)) if said else NOTHING
     if "camera" not in found:
         return own
     if found["camera"].size != 1:
         raise DataError(f"{path}: camera has the shape {found['camera'].shape}, expected one text: a camera.json")
-    text = found["camera"].reshape(-1)[0]
-    text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-    return own.else_by(camera_file.parse(text, f"{path}: camera"))
+    return own.else_by(camera_file.parse(_text(found["camera"]), f"{path}: camera"))
+
+
+def _plain(value: NDArray[Any], where: str) -> float | list[float] | str:
+    """An array as a value of JSON. Raises DataError."""
+    if value.dtype.kind in "iuf" and value.ndim <= 1:
+        numbers = [float(one) for one in value.ravel()]
+        return numbers[0] if len(numbers) == 1 else numbers
+    if value.dtype.kind in "SUO" and value.size == 1:
+        return _text(value)
+    raise DataError(f"{where} is {value.dtype} {value.shape}, expected a number, a row of numbers, or a text")
+
+
+def _text(value: NDArray[Any]) -> str:
+    text = value.reshape(-1)[0]
+    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
 
 
 def _checked_times(times: NDArray[Any] | None, count: int, path: Path) -> NDArray[np.float64] | None:
