@@ -66,7 +66,7 @@ def test_every_word_of_a_camera_json(tmp_path: Path, suffix: str) -> None:
     """Numbers, rows and texts beside the frames say what they say in a camera.json, by whichever name."""
     said: dict[str, Any] = {
         "fx": 60, "fy": 61.0, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48, "name": "mine", "fps": 20.0,
-        "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [0.1, -0.2, 0.0, 0.0, 0.0],
+        "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [-0.2, 0.0, 0.0, 0.0, 0.0],
     }  # fmt: skip
     depth = np.random.default_rng(0).integers(4000, 8000, DEPTH.shape).astype(np.uint16)
     recording = open_stack(save(tmp_path / f"a{suffix}", depth, **said))
