@@ -227,7 +227,7 @@ def run(args: argparse.Namespace) -> int:
 def _mpiexec() -> str:
     found = shutil.which("mpiexec", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
     if found is None:
-        raise NetlibError("there is no mpiexec; python -m pip install 'deepmodel-numpy[mpi]'")
+        raise NetlibError("there is no mpiexec; pip install mpi4py mpich")
     return found
 
 

@@ -96,7 +96,8 @@ def camera(text: str) -> Camera:
         return CAMERAS[text]
     numbers = _numbers(text)
     if len(numbers) != 4 or min(numbers[:2]) <= 0 or max(map(abs, numbers)) > LARGEST_PX:
-        raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, found {text!r}")
+        raise argparse.ArgumentTypeError(f"expected {', '.join(CAMERAS)} or FX,FY,U0,V0 in px, the "
+                                         f"intrinsics that its SDK tells, found {text!r}")  # fmt: skip
     return Camera("own", *numbers, width=0, height=0)
 
 

@@ -11,6 +11,7 @@ above them how sure the fit is, and how far it really is from the true joints.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from pathlib import Path
@@ -25,6 +26,7 @@ import cv2
 import numpy as np
 
 from handpose.drawing import flesh, hands, sheets
+from handpose.drawing.identities import percent
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.predicting.packaged import load_predictor
@@ -65,13 +67,14 @@ def run(args: argparse.Namespace) -> int:
                 hands.view_3d(found.joints, predictor.skeleton, size=256),
             ]
             off = np.linalg.norm((found.xyz - truth)[list(EVALUATION_JOINTS)], axis=1).mean()
-            titles += [f"{found.hand}, {found.fit.confidence:.0%} sure", f"expected {found.fit.error_mm:.0f} mm",
+            titles += [f"{found.hand}, {percent(found.fit.confidence)} sure", f"expected {found.fit.error_mm:.0f} mm",
                        f"true error {off:.0f} mm"]  # fmt: skip
             progress(1)
     seconds = time.perf_counter() - begun
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
-    say(f"For your own camera: python tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
+    python = os.path.relpath(sys.executable) if Path(sys.executable).is_relative_to(Path.cwd()) else sys.executable
+    say(f"For your own camera: {python} tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
     return DONE
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from handpose.drawing import flesh, hands, sheets
+from handpose.drawing.identities import percent
 from handpose.predicting.prediction import FramePrediction, Prediction
 from handpose.predicting.predictor import Predictor
 from tools import pictures
@@ -33,7 +34,7 @@ def in_words(found: Prediction, predictor: Predictor) -> str:
     """The first line of the table."""
     words = f"{found.hand} hand" if predictor.is_hand else predictor.skeleton.name
     if found.fit and not math.isnan(found.fit.error_mm):
-        words += f", {found.fit.confidence:.0%} sure, {found.fit.error_mm:.0f} mm of error expected"
+        words += f", {percent(found.fit.confidence)} sure, {found.fit.error_mm:.0f} mm of error expected"
     words += "; joints in mm from the crop's centre"
     if isinstance(found, FramePrediction):
         words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)

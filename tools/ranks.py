@@ -36,7 +36,7 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
         from mpi4py import MPI
     except ImportError as error:
         raise NetlibError(f"{started} processes were started to train together, which needs mpi4py: {error}; "
-                          "python -m pip install 'deepmodel-numpy[mpi]'") from None  # fmt: skip
+                          "pip install mpi4py mpich") from None  # fmt: skip
     library = " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].rstrip("\0").split())
     count = 1
     if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):  # it would end here, without a word

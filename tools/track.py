@@ -15,7 +15,7 @@ a picture of the first hand.
 Every hand is followed from its last pose; while fewer than --hands are, the image is searched for more. Whether it is
 a left one or a right one is decided over its first frames, its size over its first seconds, and both are kept. Angles
 and the palm's pose are smoothed, so that bones keep their length; --raw leaves them as they were found. --fit
-accurate takes three times as long as fast.
+accurate takes about a third longer than fast.
 
 Without any output named, FILE.json and FILE.png, a sheet, are written here, called like the source. Ctrl-C and a
 recording that is cut leave whole files of what was done.

@@ -25,7 +25,12 @@ def colour_of(id: int) -> Colour:
 
 def spoken(hand: str, confidence: float) -> str:
     """``right 93%``; without the number where nobody has measured it."""
-    return f"{hand} {confidence:.0%}" if math.isfinite(confidence) else hand
+    return f"{hand} {percent(confidence)}" if math.isfinite(confidence) else hand
+
+
+def percent(confidence: float) -> str:
+    """``93%``; ``>99%`` for what would be rounded to 100%, since no estimate is certain."""
+    return ">99%" if 0.995 <= confidence < 1 else f"{confidence:.0%}"
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:

@@ -7,7 +7,7 @@ have the value
 
 Each joint starts from its parent's position and frame, and in order
     translates along a local axis by theta,  for each ``translate``
-    turns about a local axis by theta,       for each ``rotate``, right-handed
+    turns about a local axis by theta,       for each ``rotate``: z turns x to y
     moves along a local axis,                by its ``bone``
 (kinematics.py says how, and what its gradient is).
 """

@@ -22,7 +22,7 @@ MPIEXEC = shutil.which("mpiexec", path=os.pathsep.join([str(Path(sys.executable)
 
 needs_mpi = pytest.mark.skipif(
     MPIEXEC is None or importlib.util.find_spec("mpi4py") is None,
-    reason="no mpi4py, or no mpiexec: python -m pip install 'deepmodel-numpy[mpi]'",
+    reason="no mpi4py, or no mpiexec: pip install mpi4py mpich",
 )
 
 

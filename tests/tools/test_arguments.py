@@ -47,7 +47,11 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
         (arguments.named_file, "=file", "NAME=FILE"),
-        (arguments.camera, "1,2,3,nan", "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px"),
+        (
+            arguments.camera,
+            "1,2,3,nan",
+            "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics that its SDK tells",
+        ),
         (arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

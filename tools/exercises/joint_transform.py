@@ -302,8 +302,8 @@ EXERCISE = Exercise(
         "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion "
         "is applied: its axis in the world, with the sign, and the point p where the joint is "
         "then. backward needs them.",
-        "rotation": "Return R for every angle: R turns a vector about the axis counter-clockwise, seen from its tip "
-        "(right-handed). For axis 2, z, it is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
+        "rotation": "Return R for every angle: the textbook's matrices. About z, x is turned to y; about x, y to "
+        "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
     },
     names=("Kinematics.forward", "rotation"),
     part_of=lambda module: Transform(module.Kinematics, module.rotation),

@@ -18,7 +18,7 @@ export function compose(M, N) {
   return M.map((row) => [dot(row, columns[0]), dot(row, columns[1]), dot(row, columns[2])]);
 }
 
-/* Right-handed rotation by `angle` about a coordinate axis (0, 1, 2 for x, y, z). */
+/* The textbook's rotation by `angle` about a coordinate axis (0, 1, 2 for x, y, z). */
 export function rotation(axis, angle) {
   const i = (axis + 1) % 3, j = (axis + 2) % 3, cos = Math.cos(angle), sin = Math.sin(angle);
   const R = [[0, 0, 0], [0, 0, 0], [0, 0, 0]];

@@ -256,7 +256,7 @@ def test_rotation_of_a_joint(hand, rng):
     assert np.allclose(R[:, :, 1] * HAND.bones[joint], bone)
 
 
-def test_right_handed_rotations():
+def test_rotations():
     """x to y about z, y to z about x, z to x about y; one or many at once."""
     for axis in range(3):
         R = rotation(axis, np.pi / 2)
