@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+import netlib
 from handpose.drawing.page.content import content
 from handpose.synthetic import prior_file
 from handpose.synthetic.flesh_prior import DEFAULT_FLESH
@@ -131,8 +132,7 @@ def test_nets_fit_their_bodies(name: str) -> None:
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     nets = {phase: select_layers(load_parameter(BODY / f"{name}_train_test.prototxt"), NetState(phase))
             for phase in ("TRAIN", "TEST")}  # fmt: skip
-    if name == "person":
-        nets["deploy"] = select_layers(load_parameter(BODY / "person_deploy.prototxt"), NetState("TEST"))
+    nets["deploy"] = select_layers(load_parameter(BODY / f"{name}_deploy.prototxt"), NetState("TEST"))
     learned = {}
     for kind, layers in nets.items():
         learned[kind] = {layer.name: str(layer.blocks["inner_product_param"].values("num_output")[0])
@@ -169,6 +169,9 @@ def test_the_tools(
     assert test.main([*model, "--joints"]) == 0
     said = capsys.readouterr().out
     assert "out of limits" in said and "14 joints" not in said and all(joint in said for joint in skeleton.joint_names)
+    deployed = netlib.Net(str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5", netlib.TEST)
+    found = deployed.forward(depth=np.ones((1, 1, 128, 128), np.float32))
+    assert found["pred"].shape == (1, 3 * len(skeleton.joint_names))
     shown = ["--skeleton", str(BODY / f"{name}.prototxt")]
     assert show_data.main([f"data/{name}/test.txt", "--out", "frames.png", *shown]) == 0
     assert cv2.imread("found.png") is not None
