@@ -26,9 +26,9 @@ def test_the_papers_figures_confirm_its_findings() -> None:
     found = lines(list(trained()))
     for finding in FINDINGS:
         decision = decide(finding, found)
-        assert decision.word == "confirmed" and len(decision.values) == 2, finding.text
+        assert decision.word == "confirmed" and len(decision.differences) == 2, finding.text
         if math.isfinite(finding.paper):
-            assert decision.values == pytest.approx([finding.paper] * 2, abs=0.03), finding.text
+            assert decision.differences == pytest.approx([finding.paper] * 2, abs=0.03), finding.text
 
 
 def test_other_figures_refute_them() -> None:
@@ -36,7 +36,7 @@ def test_other_figures_refute_them() -> None:
     other = {**PAPERS, "ours": (19.2, 25.0, 0.3)}
     found = [decide(finding, lines(list(trained(figures_of=other)))) for finding in FINDINGS]
     assert [d.word for d in found] == ["refuted", "confirmed", "confirmed", *["refuted"] * 5]
-    assert found[0].values == pytest.approx([-2, -2])
+    assert found[0].differences == pytest.approx([-2, -2])
 
 
 def test_what_is_not_decided() -> None:
