@@ -82,6 +82,18 @@ def weight(text: str) -> float:
     return number
 
 
+def positive_number(text: str, most: float = math.inf) -> float:
+    """A command-line number of more than 0, and at most ``most``."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number <= most or number == math.inf:
+        limit = f" and at most {most:g}" if most < math.inf else ""
+        raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
+    return number
+
+
 def named_file(text: str) -> tuple[str, str]:
     """The two halves of NAME=FILE."""
     name, _, path = text.partition("=")

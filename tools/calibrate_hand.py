@@ -43,14 +43,12 @@ from handpose.fitting.observations import read_observations
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import text_of
-from netlib.atomic import replace_text
-from netlib.errors import NetlibError, reason_of
-from tools.arguments import camera, natural, parser_of, positive
+from tools.arguments import camera, natural, parser_of, positive, positive_number
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
+from tools.skeletons import check_out, write_skeleton
 
+OF_ANNOTATIONS, OF_DEPTH = ("template", "frames", "joints", "half_cube", "percentile", "seed"), ("unit", "hand")
 UNSURE = 0.03  # deviation of a size
 LARGE_MM = 4.0  # a mean distance; careful annotation of one person leaves 3 mm (NYU's two test subjects)
 
@@ -62,7 +60,9 @@ def main(argv: list[str] | None = None) -> int:
                         help="an HDF5 file, or a list of them (.txt); with --from-depth depth frames")  # fmt: skip
     parser.add_argument("--from-depth", action="store_true", help="no annotation: size and girth alone, from depth")
     parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0", help="of the depth frames")
-    parser.add_argument("--unit", type=float, metavar="MM", help="of the depth frames (default: 1, of sr305 0.125)")
+    parser.add_argument(
+        "--unit", type=positive_number, metavar="MM", help="of the depth frames (default: 1, of sr305 0.125)"
+    )
     parser.add_argument("--hand", choices=("right", "left", "either"), default="either",
                         help="in the depth frames (default: %(default)s, the one that most of them show)")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
@@ -72,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--joints", type=int, choices=(31, 14), help="how many of NYU's joints to use (default: all that are there)"
     )
-    parser.add_argument("--half-cube", type=float, metavar="MM",
+    parser.add_argument("--half-cube", type=positive_number, metavar="MM",
                         help="unit of the skeleton, and of frames without half_cube (default: "
                              f"that of most frames, else {CUBE_MM / 2:g})")  # fmt: skip
     parser.add_argument("--percentile", type=float, default=0.5, metavar="P",
@@ -82,12 +82,14 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.frames < FEWEST_FRAMES:
         parser.error(f"--frames must be at least {FEWEST_FRAMES}, found {args.frames}")
-    if args.half_cube is not None and not 0 < args.half_cube < np.inf:
-        parser.error(f"--half-cube must be more than 0, found {args.half_cube:g}")
     if not 0 <= args.percentile < 50:
         parser.error(f"--percentile must be at least 0 and less than 50, found {args.percentile:g}")
     if args.from_depth != (args.camera is not None):
         parser.error("--from-depth and --camera belong together")
+    for name in OF_ANNOTATIONS if args.from_depth else OF_DEPTH:
+        if getattr(args, name) != parser.get_default(name):
+            where = "is for annotated frames" if args.from_depth else "is for --from-depth"
+            parser.error(f"--{name.replace('_', '-')} {where}")
     if not args.from_depth and len(args.annotations) > 1:
         parser.error(f"{len(args.annotations)} ANNOTATIONS; expected one file, or a list of files")
     return guarded(run_on_depth if args.from_depth else run, args)
@@ -95,7 +97,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate as the parsed arguments say. Raises NetlibError."""
-    _check_out(args.out, args.force)
+    check_out(args.out, args.force)
     template = skeletons.load(args.template) if args.template else skeletons.load()
     (annotations,) = args.annotations
     frames = read_observations(
@@ -109,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
                           percentile=args.percentile, seed=args.seed, progress=progress)  # fmt: skip
     comment = calibration_report.comment(template, frames, found, unit, source=Path(annotations).name,
                                          percentile=args.percentile)  # fmt: skip
-    _write(args.out, found.skeleton, comment)
+    write_skeleton(args.out, found.skeleton, comment)
     print(calibration_report.report(template, frames, found, unit))
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     after = float(np.nanmean(found.after)) * unit
@@ -121,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
 
 def run_on_depth(args: argparse.Namespace) -> int:
     """Find size and girth as the parsed arguments say. Raises NetlibError."""
-    _check_out(args.out, args.force)
+    check_out(args.out, args.force)
     begun = time.perf_counter()
     predictor = load_predictor(args.camera, hand=args.hand)
     frames = [(image, read_frame(image, args.camera, args.unit)) for image in args.annotations]
@@ -130,30 +132,13 @@ def run_on_depth(args: argparse.Namespace) -> int:
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
              f"its flesh {size.girth:.2f} times as thick, from the depth of {len(frames)} frames.")  # fmt: skip
     mirrored = " The file is its mirror image, a right hand." if hand == "left" else ""
-    _write(args.out, sized(predictor.skeleton, size), words + mirrored)
+    write_skeleton(args.out, sized(predictor.skeleton, size), words + mirrored)
     say(words)
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
     if size.deviation > UNSURE:
         print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
               "each? (tools/predict.py draws it)", file=sys.stderr)  # fmt: skip
     return DONE
-
-
-def _write(out: Path, skeleton: Skeleton, comment: str) -> None:
-    try:
-        replace_text(out, text_of(skeleton.param, out.stem, comment))
-    except OSError as error:
-        raise NetlibError(f"{out}: cannot write the skeleton: {reason_of(error)}") from None
-
-
-def _check_out(out: Path, force: bool) -> None:
-    """Raise NetlibError at once rather than after the work if the file cannot be written."""
-    if not out.parent.is_dir():
-        raise NetlibError(f"{out}: no folder {out.parent}")
-    if out.is_dir():
-        raise NetlibError(f"{out}: is a folder; expected the name of a file")
-    if out.exists() and not force:
-        raise NetlibError(f"{out}: is there already; choose another --out, or use --force to replace it")
 
 
 if __name__ == "__main__":

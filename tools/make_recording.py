@@ -39,10 +39,9 @@ from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracks.json_file import JsonWriter
 from netlib.errors import NetlibError
-from tools.arguments import camera, natural, parser_of
+from tools.arguments import camera, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
-from tools.sources import positive_number
 from tools.stopper import StoppedError, Stopper
 
 

@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
             except DataError:  # nothing is found
                 figures.append((False, False, np.nan, np.nan))
                 continue
-            seconds += time.perf_counter() - begun
+            finally:
+                seconds += time.perf_counter() - begun
             located = predictor.locator.hands(depth, NYU).center[0]
             off = float(np.linalg.norm(found.xyz[palm] - joints[palm]))
             error = float(joint_errors(found.xyz[None], joints[None])[0])

@@ -36,10 +36,9 @@ from handpose.predicting.packaged import load_predictor
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracking.tracker import Tracker
-from tools.arguments import add_engine, natural, parser_of, positive
+from tools.arguments import add_engine, natural, parser_of, positive, positive_number
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
-from tools.sources import positive_number
 
 Row = dict[str, str | float | None]
 TITLES = {  # of the columns, and how they are written

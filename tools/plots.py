@@ -6,13 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from handpose.fitting.angles import rotations
-from handpose.scoring import metrics
 from handpose.scoring.published_predictions import THRESHOLDS_MM, Benchmark, Score
-from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
 from tools import pictures
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito, without yellow
@@ -60,29 +54,3 @@ def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
     axis.tick_params(axis="x", length=0)
     axis.set(ylabel="mean error, mm", xlim=(-0.6, places[-1] + 0.6))
     axis.grid(True, axis="y", alpha=0.3)
-
-
-def plot_angle_errors(errors: Mapping[str, Array], skeleton: Skeleton, out: str | Path) -> None:
-    """Success curves by mean angle error, and the mean error of every rotation. Raises NetlibError.
-
-    errors  (N, R) degrees, by method
-    """
-    figure = pictures.new_figure(12, 7.5)
-    above, below = figure.subplots(2, 1)
-    names = [skeleton.dof_names[d] for d in rotations(skeleton)]
-    width = 0.8 / len(errors)
-    for i, (title, e) in enumerate(errors.items()):
-        colour = COLOURS[i % len(COLOURS)]
-        above.plot(THRESHOLDS_DEG, 100 * metrics.success_rate(e, THRESHOLDS_DEG, worst=False), color=colour,
-                   label=f"{title}: {e.mean():.2f}°")  # fmt: skip
-        below.bar(np.arange(len(names)) - 0.4 + i * width, e.mean(axis=0), width, align="edge", color=colour)
-    above.set(xlabel="threshold, degrees", ylabel="frames with mean angle error within, %", xlim=(0, 60), ylim=(0, 101))
-    above.legend(frameon=False)
-    below.set(ylabel="mean error, degrees")
-    below.set_xticks(range(len(names)), [name.replace("_rot_", " ").replace("_", " ") for name in names],
-                     rotation=60, ha="right")  # fmt: skip
-    for axis in (above, below):
-        axis.grid(True, axis="both" if axis is above else "y", alpha=0.3)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
-    pictures.write_figure(out, figure, dpi=110)

@@ -52,7 +52,7 @@ from handpose.predicting.predictor import Predictor
 from netlib.errors import DataError
 from netlib.paths import ROOT
 from tools import findings, hand_pages, pictures
-from tools.arguments import add_engine, camera, center, natural, parser_of
+from tools.arguments import add_engine, camera, center, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 
 
@@ -70,12 +70,12 @@ def main(argv: list[str] | None = None) -> int:
                         help="(default: either, with --fit no right)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
-    parser.add_argument("--cube", type=float, default=CUBE_MM, metavar="MM",
+    parser.add_argument("--cube", type=positive_number, default=CUBE_MM, metavar="MM",
                         help="edge of the cube (default: %(default)g)")  # fmt: skip
     parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are whole depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
-    parser.add_argument("--unit", type=float, metavar="MM",
+    parser.add_argument("--unit", type=positive_number, metavar="MM",
                         help="what a pixel's value of 1 stands for (default: 1, of sr305 0.125)")  # fmt: skip
     parser.add_argument("--center", type=center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: middle of the hand, once for all frames or once per frame")  # fmt: skip
@@ -93,10 +93,6 @@ def main(argv: list[str] | None = None) -> int:
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
                      "expected once, or for each")  # fmt: skip
-    if args.unit is not None and not 0 < args.unit < float("inf"):
-        parser.error(f"--unit must be more than 0, found {args.unit:g}")
-    if not 0 < args.cube < float("inf"):
-        parser.error(f"--cube must be more than 0, found {args.cube:g}")
     return guarded(run, args)
 
 

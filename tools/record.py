@@ -30,10 +30,10 @@ from handpose.recordings.first_look import look
 from handpose.recordings.recording import Recording
 from handpose.recordings.writing import RecordingWriter
 from netlib.errors import NetlibError
-from tools.arguments import parser_of, positive
+from tools.arguments import parser_of, positive, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
-from tools.sources import add_source_options, opened, positive_number, say_first_look
+from tools.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
 from tools.stopper import StoppedError, Stopper
 
 COARSEST_MM = 1.0  # unit of what is written, unless --out-unit says another: sources in metres have fractions
@@ -73,9 +73,7 @@ def run(args: argparse.Namespace) -> int:
         except NetlibError as error:
             kept = f"; {args.out} keeps the {writer.count} frames before it" if writer.count else ""
             raise NetlibError(f"{error}{kept}") from None
-        for line in (*recording.remarks, recording.cut):  # what was found on the way
-            if line and line not in seen.remarks:
-                say(f"warning: {line}", file=sys.stderr)
+        say_found_on_the_way(recording, seen)
     if not writer.count:
         raise NetlibError(f"{args.source}: no frames")
     say(f"wrote {args.out}: {writer.count} frames of {seconds:.1f} s, unit {unit:g} mm")
@@ -87,8 +85,7 @@ def _write(
 ) -> float:
     """Write frames till there are so many; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
-    total = min((count for count in (recording.count, frames) if count), default=0)
-    with writer, ProgressBar(total, what="recording") as progress:
+    with writer, ProgressBar(total_of(recording, frames), what="recording") as progress:
         for frame in recording:
             stopper.check()
             first = frame.time if first is None else first

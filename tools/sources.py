@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import math
 import sys
 from pathlib import Path
 from typing import TextIO
@@ -28,7 +27,7 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
                         help=f"which saw the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
                              "(default: what the source says, or a camera.json beside it)")  # fmt: skip
-    unit, rate = (functools.partial(positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
+    unit, rate = (functools.partial(arguments.positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
     parser.add_argument("--unit", type=unit, metavar="MM", help="what a stored value of 1 stands for")
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frames per second of frames without times")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
@@ -62,20 +61,20 @@ def say_first_look(look: FirstLook, file: TextIO | None = None) -> None:
         say(f"warning: {look.name}: {warning}", file=sys.stderr)
 
 
+def say_found_on_the_way(recording: Recording, seen: FirstLook) -> None:
+    """Print what a recording tells of itself now, and did not at the first look."""
+    for line in (*recording.remarks, recording.cut):
+        if line and line not in seen.remarks:
+            say(f"warning: {line}", file=sys.stderr)
+
+
+def total_of(recording: Recording, frames: int | None) -> int:
+    """How many frames of a recording will be seen, at most ``frames``; 0 if nobody knows."""
+    return min((count for count in (recording.count, frames) if count), default=0)
+
+
 def _camera(text: str) -> Camera | Path:
     return Path(text) if text.lower().endswith(".json") else arguments.camera(text)
-
-
-def positive_number(text: str, most: float = math.inf) -> float:
-    """A command-line number of more than 0, and at most ``most``."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0 < number <= most or number == math.inf:
-        limit = f" and at most {most:g}" if most < math.inf else ""
-        raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
-    return number
 
 
 def _lens(text: str) -> Lens:

@@ -46,10 +46,10 @@ from handpose.tracking.tracker import Tracker
 from handpose.tracks.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError
 from tools import findings, pictures
-from tools.arguments import add_engine, parser_of, positive
+from tools.arguments import add_engine, parser_of, positive, positive_number
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
-from tools.sources import add_source_options, opened, positive_number, say_first_look
+from tools.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
 from tools.stopper import StoppedError, Stopper
 from tools.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
@@ -92,9 +92,7 @@ def run(args: argparse.Namespace) -> int:
         except StoppedError:
             say(f"stopped; {summary.frames} frames are kept" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
-        for line in (*recording.remarks, recording.cut):  # what was found on the way
-            if line and line not in seen.remarks:
-                say(f"warning: {line}", file=sys.stderr)
+        say_found_on_the_way(recording, seen)
         if summary.frames:
             _say_summary(summary, time.perf_counter() - begun, outputs, talk)
         elif status == DONE:
@@ -106,8 +104,7 @@ def _track(
     recording: Recording, tracker: Tracker, outputs: Outputs, summary: Summary, stopper: Stopper, frames: int | None
 ) -> None:
     """Track and write till the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
-    total = min((count for count in (recording.count, frames) if count), default=0)
-    with outputs, ProgressBar(total, what="tracking") as progress:
+    with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
         for frame in islice(recording, frames):
             stopper.check()
             found = tracker.step(frame)

@@ -25,7 +25,7 @@ import tools
 tools.begin(__name__)
 
 from tools import training
-from tools.arguments import add_engine, natural, parser_of, positive, weight
+from tools.arguments import add_engine, natural, parser_of, positive, positive_number
 from tools.console import guarded
 from tools.ranks import first_speaks, world
 
@@ -43,14 +43,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--log", metavar="FILE", help="write the log to this file, too; a resumed training adds to it")
     parser.add_argument("--ranks-divide-batch", action="store_true",
                         help="several processes divide the net's batch, instead of each running all of it")  # fmt: skip
-    parser.add_argument("--patience", type=weight, metavar="S",
+    parser.add_argument("--patience", type=positive_number, metavar="S",
                         help="wait S seconds for a process in a step (default: 20 steps, at least 10 s)")  # fmt: skip
     with first_speaks():
         args = parser.parse_args(argv)
         if args.snapshot and args.weights:
             parser.error("--snapshot brings its own weights; give either it or --weights")
-        if args.patience == 0:
-            parser.error("argument --patience: expected more than 0")
     return guarded(run, args)
 
 

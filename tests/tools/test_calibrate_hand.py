@@ -144,6 +144,10 @@ def test_mistakes(work, frames, capsys, more, message):
         ["--percentile", "50"],
         ["--percentile", "nan"],
         ["--seed", "-1"],
+        ["--unit", "0.125"],
+        ["--hand", "left"],
+        ["--from-depth", "--camera", "nyu", "--frames", "100"],
+        ["--from-depth", "--camera", "nyu", "--template", "nyu.prototxt"],
     ],
 )
 def test_wrong_usage(work, capsys, more):

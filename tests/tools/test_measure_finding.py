@@ -25,8 +25,9 @@ def test_where_nothing_is_found(capsys, monkeypatch):
 
     monkeypatch.setattr(Locator, "hands", nothing)
     assert measure_finding.main(["--scenes", "1", "--json"]) == 0
-    (forearm, every) = json.loads(capsys.readouterr().out)["rows"]
-    assert forearm | {"scenes": "all"} == every
+    said = json.loads(capsys.readouterr().out)
+    (forearm, every) = said["rows"]
+    assert said["ms"] > 0 and forearm | {"scenes": "all"} == every
     assert (every["count"], every["found"], every["right"], every["mean"], every["located"]) == (1, 0, 0, None, None)
 
 

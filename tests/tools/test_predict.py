@@ -305,7 +305,7 @@ def test_a_frame_without_its_camera(frame, capsys):
             ["--camera", "nyu", *["--center", "1,2"] * 3],
             "--center is given 3 times for 2 images; expected once, or for",
         ),
-        (["--camera", "nyu", "--unit", "0"], "--unit must be more than 0, found 0"),
+        (["--camera", "nyu", "--unit", "0"], "argument --unit: expected a number of more than 0, found '0'"),
         (["--camera", "nyu", "--refine", "-1"], "expected a whole number, found '-1'"),
         (["--hand", "either"], "--hand either needs a fit, which tells the hands apart; say --hand right or left"),
     ],

@@ -19,7 +19,7 @@ from tests.tools.conftest import ROOT
 SHARED = {
     "advice", "arguments", "caffe_log", "caffe_reports", "console", "costs", "databases", "findings", "hand_pages",
     "onnx_graph", "onnx_hand", "onnx_layers", "onnx_net", "pictures", "plots", "preparing", "progress", "ranks",
-    "sitting", "sources", "stopper", "table1_pictures", "track_outputs", "training",
+    "sitting", "skeletons", "sources", "stopper", "table1_pictures", "track_outputs", "training",
 }  # fmt: skip
 PACKAGES = {"exercises"}  # the same: folders in tools/
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")

@@ -151,7 +151,7 @@ def test_wrong_usage_is_said_once(work):
         assert done.returncode == 2
         assert ours(done.stderr) == [
             "usage: train.py [-h] [--no-python-layers] [--snapshot STATE] [--weights FILE]",
-            "train.py: error: argument --patience: expected more than 0",
+            "train.py: error: argument --patience: expected a number of more than 0, found '0'",
         ]
 
 
