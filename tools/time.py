@@ -11,7 +11,7 @@ batch); the passes below them run on all threads, as in training. --memory lists
 from __future__ import annotations
 
 import argparse
-import resource
+import contextlib
 import sys
 from pathlib import Path
 
@@ -58,7 +58,10 @@ def run(args: argparse.Namespace) -> int:
     if args.memory:
         for what, size in memory_of(net):
             say(f"{size / 2**20:10.2f} MiB  {what}")
-        say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
+        with contextlib.suppress(ImportError):  # Windows has no such module
+            import resource
+
+            say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
         return DONE
     say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
     print("*** Benchmark begins ***")

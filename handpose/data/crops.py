@@ -94,11 +94,7 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
             f"crop {bad}: centre u {u:g} px, v {v:g} px, depth {d:g} mm with a cube of {cube[bad]:g} mm; "
             "expected finite numbers, depth and cube above 0"
         )
-    d = center[:, 2]
-    edges = [
-        (np.floor((at * d / f - cube / 2) / d * f), np.floor((at * d / f + cube / 2) / d * f))
-        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
-    ]
+    edges = pixels_of(center, cube, camera)
     longest = np.maximum(*(np.maximum(stop - start, 1) for start, stop in edges))
     spans = []
     for start, stop in edges:
@@ -106,6 +102,18 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
         length = np.maximum(extent * size // longest, 1)
         spans.append(_Span(start, extent, size // 2 - length // 2, length))
     return spans[0], spans[1]
+
+
+def pixels_of(center: Array, cube_mm: ArrayLike, camera: Camera) -> list[tuple[Array, Array]]:
+    """The first pixel of the cubes at centres (N, 3), and the one after the last, (N,) each: of columns, of rows.
+
+    They may lie outside the image.
+    """
+    d, half = center[:, 2], np.asarray(cube_mm) / 2
+    return [
+        (np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
+        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
+    ]
 
 
 def check_size(depth: NDArray[np.generic], camera: Camera) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop
+from handpose.data.crops import crop, pixels_of
 from handpose.facts.cameras import Camera
 from handpose.fitting.depth.observation import BACKGROUND
 from handpose.tracking.looking import Aim, Sight
@@ -28,7 +28,7 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
         return "nothing was read in this frame"
     if d <= 0:
         return LEFT
-    beyond = _edges_near(camera, cube_mm * MARGIN, aim)
+    beyond = _edges_beyond(camera, 2 * cube_mm * MARGIN, aim)
     if beyond:
         return _left_at(beyond)
     try:
@@ -41,7 +41,7 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
         return f"nothing is seen where it was, {d:.0f} mm away"
     if sight is None:
         return LEFT
-    cut = [edge for edge in _edges_near(camera, cube_mm / 2, aim) if _reaches(edge, depth, camera, cube_mm, aim)]
+    cut = [edge for edge in _edges_beyond(camera, cube_mm, aim) if _reaches(edge, depth, camera, cube_mm, aim)]
     if cut:  # a wrist, say, whose hand is outside already
         return _left_at(cut)
     return f"{NO_HAND} (confidence {sight.confidence:.0%})"
@@ -51,25 +51,16 @@ def _left_at(edges: list[str]) -> str:
     return f"{LEFT} at the {' '.join(edges)} edge"
 
 
-def _edges_near(camera: Camera, mm: float, aim: Aim) -> list[str]:
-    """The edges of the image to which the middle is nearer than so many mm, or beyond which it is."""
-    u, v, d = aim.center_uvd
-    across, down = mm * camera.fx / d, mm * camera.fy / d
-    near = {
-        "left": u < across,
-        "right": u > camera.width - across,
-        "upper": v < down,
-        "lower": v > camera.height - down,
-    }
-    return [edge for edge, is_near in near.items() if is_near]
+def _edges_beyond(camera: Camera, cube_mm: float, aim: Aim) -> list[str]:
+    """The edges of the image beyond which a part of the cube lies."""
+    (left, right), (upper, lower) = pixels_of(aim.center_uvd[None], cube_mm, camera)
+    beyond = {"left": left < 0, "right": right > camera.width, "upper": upper < 0, "lower": lower > camera.height}
+    return [edge for edge, is_beyond in beyond.items() if is_beyond]
 
 
 def _reaches(edge: str, depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim) -> bool:
     """Is there something in the cube that the edge cuts?"""
-    u, v, d = aim.center_uvd
-    across, down = (cube_mm / 2 * f / d for f in (camera.fx, camera.fy))
-    rows, columns = (
-        slice(max(int(middle - half), 0), max(int(middle + half) + 1, 0)) for middle, half in ((v, down), (u, across))
-    )
+    columns, rows = (slice(max(int(first), 0), max(int(end), 0))
+                     for (first,), (end,) in pixels_of(aim.center_uvd[None], cube_mm, camera))  # fmt: skip
     line = {"left": depth[rows, 0], "right": depth[rows, -1], "upper": depth[0, columns], "lower": depth[-1, columns]}
-    return bool((np.abs(line[edge] - d) < cube_mm / 2).any())
+    return bool(((line[edge] > 0) & (np.abs(line[edge] - aim.center_uvd[2]) < cube_mm / 2)).any())

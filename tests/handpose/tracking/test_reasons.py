@@ -63,6 +63,15 @@ def test_something_that_an_edge_cuts() -> None:
     assert why(np.where(np.arange(120)[:, None] > 70, 600.0, wall()), 80, 95) == f"{LEFT} at the lower edge"
 
 
+def test_an_edge_where_nothing_was_read() -> None:
+    """Cuts nothing, however near the hand is."""
+    depth = wall(0)
+    depth[30:90, 40:120] = 130
+    assert why(depth, 80, d=130).startswith(NO_HAND)
+    depth[30:90, 120:] = 130
+    assert why(depth, 80, d=130) == f"{LEFT} at the right edge"
+
+
 def test_an_empty_frame() -> None:
     """Says nothing of any hand, wherever it was."""
     assert why(wall(0)) == why(wall(0), -5) == "nothing was read in this frame"
