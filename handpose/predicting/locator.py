@@ -18,7 +18,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
-AGAIN = 12  # of the places, the likeliest are looked at again ...
+LIKELIEST = 12  # of the places, the likeliest are looked at again ...
 TIMES = 3  # ... so often, each time from where the hand was said to be
 APART_MM = 60.0  # hands nearer to each other are one
 HANDS = 4  # at most so many are told, and the nearest thing
@@ -60,7 +60,7 @@ class Locator:
             raise DataError(f"nothing as large as a hand is seen nearer than {FAR_MM:.0f} mm")
         chance, where = self.look(crops)
         for _ in range(TIMES):
-            likeliest = np.argsort(-odds_of(chance, centers), kind="stable")[:AGAIN]
+            likeliest = np.argsort(-odds_of(chance, centers), kind="stable")[:LIKELIEST]
             crops, centers = place_crops(image, (centers + where)[likeliest], camera)
             if not len(centers):
                 raise DataError("what may be a hand is out of sight")
@@ -79,6 +79,15 @@ class Locator:
             odds = odds_of(self.look(crops)[0], nearest)
             found = Located(np.concatenate([found.center, nearest]), np.concatenate([found.odds, odds]))
         return found
+
+    def at(self, depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[Array, Array]:
+        """Chances (n,) that hands are near the places (N, 3) that are in sight, and where (n, 3) their middles are; mm.
+
+        Raises NetlibError for answers that are not finite.
+        """
+        crops, kept = place_crops(depth, places, camera)
+        chance, where = self.look(crops)
+        return chance, kept + where
 
     def look(self, crops: NDArray[np.floating]) -> tuple[Array, Array]:
         """Chance (N,) that a hand is near in crops (N, SIZE, SIZE), and how far (N, 3) in mm its middle is off.

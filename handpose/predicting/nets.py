@@ -112,8 +112,8 @@ def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
     depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
     if net.blobs["depth"].shape != depth.shape:
         net.blobs["depth"].reshape(*depth.shape)
-    last = [layer.name for layer in net.layers if name in layer.spec.top][-1]  # the hand model itself is not needed
-    found = net.forward(blobs=[name], end=last, depth=depth)[name].reshape(len(crops), -1).astype(np.float64)
+    # The hand model is not needed, but takes less than a net that is run in parts, which is no longer run in slices.
+    found = net.forward(blobs=[name], depth=depth)[name].reshape(len(crops), -1).astype(np.float64)
     if not np.isfinite(found).all():
         raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
     found[:, hand.skeleton.fixed] = 0

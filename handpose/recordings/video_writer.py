@@ -9,11 +9,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-
 from handpose.facts.cameras import Camera
 from handpose.recordings import camera_file, ffmpeg
 from handpose.recordings.given import Given
+from handpose.recordings.raw import RATE, stored
 from handpose.recordings.recording import DepthFrame
 from netlib import atomic
 from netlib.errors import DataError
@@ -21,7 +20,6 @@ from netlib.errors import DataError
 TAG = "CAMERA"  # Matroska's tags are in capitals
 TICK = Fraction(1, 1000)  # s: FFmpeg writes no Matroska with a finer one
 OPTIONS = {"level": "3", "slicecrc": "1", "g": "1"}  # every frame alone, with checksums
-LARGEST = 65535
 
 
 class VideoWriter:
@@ -57,7 +55,7 @@ class VideoWriter:
     def _new_stream(self) -> Any:
         said = Given(self._camera, None, self._unit, self._rate)
         self._container.metadata[TAG] = camera_file.to_text(said)
-        rate = Fraction(self._rate or 30).limit_denominator(1 << 16)
+        rate = Fraction(self._rate or RATE).limit_denominator(1 << 16)
         stream = self._container.add_stream("ffv1", rate=rate, options=OPTIONS)
         stream.width, stream.height, stream.pix_fmt = self._camera.width, self._camera.height, "gray16le"
         stream.codec_context.thread_count = 1  # no frame waits in the encoder
@@ -66,14 +64,8 @@ class VideoWriter:
 
     def write(self, frame: DepthFrame) -> None:
         """Append a frame."""
-        shape = (self._camera.height, self._camera.width)
         where = f"{self._path}: frame {frame.number}"
-        if frame.depth.shape != shape:
-            raise DataError(f"{where}: shape {frame.depth.shape}, expected {shape}")
-        values = np.rint(frame.depth / np.float32(self._unit))
-        if not 0 <= values.min() <= values.max() <= LARGEST:
-            raise DataError(f"{where}: depths from {frame.depth.min():g} to {frame.depth.max():g} mm; in units of "
-                            f"{self._unit:g} mm, 16 bits hold 0 to {LARGEST * self._unit:g}")  # fmt: skip
+        values = stored(frame.depth, self._unit, where)
         tick = round(frame.time / TICK)
         if self._last is not None and tick <= self._last:
             raise DataError(f"{where}: at {frame.time:.6f} s, less than 1 ms after the frame before; "

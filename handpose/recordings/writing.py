@@ -58,7 +58,7 @@ class RecordingWriter:
         elif self.path.suffix.lower() == ".npz":
             self._writer = self._stack.enter_context(contextlib.closing(StackWriter(*arguments)))
         else:
-            from handpose.recordings.video import VideoWriter
+            from handpose.recordings.video_writer import VideoWriter
 
             with atomic.naming(self.path):
                 self.path.parent.mkdir(parents=True, exist_ok=True)

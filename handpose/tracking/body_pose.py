@@ -13,6 +13,7 @@ import numpy as np
 
 from handpose.fitting.depth.body import FleshModel
 from handpose.tracking.one_euro import turn_between, turned
+from layers.hand.kinematics import rotation
 from netlib.blob import Array
 from netlib.errors import NetlibError
 
@@ -70,7 +71,7 @@ class Placer:
         """The root's rotation (3, 3) of x (V,)."""
         result = np.eye(3)
         for axis, angle in zip(self._axes, self._turn_signs * (x[self._turns] + self._turn_initial)):
-            result = result @ _about(axis, angle)
+            result = result @ rotation(axis, angle)
         return result
 
     def variables(self, body: Placed, center_mm: Array) -> Array:
@@ -116,13 +117,3 @@ def moved(body: Placed, motion: Motion, seconds: float) -> Placed:
         turned(body.rotation, motion.turn * seconds),
         body.others + motion.others * seconds,
     )
-
-
-def _about(axis: int, angle: float) -> Array:
-    """The rotation (3, 3) about an axis."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R = np.eye(3)
-    R[i, i] = R[j, j] = c
-    R[j, i], R[i, j] = s, -s
-    return R

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import crop
-from handpose.data.places import place_crops
 from handpose.facts.cameras import Camera
 from handpose.fitting.depth.fit import DepthFit
 from handpose.fitting.depth.observation import observe
@@ -131,11 +130,9 @@ class Looker:
         """Where the locator would have the crop's centre (3,), px, px, mm; or else the network, if it was asked."""
         middle, side = self.camera.unproject(sight.aim.center_uvd)[None], sight.aim.side
         for _ in range(TIMES):
-            crops, kept = place_crops(depth, middle, self.camera)
-            chance, where = self.locator.look(crops)
+            chance, middle = self.locator.at(depth, middle, self.camera)
             if not len(chance) or chance[0] < LIKELY:
                 break
-            middle = kept + where
         else:
             return self.camera.project(middle[0])
         if sight.aim.moved_mm is not None:

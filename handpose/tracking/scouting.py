@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.places import place_crops, surface_places
+from handpose.data.places import surface_places
 from handpose.facts.cameras import Camera
 from handpose.predicting.locator import Locator, odds_of
 from handpose.tracking.looking import LIKELY
@@ -18,7 +18,7 @@ from netlib.blob import Array
 ROUND, ROUND_ALONE = 0.5, 0.2  # s that a round takes, while a hand is followed, and while none is ...
 MOST, MOST_ALONE = 200.0, 1500.0  # ... but for so many places a second, which is what there is time for
 APART_MM = 170.0  # from the middles of hands that are followed
-AGAIN = 2  # times that a likely place is looked at again, from where the hand was said to be
+TIMES = 2  # that a likely place is looked at again, from where the hand was said to be
 
 
 class Scout:
@@ -32,7 +32,7 @@ class Scout:
 
     def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The chance that there is a hand about a place (3,) in mm."""
-        found, _ = self._seen(depth, middle[None])
+        found, _ = self.locator.at(depth, middle[None], self.camera)
         return float(found.max(initial=0.0))
 
     def look(self, depth: NDArray[np.float32], followed: Array, time: float) -> Array | None:
@@ -51,10 +51,11 @@ class Scout:
         some, self._left = self._left[:count], self._left[count:]
         if len(followed) and len(some):
             some = some[np.linalg.norm(some[:, None] - followed, axis=2).min(axis=1) > APART_MM]
-        chance, middle = self._seen(depth, some)
-        for _ in range(AGAIN):
+        chance, middle = self.locator.at(depth, some, self.camera)
+        for _ in range(TIMES):
             likely = chance > LIKELY
-            chance, middle = self._seen(depth, middle[likely][np.argsort(-chance[likely])][:4])
+            likeliest = middle[likely][np.argsort(-chance[likely])][:4]
+            chance, middle = self.locator.at(depth, likeliest, self.camera)
         good = chance > LIKELY
         if len(followed) and good.any():
             good &= np.linalg.norm(middle[:, None] - followed, axis=2).min(axis=1) > APART_MM
@@ -66,11 +67,3 @@ class Scout:
         """All places, the nearest first: a hand is held towards the camera."""
         places = surface_places(depth, self.camera)
         return places[np.argsort(places[:, 2], kind="stable")]
-
-    def _seen(self, depth: NDArray[np.float32], places: Array) -> tuple[Array, Array]:
-        """Chances (n,) and middles (n, 3) of the places (N, 3) that are in sight."""
-        crops, kept = place_crops(depth, places, self.camera)
-        if not len(kept):
-            return np.zeros(0), np.zeros((0, 3))
-        chance, where = self.locator.look(crops)
-        return chance, kept + where

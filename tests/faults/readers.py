@@ -869,7 +869,7 @@ def make_videos() -> list[str]:
     """A video as our writer leaves it, and one of raw values."""
     from handpose.facts.cameras import Camera
     from handpose.recordings.recording import DepthFrame
-    from handpose.recordings.video import VideoWriter
+    from handpose.recordings.video_writer import VideoWriter
 
     depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.float32)
     for name, images in (("noise.mkv", depth), ("smooth.mkv", np.sort(depth, axis=2))):

@@ -18,7 +18,8 @@ from handpose.facts.cameras import Camera
 from handpose.recordings.given import Given
 from handpose.recordings.lens import Lens
 from handpose.recordings.recording import DepthFrame
-from handpose.recordings.video import VideoWriter, open_video
+from handpose.recordings.video import open_video
+from handpose.recordings.video_writer import VideoWriter
 from netlib.errors import DataError, NetlibError
 
 av = pytest.importorskip("av", reason="PyAV is missing: pip install av")
@@ -231,10 +232,12 @@ class TestWriter:
     @pytest.mark.parametrize(
         ("change", "said"),
         [
-            ({"depth": np.full((48, 64), 9000, np.float32)}, "16 bits hold 0 to 8191"),
-            ({"depth": np.full((48, 64), -1, np.float32)}, "16 bits hold"),
-            ({"depth": np.full((48, 64), np.nan, np.float32)}, "16 bits hold"),
-            ({"depth": np.zeros((4, 4), np.float32)}, "shape"),
+            (
+                {"depth": np.full((48, 64), 9000, np.float32)},
+                "16 bits of 0.125 mm; expected 0 to 8191",
+            ),
+            ({"depth": np.full((48, 64), -1, np.float32)}, "does not fit into 16 bits"),
+            ({"depth": np.full((48, 64), np.nan, np.float32)}, "does not fit into 16 bits"),
             ({"time": 0.0002}, "less than 1 ms"),
         ],
     )

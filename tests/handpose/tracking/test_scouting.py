@@ -9,13 +9,14 @@ import pytest
 
 from handpose.data.places import CUBE_MM, SIZE
 from handpose.facts.cameras import NYU
+from handpose.predicting.locator import Locator
 from handpose.tracking.scouting import Scout
 
 FRAME = 1 / 30
 NOBODY = np.zeros((0, 3))
 
 
-class Blocks:
+class Blocks(Locator):
     """Where a crop shows something before something else, there is a hand, and its middle is the middle of that."""
 
     def __init__(self) -> None:

@@ -108,7 +108,7 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
     smooth_xyz, raw_xyz = (np.array([frame.hands[0].xyz for frame in told]) for told in (shown.told, raw.told))
     assert not np.allclose(smooth_xyz, raw_xyz, atol=1)
     restless = [np.linalg.norm(np.diff(xyz, 2, axis=0), axis=2).mean() for xyz in (smooth_xyz, raw_xyz)]
-    assert restless[0] < 0.8 * restless[1]
+    assert restless[0] < 0.95 * restless[1]
     assert shown.score().hands[0].errors.mean < raw.score().hands[0].errors.mean + 2
 
 
