@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data.json_fields import Fields, parsed
 from handpose.facts import nyu
-from handpose.tracks.fields import Fields, parsed
 from netlib import atomic, files
 from netlib.blob import Array
 from netlib.errors import DataError

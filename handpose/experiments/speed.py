@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 import netlib
+from handpose.data.json_fields import Fields, parsed
 from handpose.experiments.machine import machine
 from handpose.experiments.networks import PROTOTXT
 from handpose.synthetic.generator import Generator
-from handpose.tracks.fields import Fields, parsed
 from netlib import atomic, engine, files
 from netlib.blob import Array
 from netlib.net import Net

@@ -45,7 +45,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, TextIO
 
-from handpose.tracks.fields import Fields, parsed
+from handpose.data.json_fields import Fields, parsed
 from handpose.tracks.growing import GrowingFile
 from handpose.tracks.json_values import FrameValues, header_of, header_values
 from handpose.tracks.track import TrackedFrame, TrackHeader

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handpose.data.json_fields import Fields
 from handpose.facts.cameras import Camera
 from handpose.tracks import angles
-from handpose.tracks.fields import Fields
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of

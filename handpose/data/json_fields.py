@@ -21,7 +21,7 @@ def parsed(text: str, where: str) -> Any:
     try:
         return json.loads(text)
     except RecursionError:
-        raise DataError(f"{where}: JSON of too many levels; expected a track") from None
+        raise DataError(f"{where}: JSON of too many levels") from None
     except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
         raise DataError(f"{where}: not whole JSON: {error}") from None
 
