@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     """Do what the parsed arguments say."""
     deadline = time.monotonic() + 3600 * args.hours if args.hours is not None else float("inf")
     sitting = Sitting(args.ledger, args.work, args.command, deadline, args.longest, args.threads)
-    if (args.list or args.page) and not args.ledger.is_dir():
+    if not args.ledger.is_dir() and (args.list or args.page or args.ledger.exists()):
         raise NetlibError(f"{args.ledger}: no such folder; expected the ledger, whose files --list and --page show")
     if args.list:
         print(aligned(report([*_jobs(args), *_lambdas(args, sitting)], sitting.ledger_of, args.longest)))
@@ -98,8 +98,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(args: argparse.Namespace) -> None:
     """The page and its pictures, from the ledger."""
-    make_folder(args.out)
     entries = {name: ledger.read_all(args.ledger, name) for name in SETTINGS}
+    if not any(entries.values()):
+        if not args.page:  # the time was over before the first length was scored
+            return
+        raise NetlibError(f"{args.ledger}: holds no training yet, so there is no page; expected "
+                          f"{' or '.join(SETTINGS)} in it, with a file for each length")  # fmt: skip
+    make_folder(args.out)
     for path in write_pictures(args.out, args.ledger, entries, skeletons.load()):
         say(f"wrote {path}", file=sys.stderr)
     page = table1_page.page_of(entries, speed.read(args.ledger / speed.WHERE))

@@ -17,9 +17,18 @@ LARGEST = 1e12  # of a number; with larger ones sums and products may overflow
 
 
 def parsed(text: str, where: str) -> Any:
-    """The value of a JSON text. Raises DataError."""
+    """The value of a JSON text, in which no key stands twice. Raises DataError."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in found:
+                raise DataError(f"{where}: has {key!r} twice")
+            found[key] = value
+        return found
+
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=unique)
     except RecursionError:
         raise DataError(f"{where}: JSON of too many levels") from None
     except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
@@ -55,20 +64,25 @@ class Fields:
         """The field is true or false."""
         return bool(self._checked(name, bool, "true or false"))
 
-    def whole(self, name: str) -> int:
-        """The field is a whole number of at least 0."""
+    def whole(self, name: str, least: int = 0) -> int:
+        """The field is a whole number of at least ``least``."""
         value = self._checked(name, int, "a whole number")
-        if isinstance(value, bool) or not 0 <= value <= LARGEST:
-            raise self._wrong(name, "a whole number of at least 0")
+        if isinstance(value, bool) or not least <= value <= LARGEST:
+            raise self._wrong(name, f"a whole number of at least {least}")
         return int(value)
 
-    def number(self, name: str) -> float:
-        """The field is a number."""
-        return float(self.numbers(name))
+    def number(self, name: str, least: float = -math.inf, most: float = math.inf) -> float:
+        """The field is a number from ``least`` to ``most``."""
+        value = float(self.numbers(name))
+        if not least <= value <= most:
+            raise self._wrong(
+                name, f"a number of at least {least:g}" + (f", at most {most:g}" if most < math.inf else "")
+            )
+        return value
 
-    def known(self, name: str) -> float:
-        """The field is a number, or null, which is NaN."""
-        return math.nan if self._value(name) is None else self.number(name)
+    def known(self, name: str, least: float = -math.inf, most: float = math.inf) -> float:
+        """The field is such a number, or null, which is NaN."""
+        return math.nan if self._value(name) is None else self.number(name, least, most)
 
     def positive(self, name: str) -> float:
         """The field is a number above 0."""

@@ -100,8 +100,13 @@ def write(folder: Path, entry: Entry) -> Path:
 
 
 def read_all(folder: Path, setting: str) -> list[Entry]:
-    """All entries of a setting. Raises DataError for a file that is damaged, or not where it belongs."""
-    return [read(path) for path in sorted((folder / setting).glob("*_seed*.json"))]
+    """All entries of a setting. Raises DataError for a file that is damaged, not where it belongs, or of other data."""
+    entries = [read(path) for path in sorted((folder / setting).glob("*_seed*.json"))]
+    for entry in entries:
+        if entry.data != entries[0].data:
+            raise DataError(f"{path_of(folder, *entry.key)}: was made with the data {entry.data!r}, "
+                            f"{path_of(folder, *entries[0].key).name} with {entries[0].data!r}")  # fmt: skip
+    return entries
 
 
 def read(path: Path) -> Entry:
@@ -109,9 +114,9 @@ def read(path: Path) -> Entry:
     of = _fields(path)
     entry = Entry(
         setting=of.text("setting"), network=of.text("network"), recipe=of.text("recipe"), seed=of.whole("seed"),
-        iterations=of.whole("iterations"), error_mm=of.number("error_mm"), seconds=of.number("seconds"),
-        threads=of.whole("threads"), machine=of.text("machine"), data=of.text("data"), made_from=of.text("made_from"),
-        command=of.text("command"), subjects=[_figures(part) for part in of.parts("subjects")],
+        iterations=of.whole("iterations", 1), error_mm=of.number("error_mm", 0), seconds=of.number("seconds", 0),
+        threads=of.whole("threads", 1), machine=of.text("machine"), data=of.text("data"),
+        made_from=of.text("made_from"), command=of.text("command"), subjects=[_figures(part) for part in of.parts("subjects")],
         shown=of.numbers("shown", DRAWN, JOINTS, 3),
     )  # fmt: skip
     if not entry.subjects:
@@ -133,9 +138,12 @@ def read_shown(folder: Path, setting: str) -> Shown:
     """The frames that are drawn. Raises DataError."""
     path = folder / setting / WHERE
     of = _fields(path)
-    frames = list(of.parts("frames"))
-    return Shown([frame.whole("number") for frame in frames], of.numbers("half_cube", DRAWN),
-                 of.numbers("truth", DRAWN, JOINTS, 3), [_crop(frame, path) for frame in frames])  # fmt: skip
+    frames, half_cube = list(of.parts("frames")), of.numbers("half_cube", DRAWN)
+    if len(frames) != DRAWN or half_cube.min() <= 0:
+        raise DataError(f"{path}: {len(frames)} frames, half-cubes from {half_cube.min():g} mm; expected {DRAWN}, and "
+                        "half-cubes above 0")  # fmt: skip
+    return Shown([frame.whole("number") for frame in frames], half_cube, of.numbers("truth", DRAWN, JOINTS, 3),
+                 [_crop(frame, path) for frame in frames])  # fmt: skip
 
 
 def _fields(path: Path) -> Fields:
@@ -144,10 +152,11 @@ def _fields(path: Path) -> Fields:
 
 def _figures(of: Fields) -> Figures:
     return Figures(
-        subject=of.text("subject"), frames=of.whole("frames"), error_14_mm=of.number("error_14_mm"),
-        error_mm=of.number("error_mm"), angle_deg=of.known("angle_deg"), fitted_angle_deg=of.known("fitted_angle_deg"),
-        out_of_limits=of.known("out_of_limits"), within_40_mm=of.number("within_40_mm"),
-        own_bones_mm=of.known("own_bones_mm"), scaled_mm=of.known("scaled_mm"),
+        subject=of.text("subject"), frames=of.whole("frames", 1), error_14_mm=of.number("error_14_mm", 0),
+        error_mm=of.number("error_mm", 0), angle_deg=of.known("angle_deg", 0),
+        fitted_angle_deg=of.known("fitted_angle_deg", 0), out_of_limits=of.known("out_of_limits", 0, 1),
+        within_40_mm=of.number("within_40_mm", 0, 1), own_bones_mm=of.known("own_bones_mm", 0),
+        scaled_mm=of.known("scaled_mm", 0),
         joints_mm=of.numbers("joints_mm", JOINTS).tolist(), success=of.numbers("success", len(THRESHOLDS_MM)).tolist(),
         angles_deg=of.numbers("angles_deg", ROTATIONS).tolist(),
     )  # fmt: skip

@@ -259,6 +259,11 @@ def test_a_ledger_that_is_not_there(made):
     for options in (["--page"], ["--list"]):
         status, out, err = run("--ledger", "lodger", *options)
         assert (status, out) == (1, "") and err.startswith("lodger: no such folder") and err.count("\n") == 1
+    (made / "empty").mkdir()
+    status, out, err = run("--ledger", "empty", "--page")
+    assert (status, out) == (1, "") and err.startswith("empty: holds no training yet") and err.count("\n") == 1
+    (made / "file").write_text("")
+    assert run("--ledger", "file", "--hours", "0")[0] == 1
     assert not (made / "results").exists()
 
 

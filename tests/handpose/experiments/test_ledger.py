@@ -43,8 +43,13 @@ def test_the_frames_that_are_drawn(tmp_path: Path) -> None:
         ('"seed": 1', '"seed": 2', "holds what belongs to one_hand/ours_paper_seed2_4000.json; was it renamed?"),
         ("\n}\n", "\n", "not whole JSON: "),
         ('"subjects"', '"subject"', "there is no 'subjects'"),
+        ('"error_mm": 21.0', '"error_mm": -5', "'error_mm' is -5, expected a number of at least 0"),
+        ('"iterations": 4000', '"iterations": 0', "'iterations' is 0, expected a whole number of at least 1"),
+        ('"frames": 100', '"frames": 0', "'frames' is 0, expected a whole number of at least 1"),
+        ('"within_40_mm": 0.5', '"within_40_mm": 9', "'within_40_mm' is 9, expected a number of at least 0, at most 1"),
+        ('"seed": 1', '"seed": 1, "seed": 1', "has 'seed' twice"),
     ],
-    ids=["number", "place", "cut", "field"],
+    ids=["number", "place", "cut", "field", "negative", "no length", "no frames", "fraction", "twice"],
 )
 def test_a_damaged_entry_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     """It names the file and what is wrong."""
@@ -55,6 +60,26 @@ def test_a_damaged_entry_is_one_line(tmp_path: Path, old: str, new: str, message
     with pytest.raises(DataError) as caught:
         ledger.read_all(tmp_path, "one_hand")
     assert str(caught.value).startswith(f"{path}: ") and message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_entries_of_other_data(tmp_path: Path) -> None:
+    """Are not compared."""
+    ledger.write(tmp_path, entry())
+    other = ledger.write(tmp_path, replace(entry(iterations=6000), data="synthetic_11111111"))
+    with pytest.raises(DataError, match=f"^{other}: was made with the data 'synthetic_11111111'"):
+        ledger.read_all(tmp_path, "one_hand")
+
+
+def test_other_frames_than_are_drawn(tmp_path: Path) -> None:
+    """As many as there are, of hands of some size."""
+    found = shown()
+    ledger.write_shown(tmp_path, "one_hand", replace(found, half_cube=-found.half_cube))
+    with pytest.raises(DataError, match="half-cubes from -"):
+        ledger.read_shown(tmp_path, "one_hand")
+    more = replace(found, numbers=[*found.numbers, 1], crops=[*found.crops, found.crops[0]])
+    ledger.write_shown(tmp_path, "one_hand", more)
+    with pytest.raises(DataError, match=f"{len(more.crops)} frames, .*expected {len(found.crops)}"):
+        ledger.read_shown(tmp_path, "one_hand")
 
 
 def test_a_damaged_crop_is_one_line(tmp_path: Path) -> None:
