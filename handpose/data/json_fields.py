@@ -75,9 +75,8 @@ class Fields:
         """The field is a number from ``least`` to ``most``."""
         value = float(self.numbers(name))
         if not least <= value <= most:
-            raise self._wrong(
-                name, f"a number of at least {least:g}" + (f", at most {most:g}" if most < math.inf else "")
-            )
+            upper = f", at most {most:g}" if most < math.inf else ""
+            raise self._wrong(name, f"a number of at least {least:g}{upper}")
         return value
 
     def known(self, name: str, least: float = -math.inf, most: float = math.inf) -> float:

@@ -116,8 +116,8 @@ def read(path: Path) -> Entry:
         setting=of.text("setting"), network=of.text("network"), recipe=of.text("recipe"), seed=of.whole("seed"),
         iterations=of.whole("iterations", 1), error_mm=of.number("error_mm", 0), seconds=of.number("seconds", 0),
         threads=of.whole("threads", 1), machine=of.text("machine"), data=of.text("data"),
-        made_from=of.text("made_from"), command=of.text("command"), subjects=[_figures(part) for part in of.parts("subjects")],
-        shown=of.numbers("shown", DRAWN, JOINTS, 3),
+        made_from=of.text("made_from"), command=of.text("command"),
+        subjects=[_figures(part) for part in of.parts("subjects")], shown=of.numbers("shown", DRAWN, JOINTS, 3),
     )  # fmt: skip
     if not entry.subjects:
         raise DataError(f"{path}: 'subjects' is empty, expected the figures of one at least")
