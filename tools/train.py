@@ -37,7 +37,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--snapshot", metavar="STATE", help="go on from this solver state (*.solverstate.h5)")
     parser.add_argument("--weights", metavar="FILE", action="append", help="start from these weights (*.caffemodel.h5)")
     parser.add_argument("--max-iter", type=positive, metavar="N", help="instead of the solver's max_iter")
-    parser.add_argument("--seed", type=natural, metavar="N", help="instead of the solver's random_seed")
+    parser.add_argument(
+        "--seed",
+        type=natural,
+        metavar="N",
+        help="instead of the solver's random_seed; a snapshot of ours keeps its own random numbers",
+    )
     parser.add_argument("--threads", type=positive, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
     parser.add_argument("--log", metavar="FILE", help="write the log to this file, too; a resumed training adds to it")

@@ -23,6 +23,7 @@ NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shou
 USUAL_MM = (300.0, 1200.0)  # where a hand is held
 UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
 RATES = (1.0, 1000.0)  # frames per second of depth cameras
+OFF_RATE = 0.2  # of a rate, that frames may come faster or slower
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
 
@@ -68,7 +69,7 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
     warnings = [
         *_of_camera(camera, view),
         *_of_values(seen, bool(len(values))),
-        *_of_times(seen),
+        *_of_times(seen, recording.rate),
         *(_of_unit(near, recording.unit_mm) if near else ()),
     ]
     return FirstLook(
@@ -131,12 +132,14 @@ def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
                "camera that hangs?")  # fmt: skip
 
 
-def _of_times(seen: tuple[DepthFrame, ...]) -> Iterator[str]:
+def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]:
     if len(seen) < 2:
         return
     step = float(np.median(np.diff([frame.time for frame in seen])))
     if not 1 / RATES[1] <= step <= 1 / RATES[0]:
         yield f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
+    elif rate and abs(step * rate - 1) > OFF_RATE:
+        yield f"{rate:g} frames a second are told, but by their times {1 / step:.3g} come; the times count"
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:

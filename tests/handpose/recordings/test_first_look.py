@@ -43,6 +43,16 @@ def test_times_that_are_no_seconds(step: float) -> None:
     assert warning == f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
 
 
+def test_a_rate_that_is_not_that_of_the_times() -> None:
+    """A rate is for frames without times."""
+    taken = Taken(moving(), step=1 / 30)
+    taken.rate = 60.0
+    (warning,) = look(taken).warnings
+    assert warning == "60 frames a second are told, but by their times 30 come; the times count"
+    taken.rate = 28.0
+    assert not look(taken).warnings
+
+
 def test_what_is_seen() -> None:
     """Size, depth, zeros, view; and no warning where all is well."""
     images = moving()
