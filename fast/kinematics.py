@@ -1,65 +1,33 @@
 """FastKinematics: forward kinematics and its gradient for many poses at once, and for a few.
 
 Many poses. Everything is batch last, (..., N): the innermost loop of every operation is then the batch. Joints of the
-same depth and the same sequence of operations (like limbs) go together as one array. Turns about fixed angles are
-multiplied out beforehand. The sums over the joints that a motion moves are products with the 0/1 matrix
-``Skeleton.moves``:
+same depth and the same sequence of operations (like limbs) go together as one array (joint_groups.py). Turns about
+fixed angles are multiplied out beforehand (motion_parts.py). The sums over the joints that a motion moves are products
+with the 0/1 matrix ``Skeleton.moves``:
 
     dL/dtheta  =  a . ( sum_k X_k x f_k  -  P x sum_k f_k )
 
 Positions are kept relative to where the root has moved to, and moved there last: the gradient of a hand far away loses
 no digits, so float32 is enough (``dtype``), and takes half the time.
 
-A few poses. There the number of NumPy calls counts and not the arithmetic (``FewPoses``).
+A few poses. There the number of NumPy calls counts and not the arithmetic (few_poses.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from layers.hand.kinematics import Kinematics, Pose, rotation
+from fast.few_poses import FewPoses
+from fast.joint_groups import groups_of
+from fast.motion_parts import parts_of
+from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
 FEW = 16  # poses up to which fewer calls are faster than fewer operations (benchmarks/twins.py: one image)
-
-
-class Part(NamedTuple):
-    """One motion of one joint, or several fixed turns multiplied out."""
-
-    kind: Literal["translate", "rotate", "constant"]
-    axis: int = -1  # local axis of a motion
-    sign: float = 1.0  # -1: about or along the negative axis
-    number: int = -1  # of the motion among the M that are not constants
-    dof: int = -1
-    matrix: Array | None = None  # of a constant: fixed rotations, multiplied out
-
-
-class Operation(NamedTuple):
-    """The same part of n joints."""
-
-    kind: Literal["translate", "rotate", "constant"]
-    axis: int
-    rows: slice | list[int]  # of the motions
-    sign: Array  # (n, 1, 1)
-    matrices: Array  # (n, 3, 3) of the constants
-
-
-@dataclass
-class Group:
-    """Joints of one depth whose parts have the same kinds and axes: they are computed as one array."""
-
-    joints: list[int]
-    parent: int  # the group of their parents, -1 for roots
-    slots: slice | list[int]  # where the parents stand in that group
-    operations: list[Operation]
-    bone_axis: int
-    bodies: list[slice | list[int]]  # of roots: the joints of each one's body, itself too
 
 
 class FastPose(Pose):
@@ -93,7 +61,7 @@ class FastKinematics(Kinematics):
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         super().__init__(skeleton, dtype)
-        steps = _steps(skeleton)
+        steps = parts_of(skeleton)
         moving = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
         self.dof_of = np.array([step.dof for _, step in moving], dtype=int)
         self.free = np.flatnonzero(~skeleton.fixed[self.dof_of])
@@ -102,7 +70,7 @@ class FastKinematics(Kinematics):
         self._joint_of = np.array([j for j, _ in moving], dtype=int)
         carried = skeleton.carries[[j for j, _ in moving]].reshape(len(moving), len(skeleton.parents))
         self._moves, self._carries = carried.astype(self.dtype), skeleton.carries.astype(self.dtype)
-        self.groups, self._places = _groups(skeleton, steps, self.dtype)
+        self.groups, self._places = groups_of(skeleton, steps, self.dtype)
         self._few = FewPoses(skeleton, steps)
         self._repeats = len(set(self.dof_of.tolist())) < len(self.dof_of)
 
@@ -225,165 +193,6 @@ class FastKinematics(Kinematics):
         group, slot = self._places[joint]
         columns = [np.broadcast_to(c[slot], pose.X.shape[1:]) for c in pose.columns[group]]
         return np.stack(columns, axis=1).transpose(2, 0, 1)
-
-
-class FewPoses:
-    """Forward kinematics for a few poses, where the number of NumPy calls counts and not the arithmetic.
-
-    A turn about a fixed axis is R(t) = P + cos t C + sin t S with constant matrices (Rodrigues), so all turns of a pose
-    come from three operations. All joints multiply their own turns and their bone to a 4 x 4 transform at once. Then
-    everyone multiplies the transform of its parent from the left, next that of its grandparent, then of the fourth
-    before it: as often as the depth has bits.
-    """
-
-    def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
-        K, M = len(steps), sum(step.kind != "constant" for own in steps for step in own)
-        most = max(1, *(sum(step.kind != "translate" for step in own) for own in steps))
-        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))  # of every joint's turns, padded with the identity
-        self.P[:] = np.eye(3)
-        self.angle = np.full((most, K), M)  # which motion's; M: none
-        self.slides: list[tuple[int, int, float, int]] = []  # joint, axis, sign, motion
-        motions = []  # per motion its joint, how many of the joint's turns come before it, axis and sign
-        for j, own in enumerate(steps):
-            turned = 0
-            for step in own:
-                if step.kind == "translate":
-                    self.slides.append((j, step.axis, step.sign, step.number))
-                elif step.matrix is not None:
-                    self.P[turned, j] = step.matrix
-                else:
-                    self.P[turned, j], self.C[turned, j], self.S[turned, j] = _rodrigues(step)
-                    self.angle[turned, j] = step.number
-                if step.matrix is None:
-                    motions.append((j, 0 if step.kind == "translate" else turned, step.axis, step.sign))
-                turned += step.kind != "translate"
-        self.motions = np.array(motions, dtype=int).reshape(-1, 4).T
-        self.bone_axes = np.zeros((K, 3, 1))
-        has_bone = np.flatnonzero(skeleton.bone_axes >= 0)
-        self.bone_axes[has_bone, skeleton.bone_axes[has_bone], 0] = 1
-        self.bones = self.bone_axes * skeleton.bones[:, None, None]
-        before = np.append(np.where(skeleton.parents < 0, K, skeleton.parents), K)  # K: the world
-        self.parents, self.before = before, []
-        while (before < K).any():
-            self.before.append(before)
-            before = before[before]
-
-    def joints(self, value: Array, bones: Array | None) -> Array:
-        """Positions (N, K, 3) for the values (N, M) of the motions; ``bones`` (N, K) are each pose's own lengths."""
-        return self._world(value, bones)[0][:, :-1, :3, 3]
-
-    def pose(self, value: Array, free: Array, bones: Array | None, dtype: DTypeLike) -> Pose:
-        """Joints, frames, and the axes of the motions ``free`` (Q,); ``bones`` (N, K) are each pose's own lengths."""
-        world, turns, start = self._world(value, bones)
-        joint, slot, axis, sign = self.motions[:, free]
-        parent = world[:, self.parents[joint]]
-        own = turns[slot, :, joint, :, axis].swapaxes(0, 1) * sign[:, None]
-        pose = Pose(0, 0, 0)
-        pose.joints = world[:, :-1, :3, 3].astype(dtype)
-        pose.frames = world[:, :-1, :3, :3].astype(dtype)
-        both = parent[..., :3, :3] @ np.stack([own, start[:, joint]], axis=-1)
-        pose.axis = both[..., 0].astype(dtype)
-        pose.pivot = (parent[..., :3, 3] + both[..., 1]).astype(dtype)
-        return pose
-
-    def _world(self, value: Array, bones: Array | None) -> tuple[Array, Array, Array]:
-        """World transforms (N, K + 1, 4, 4), the last one the world's own; each joint's turns before every one of its
-
-        factors and after all, (F + 1, N, K, 3, 3), and how far it has slid before it turns, (N, K, 3), both in its
-        parent's frame.
-        """
-        N, K = len(value), len(self.bone_axes)
-        angle = np.zeros((N, value.shape[1] + 1))
-        angle[:, :-1] = value
-        cos, sin = (f(angle)[:, self.angle][..., None, None] for f in (np.cos, np.sin))
-        R = cos * self.C
-        R += sin * self.S
-        R += self.P
-        turns = np.empty((len(self.angle) + 1, N, K, 3, 3))
-        turns[0] = np.eye(3)
-        turns[1] = R[:, 0]
-        for f in range(1, len(self.angle)):
-            np.matmul(turns[f], R[:, f], out=turns[f + 1])
-        start = np.zeros((N, K, 3))
-        for j, axis, sign, row in self.slides:
-            start[:, j, axis] += sign * value[:, row]
-        world = np.zeros((N, K + 1, 4, 4))
-        world[:, :-1, :3, :3] = turns[-1]
-        offsets = self.bones if bones is None else self.bone_axes * bones[..., None, None]
-        world[:, :-1, :3, 3] = (turns[-1] @ offsets)[..., 0] + start
-        world[:, -1, [0, 1, 2], [0, 1, 2]] = 1
-        world[..., 3, 3] = 1
-        for before in self.before:
-            world = world[:, before] @ world
-        return world, turns, start
-
-
-def _steps(skeleton: Skeleton) -> list[list[Part]]:
-    """Every joint's operations in order; fixed rotations are multiplied out."""
-    row, result = 0, []
-    for motions in skeleton.motions:
-        own: list[Part] = []
-        for m in motions:
-            if m.kind == "rotate" and skeleton.fixed[m.dof]:
-                matrix = rotation(m.axis, m.sign * skeleton.initial[m.dof])
-                if own and own[-1].matrix is not None:
-                    matrix = own.pop().matrix @ matrix
-                own.append(Part("constant", matrix=matrix))
-            else:
-                own.append(Part(m.kind, m.axis, m.sign, row, m.dof))
-                row += 1
-        result.append(own)
-    return result
-
-
-def _groups(
-    skeleton: Skeleton, steps: list[list[Part]], dtype: DTypeLike
-) -> tuple[list[Group], dict[int, tuple[int, int]]]:
-    """Joints that can be computed together, parents first; and the (group, slot) of every joint."""
-    parents, depth = skeleton.parents, skeleton.carries.sum(axis=0)
-    alike: dict[object, list[int]] = {}
-    places: dict[int, tuple[int, int]] = {}
-    for j in skeleton.order:
-        kinds = tuple((step.kind, step.axis) for step in steps[j])
-        alike.setdefault((depth[j], kinds, max(skeleton.bone_axes[j], 0)), []).append(j)
-    groups: list[Group] = []
-    for same in alike.values():  # depth by depth
-        by_parent: dict[int, list[int]] = {}
-        for j in same:
-            by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(j)
-        for parent, joints in by_parent.items():
-            slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
-            together = [_together(same_step, dtype) for same_step in zip(*(steps[j] for j in joints))]
-            places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            bodies = [_as_slice(np.flatnonzero(skeleton.carries[j]).tolist()) for j in joints if parent < 0]
-            axis = int(max(skeleton.bone_axes[joints[0]], 0))
-            groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
-    return groups, places
-
-
-def _together(steps: Sequence[Part], dtype: DTypeLike) -> Operation:
-    matrices = [step.matrix for step in steps if step.matrix is not None]
-    return Operation(
-        kind=steps[0].kind,
-        axis=steps[0].axis,
-        rows=_as_slice([step.number for step in steps]),
-        sign=np.array([step.sign for step in steps], dtype)[:, None, None],
-        matrices=np.array(matrices, dtype).reshape(-1, 3, 3),
-    )
-
-
-def _rodrigues(step: Part) -> tuple[Array, Array, Array]:
-    """P, C, S (3, 3) of a turn: R(t) = P + cos t C + sin t S."""
-    start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))
-    P = (start + half) / 2
-    return P, start - P, quarter - P
-
-
-def _as_slice(indices: list[int]) -> slice | list[int]:
-    """Consecutive indices as a slice, so that indexing with them copies nothing."""
-    if indices == list(range(indices[0], indices[0] + len(indices))):
-        return slice(indices[0], indices[0] + len(indices))
-    return indices
 
 
 def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
