@@ -127,8 +127,8 @@ class Kinematics:
 def rotation(axis: int, angle: Array | float) -> Array:
     """Rotations (..., 3, 3) by ``angle`` (...) about a coordinate axis (0, 1, 2 for x, y, z).
 
-    The textbook's matrices: about z, x turns to y, and so on round. Our axes, x right, y up, z away, are those of a
-    left hand, whose fingers curl that way about its thumb.
+    The textbook's matrices: about z, x turns to y, and so on round. Our axes, x right, y up, z away, are left-handed,
+    so the right-hand rule gives the other way.
     """
     # Return R for every angle: the textbook's matrices. About z, x is turned to y; about x, y to z; about y, z to x.
     # For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].

@@ -136,8 +136,8 @@ class Kinematics:
 def rotation(axis: int, angle: Array | float) -> Array:
     """Rotations (..., 3, 3) by ``angle`` (...) about a coordinate axis (0, 1, 2 for x, y, z).
 
-    The textbook's matrices: about z, x turns to y, and so on round. Our axes, x right, y up, z away, are those of a
-    left hand, whose fingers curl that way about its thumb.
+    The textbook's matrices: about z, x turns to y, and so on round. Our axes, x right, y up, z away, are left-handed,
+    so the right-hand rule gives the other way.
     """
     i, j, cos, sin = (axis + 1) % 3, (axis + 2) % 3, np.cos(angle), np.sin(angle)
     R = np.zeros((*np.shape(angle), 3, 3))
