@@ -112,8 +112,8 @@ class Sitting:
             entry = self._score(one, length, data)
             self.ledger_of(job.setting).append(entry)
             one.forget_end(length)
-            found = verdict(of_job(self.ledger_of(job.setting), job), job.recipe.lengths)
-            say_now(f"{which} {job}: {length} iterations, {entry.error_mm:.2f} mm, {found.end}; "
+            end = "done" if job.only else verdict(of_job(self.ledger_of(job.setting), job), job.recipe.lengths).end
+            say_now(f"{which} {job}: {length} iterations, {entry.error_mm:.2f} mm, {end}; "
                     f"scored in {duration(time.perf_counter() - begun)}")  # fmt: skip
 
     # ------------------------------------------------------------------------------------------ data
