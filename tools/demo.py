@@ -28,8 +28,8 @@ import numpy as np
 from handpose.drawing import flesh, hands, sheets
 from handpose.drawing.identities import percent
 from handpose.facts.cameras import NYU
-from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.predicting.packaged import load_predictor
+from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from tools import pictures
 from tools.arguments import natural, parser_of, positive
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
                 flesh.over_crop(found.crop, found.fit.capsules, uvd, cube, NYU, zoom=2),
                 hands.view_3d(found.joints, predictor.skeleton, size=256),
             ]
-            off = np.linalg.norm((found.xyz - truth)[list(EVALUATION_JOINTS)], axis=1).mean()
+            off = float(mean_errors_14(found.xyz[None], truth[None])[0])
             titles += [f"{found.hand}, {percent(found.fit.confidence)} sure", f"expected {found.fit.error_mm:.0f} mm",
                        f"true error {off:.0f} mm"]  # fmt: skip
             progress(1)

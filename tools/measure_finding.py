@@ -26,9 +26,9 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.experiments.fit_figures import joint_errors
 from handpose.facts.cameras import NYU
 from handpose.predicting.packaged import load_predictor
+from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import KINDS, draw_scenes
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
                 seconds += time.perf_counter() - begun
             located = predictor.locator.hands(depth, NYU).center[0]
             off = float(np.linalg.norm(found.xyz[palm] - joints[palm]))
-            error = float(joint_errors(found.xyz[None], joints[None])[0])
+            error = float(mean_errors_14(found.xyz[None], joints[None])[0])
             figures.append((off < FOUND_MM, found.hand == "right", float(np.linalg.norm(located - center)), error))
     table = np.array(figures, dtype=float)
     rows = [{"scenes": kind, **_summary(table[np.array(kinds) == kind])} for kind in KINDS if kind in kinds]

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.fitting.depth.fit import DepthFit, DepthFitter
 from handpose.predicting.many import fit_crops
 from handpose.predicting.nets import hand_inputs
+from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.generator import BLOCK, Generator
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -78,7 +78,7 @@ def measure(
         x = fitter.model.variables_of(own)
         limbs = fitter.model.limbs
         part = {
-            "network": joint_errors(fitter.model.joints(x), block.joints),
+            "network": mean_errors_14(fitter.model.joints(x), block.joints),
             "limbs": (x - fitter.model.variables_of(block.inputs))[:, limbs],
             "roll": roll_of(fitter.model.skeleton, block.inputs),
         }
@@ -108,12 +108,6 @@ def measure(
     )
 
 
-def joint_errors(joints: Array, truth: Array) -> Array:
-    """(N,) mean distance in mm over NYU's 14 joints."""
-    few = list(EVALUATION_JOINTS)
-    return np.asarray(np.linalg.norm(joints[:, few] - truth[:, few], axis=2).mean(axis=1))
-
-
 def roll_of(skeleton: Skeleton, inputs: Array) -> Array:
     """(N,) degrees by which the palm is turned about the line of sight from the skeleton's initial pose."""
     turn = inputs[:, skeleton.dof_names.index("palm_rot_z")]
@@ -133,7 +127,7 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
 
 def _of(fit: DepthFit, block: Block) -> dict[str, Array]:
     return {
-        "fit": joint_errors(fit.joints, block.joints),
+        "fit": mean_errors_14(fit.joints, block.joints),
         "doubt": fit.doubt,
         "signs": fit.signs,
         "expected": fit.error_mm,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handpose.facts.nyu import EVALUATION_JOINTS
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -19,6 +20,12 @@ def joint_errors(predicted: ArrayLike, truth: ArrayLike) -> Array:
     if p.shape != t.shape or p.ndim != 3 or p.shape[-1] != 3:
         raise DataError(f"predicted joints {p.shape} and true joints {t.shape}, expected the same (N, K, 3)")
     return np.asarray(np.linalg.norm(p - t, axis=-1))
+
+
+def mean_errors_14(predicted: ArrayLike, truth: ArrayLike) -> Array:
+    """Means (N,) of ``joint_errors`` over NYU's 14 joints, of joints (N, 31, 3) in mm."""
+    few = list(EVALUATION_JOINTS)
+    return np.asarray(joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few]).mean(axis=1))
 
 
 def mean_error(errors: Array) -> float:

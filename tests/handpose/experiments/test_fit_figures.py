@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.experiments.fit_figures import auc, frames_of, joint_errors, measure, roll_of
-from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.experiments.fit_figures import auc, frames_of, measure, roll_of
 from handpose.predicting.packaged import load_predictor
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
@@ -44,12 +43,8 @@ def test_auc() -> None:
     assert np.isnan(auc(score, np.zeros(5, bool)))
 
 
-def test_errors_and_roll() -> None:
-    """Over the 14 joints; degrees between -180 and 180."""
-    truth = np.zeros((1, 31, 3))
-    joints = truth.copy()
-    joints[0, EVALUATION_JOINTS[0]] = (0, 3, 4)
-    assert joint_errors(joints, truth) == pytest.approx([5 / 14])
+def test_roll() -> None:
+    """Degrees between -180 and 180."""
     inputs = np.zeros((3, 47))
     inputs[:, 5] = (0.1, np.pi + 0.1, -7)
     np.testing.assert_allclose(roll_of(skeleton.load(), inputs), np.rad2deg([0.1, 0.1 - np.pi, 2 * np.pi - 7]))

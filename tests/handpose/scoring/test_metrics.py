@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
-from handpose.facts.nyu import SECOND_SUBJECT
+from handpose.facts.nyu import EVALUATION_JOINTS, SECOND_SUBJECT
 from handpose.scoring import metrics
 from netlib.errors import DataError
 
@@ -20,6 +20,15 @@ def test_joint_errors() -> None:
     truth = np.zeros((1, 2, 3))
     predicted = np.array([[[3.0, 4.0, 0.0], [1.0, 2.0, 2.0]]])
     np.testing.assert_allclose(metrics.joint_errors(predicted, truth), [[5, 3]])
+
+
+def test_means_over_nyus_joints() -> None:
+    """Of each frame, over 14 of the 31."""
+    truth = np.zeros((2, 31, 3))
+    joints = truth.copy()
+    joints[1, EVALUATION_JOINTS[0]] = (0, 3, 4)
+    joints[0, [k for k in range(31) if k not in EVALUATION_JOINTS]] = 9
+    assert metrics.mean_errors_14(joints, truth) == pytest.approx([0, 5 / 14])
 
 
 def test_means() -> None:
