@@ -38,6 +38,7 @@ from handpose.recordings.writing import RecordingWriter
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracks.json_file import JsonWriter
+from netlib import atomic
 from netlib.errors import NetlibError
 from tools.arguments import camera, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
@@ -69,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     truth = args.out.with_name(f"{args.out.stem if args.out.suffix in ('.npz', '.mkv') else args.out.name}.truth.json")
     if truth.exists() and not args.force:
         raise NetlibError(f"{truth}: is there already; name another --out or replace it by --force")
+    with atomic.naming(truth):
+        atomic.refuse_what_is_no_file(truth)
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),

@@ -27,7 +27,7 @@ from layers.hand.skeleton import Skeleton
 from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
-from netlib.files import opened
+from netlib.files import make_folder, opened
 from netlib.paths import exists
 
 VERSION = 3  # to be raised when a change of the code changes the angles
@@ -122,7 +122,7 @@ def fit_file(
 
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(target.parent)
         with hdf5.written(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)

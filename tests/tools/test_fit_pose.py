@@ -202,11 +202,11 @@ def test_other_data_are_not_replaced(data, tmp_path, capsys, name):
         (["data/train.txt"], "data/train.txt: a list of HDF5 files; expected --out FOLDER for their angles"),
         (["data/train.txt", "--out", "o", "--swarm"], "data/train.txt: a list of HDF5 files; --swarm and"),
         (["data/train.txt", "--out", "o", "--frames", "1"], "data/train.txt: a list of HDF5 files; --swarm and"),
-        (["data/train.txt", "--out", "empty.txt"], "empty.txt/part_0.h5: "),
+        (["data/train.txt", "--out", "empty.txt"], "empty.txt: is a file; expected a folder"),
         (["nothdf5.txt", "--out", "o"], "short.txt: cannot read the HDF5 file: "),
         (["uvd.txt", "--skeleton", "gone.prototxt"], "gone.prototxt: cannot read"),
         (["uvd.txt", "--skeleton", "two.prototxt"], "skeleton 'two' has 2 joints, expected the 31 of NYU's hand"),
-        (["uvd.txt", "--out", "empty.txt/angles.h5"], "empty.txt/angles.h5: "),
+        (["uvd.txt", "--out", "empty.txt/angles.h5"], "empty.txt: is a file; expected a folder"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
