@@ -43,6 +43,7 @@ from netlib.errors import NetlibError
 from tools.arguments import camera, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
+from tools.sources import rate
 from tools.stopper import StoppedError, Stopper
 
 
@@ -53,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")  # fmt: skip
-    parser.add_argument("--rate", type=positive_number, default=30.0, metavar="HZ",
+    parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
     parser.add_argument("--seconds", type=positive_number, metavar="S", help="how long (default: the script's)")
     parser.add_argument("--hand", choices=("right", "left"), help="the first hand; a second one is then the other")

@@ -83,7 +83,12 @@ def test_a_truth_that_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     """Ends with 2."""
-    for words in (["wave", "--out", "a"], ["rest"], ["rest", "--out", "a", "--rate", "0"]):
+    for words in (
+        ["wave", "--out", "a"],
+        ["rest"],
+        ["rest", "--out", "a", "--rate", "0"],
+        ["rest", "--out", "a", "--rate", "20000"],
+    ):
         with pytest.raises(SystemExit) as ended:
             make_recording.main(words)
         assert ended.value.code == 2
