@@ -147,6 +147,18 @@ class Source:
             return self._stream.readinto(target) or 0
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder, and those that it lies in, where they are missing. Raises NetlibError, OSError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        for place in (path, *path.parents):
+            if place.exists() and not place.is_dir():
+                found = KINDS.get(stat.S_IFMT(place.stat().st_mode), "is a file").removeprefix("it ")
+                raise NetlibError(f"{place}: {found}; expected a folder") from None
+        raise
+
+
 def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:

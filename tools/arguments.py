@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from handpose.facts.cameras import CAMERAS, Camera
 from netlib import engine
 
+LARGEST = (1 << 63) - 1  # whole number: files have no larger ones
 LARGEST_PX = 1e6  # of focal lengths and principal points, as in a camera.json
 
 
@@ -66,8 +67,10 @@ def natural(text: str) -> int:
 
 
 def _whole(text: str, least: int, expected: str) -> int:
-    if not (text.isascii() and text.isdigit()) or int(text) < least:
+    if not (text.isascii() and text.isdigit() and len(text) < 1000) or int(text) < least:
         raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
+    if int(text) > LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at most {LARGEST}, found {text}")
     return int(text)
 
 

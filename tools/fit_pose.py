@@ -7,7 +7,7 @@ r"""Fit the hand model to joints: which angles put its joints where they were an
 The first reads a text file with one frame per line, NYU's 14 joints (u v d in px, px, mm; with --format xyz in mm), and
 writes dof (N, 47) and residual_mm (N, 14). The second reads a list of HDF5 files. For each of them it writes a small
 file with the angles and with links to the data, and in the end a list of the small files: a training set with angles as
-labels. Files that are already there are kept.
+labels. Files that are already there are kept; others than such small files of the same data are never replaced.
 
 The fit is Levenberg-Marquardt from several starts; --swarm is the paper's particle swarm, which is slower and worse.
 """

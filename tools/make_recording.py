@@ -38,10 +38,12 @@ from handpose.recordings.writing import RecordingWriter
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracks.json_file import JsonWriter
+from netlib import atomic
 from netlib.errors import NetlibError
 from tools.arguments import camera, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
+from tools.sources import rate
 from tools.stopper import StoppedError, Stopper
 
 
@@ -52,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="what to write")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")  # fmt: skip
-    parser.add_argument("--rate", type=positive_number, default=30.0, metavar="HZ",
+    parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
     parser.add_argument("--seconds", type=positive_number, metavar="S", help="how long (default: the script's)")
     parser.add_argument("--hand", choices=("right", "left"), help="the first hand; a second one is then the other")
@@ -69,6 +71,8 @@ def run(args: argparse.Namespace) -> int:
     truth = args.out.with_name(f"{args.out.stem if args.out.suffix in ('.npz', '.mkv') else args.out.name}.truth.json")
     if truth.exists() and not args.force:
         raise NetlibError(f"{truth}: is there already; name another --out or replace it by --force")
+    with atomic.naming(truth):
+        atomic.refuse_what_is_no_file(truth)
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib import atomic
+from netlib import atomic, files
 from netlib.errors import NetlibError, reason_of
 
 JPEG_QUALITY = 90
@@ -42,7 +42,7 @@ def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
 def make_folder(out: Path) -> None:
     """Make the folder that pictures go into, where it is missing. Raises NetlibError."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        files.make_folder(out)
     except OSError as error:
         raise NetlibError(f"{out}: cannot write pictures there: {reason_of(error)}") from error
 

@@ -84,8 +84,7 @@ def _center_file(center: str | None, split: str) -> Path | None:
 
 def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Sequence[str]) -> int:
     """Write what is missing of the splits, and tell what was found. Raises NetlibError."""
-    if not args.force:
-        refuse_foreign(splits, own)
+    refuse_foreign(splits, own, args.force)
     missing = [part for split in splits for part in split.missing]
     begun = time.perf_counter()
     outcomes: list[Outcome] = []

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -24,13 +25,16 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.data.examples import examples_of
+from handpose.data.examples import Example, examples_of
 from handpose.drawing import hands, sheets
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools import pictures
 from tools.arguments import parser_of, positive
 from tools.console import DONE, guarded, say
+
+LARGEST_PX = 65000  # of a JPEG, nearly
+LARGEST = 1 << 28  # pixels in all, which take a GB of memory
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -52,9 +56,12 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
+    sets = [examples_of(Path(name), args.frames) for name in args.sets]
+    columns = min(args.columns, max(map(len, sets)))
+    _refuse_large(sets, columns, args.zoom)
     images, titles = [], []
-    for name in args.sets:
-        for number, (crop, joints) in enumerate(examples_of(Path(name), args.frames)):
+    for name, examples in zip(args.sets, sets):
+        for number, (crop, joints) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
                 raise DataError(f"{name}: frames have {found} joints, "
@@ -64,12 +71,21 @@ def run(args: argparse.Namespace) -> int:
             else:
                 images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))
             titles.append(Path(name).name if number == 0 else "")
-        while len(images) % args.columns:  # each set begins a row
+        while len(images) % columns:  # each set begins a row
             images.append(np.full_like(images[-1], 255))
             titles.append("")
-    pictures.write_image(args.out, sheets.sheet(images, args.columns, titles, gap=4))
+    pictures.write_image(args.out, sheets.sheet(images, columns, titles, gap=4))
     say(f"wrote {args.out}", file=sys.stderr)
     return DONE
+
+
+def _refuse_large(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> None:
+    """Raise DataError for what is more than a picture can be."""
+    size = zoom * max(len(crop) for examples in sets for crop, _ in examples)
+    width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
+    if max(width, height) > LARGEST_PX or width * height > LARGEST:
+        raise DataError(f"{width} x {height} pixels are more than a picture can have, {LARGEST_PX} each way and "
+                        f"{LARGEST / 1e6:.0f} million in all; ask for a smaller --zoom or fewer --frames")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -20,6 +20,9 @@ from netlib.errors import DataError
 from tools import arguments
 from tools.console import say
 
+# values on the command line, of which a camera.json may tell
+unit_mm, rate = (functools.partial(arguments.positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
+
 
 def add_source_options(parser: argparse.ArgumentParser) -> None:
     """The argument SOURCE, and what is known of its camera."""
@@ -27,8 +30,7 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
                         help=f"which saw the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
                              "(default: what the source says, or a camera.json beside it)")  # fmt: skip
-    unit, rate = (functools.partial(arguments.positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
-    parser.add_argument("--unit", type=unit, metavar="MM", help="what a stored value of 1 stands for")
+    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="what a stored value of 1 stands for")
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frames per second of frames without times")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
                         help="of the lens, in OpenCV's order; before a minus write --distortion=")  # fmt: skip

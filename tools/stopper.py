@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from netlib import files
 from netlib.errors import NetlibError, reason_of
 from tools.console import DONE, say
 
@@ -55,7 +56,7 @@ def fill_folder(folder: Path, kept: str, fill: Callable[[Callable[[], None]], ob
     """
     try:
         with Stopper() as stopper:
-            folder.mkdir(parents=True, exist_ok=True)
+            files.make_folder(folder)
             fill(stopper.check)
     except StoppedError:
         say(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)

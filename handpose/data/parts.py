@@ -22,7 +22,7 @@ import numpy as np
 from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.paths import exists
+from netlib.paths import exists, find, names_in
 
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
@@ -55,12 +55,36 @@ def is_whole(part: Part) -> bool:
     return found is not None and found.get("recipe") == part.recipe
 
 
-def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[str]) -> None:
-    """Raise DataError if a file to be replaced, or one that a list to be replaced names, is not of ``own`` origin."""
-    lines = [line.strip() for path in lists for line in (atomic.text_of(path) or "").splitlines()]
-    listed = [Path(line) for line in lines if line]
-    for path in dict.fromkeys([*files, *listed]):
+def listed(path: Path, own: Sequence[Path]) -> list[Path]:
+    """The files that a list names, from the working directory or from its own folder; none if there is no list.
+
+    Those of ``own`` may be named from any working directory, and be gone. Raises DataError.
+    """
+    by_name, found = {file.name: file for file in own}, []
+    for line in filter(None, map(str.strip, (atomic.text_of(path) or "").split("\n"))):
+        file = find(line, str(path))
+        if not exists(file) and (same := by_name.get(file.name)):
+            file = same if same.absolute().parts[-len(file.parts) :] == file.parts else file
+        found.append(file)
+    return found
+
+
+def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[str], force: bool = False) -> None:
+    """Raise DataError if a file to be replaced, or one that a list to be replaced names, is not of ``own`` origin.
+
+    With ``force`` only folders and devices are refused.
+    """
+    for path in (*files, *lists):
+        if exists(path) and not path.is_file():
+            raise DataError(f"{path}: is no file; move it away, or choose another --out")
+    if force:
+        return
+    listing = {file: path for path in lists for file in listed(path, files)} | dict.fromkeys(files)
+    for path, by in listing.items():
         if not exists(path):
+            if by:
+                raise DataError(f"{by}: names {str(path)!r}, which is not there; move the list away, choose another "
+                                "--out, or use --force to replace it")  # fmt: skip
             continue
         found = attributes(path)
         if found is None:
@@ -89,10 +113,17 @@ def check_space(out: Path, parts: Sequence[Part], columns: Columns) -> None:
 
 
 def check_room(out: Path, need: int) -> None:
-    """Raise DataError if a folder's disk has fewer than ``need`` bytes left."""
-    free = shutil.disk_usage(out).free
+    """Raise DataError if the disk of a folder, which may not be there yet, has fewer than ``need`` bytes left."""
+    free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
     if need > free:
-        raise DataError(f"{out}: needs {need / 1e6:.0f} MB, {free / 1e6:.0f} MB are free")
+        raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
+
+
+def check_rows(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
+    """The same for some numbers of rows, before it is known which files are there: they may all be kept or replaced."""
+    need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
+    there = [out / name for name in names_in(out) if name.endswith(".h5")]
+    check_room(out, need - sum(path.stat().st_size for path in there if path.is_file()))
 
 
 def write_part(

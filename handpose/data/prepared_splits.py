@@ -66,6 +66,10 @@ class PreparedSplit:
         return f"{head}\n{split}: {statistics(self.frames, outcome.index)}"
 
 
-def refuse_foreign(splits: Sequence[PreparedSplit], own: Sequence[str]) -> None:
-    """Raise DataError if a file in the way of the splits holds data of an origin that is none of ``own``."""
-    files.refuse_foreign([part.path for split in splits for part in split.parts], [s.list for s in splits], own)
+def refuse_foreign(splits: Sequence[PreparedSplit], own: Sequence[str], force: bool = False) -> None:
+    """Raise DataError if a file in the way of the splits holds data of an origin that is none of ``own``.
+
+    With ``force`` only folders and devices are refused.
+    """
+    every = [part.path for split in splits for part in split.parts]
+    files.refuse_foreign(every, [split.list for split in splits], own, force)

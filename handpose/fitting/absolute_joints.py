@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.fitting.pose_problem import JointFit
 from layers.hand.skeleton import Skeleton
-from netlib import hdf5
+from netlib import files, hdf5
 from netlib.blob import Array
 
 DESCRIPTION = "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
@@ -64,7 +64,7 @@ def fit_absolute(
 
 def write_fit(path: Path, found: AbsoluteFit, index: NDArray[np.int_]) -> None:
     """Write angles and residuals to an HDF5 file, whole or not at all; ``index`` (N,) are the numbers of the frames."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    files.make_folder(path.parent)
     with hdf5.written(path) as file:
         file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm
         file["index"], file["center"], file["half_cube"] = index, found.center, found.half_cube

@@ -27,7 +27,8 @@ from layers.hand.skeleton import Skeleton
 from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
-from netlib.files import opened
+from netlib.files import make_folder, opened
+from netlib.paths import exists
 
 VERSION = 3  # to be raised when a change of the code changes the angles
 
@@ -57,9 +58,10 @@ def fit_list(
     """Make the companions of all files in a folder, and their list of this name. Raises DataError.
 
     Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``told`` hears of each companion as soon as
-    it is there; ``options`` are those of ``fit_file``.
+    it is there; ``options`` are those of ``fit_file``. Nothing but companions of the same files is replaced.
     """
     targets = companions_of(files, out)
+    _refuse_others(files, targets, out / name)
     residuals, inputs = [], []
     for number, (path, target) in enumerate(zip(files, targets), 1):
         residuals.append(fit_file(path, target, skeleton, **options))
@@ -67,6 +69,20 @@ def fit_list(
         told(number, target, residuals[-1])
     atomic.replace_text(out / name, parts.list_text(targets))
     return np.concatenate(inputs), np.concatenate(residuals)
+
+
+def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) -> None:
+    """Raise DataError if what is to be replaced is no companion of these files, or no list of such."""
+    for path, target in zip(files, targets):
+        if exists(target):
+            rest = str((parts.attributes(target) or {}).get("rest_in", ""))
+            if not rest or os.path.realpath(target.parent / rest) != os.path.realpath(path):
+                raise DataError(f"{target}: is no companion of {path}; move it away, or choose another --out")
+    own = set(map(os.path.realpath, targets))
+    for file in parts.listed(names, targets):
+        if os.path.realpath(file) not in own:
+            raise DataError(f"{names}: names {str(file)!r}, which is no companion of these files; move the list away, "
+                            "or choose another --out")  # fmt: skip
 
 
 def fit_file(
@@ -106,7 +122,7 @@ def fit_file(
 
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(target.parent)
         with hdf5.written(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
             file["residual_mm"] = residuals.astype(np.float32)

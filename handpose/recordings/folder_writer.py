@@ -5,6 +5,8 @@ camera.json  000000000000us.png  000000033333us.png  000000066667us.png
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from handpose.recordings import camera_file
 from handpose.recordings.given import Given
 from handpose.recordings.raw import stored
 from handpose.recordings.recording import DepthFrame
-from netlib import atomic
+from netlib import atomic, files
 from netlib.errors import DataError, NetlibError
 from netlib.paths import names_in
 
@@ -26,7 +28,8 @@ MICRO = 10**6
 class FolderWriter:
     """Writes each frame at once, whole or not at all; times are rounded to microseconds.
 
-    replace  a recording that was written in the same way; nothing else is ever removed
+    replace  a recording that was written in the same way; nothing else is ever removed. It stands till the end, when
+             the new one, which grew beside it, takes its place, if that has a frame
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, replace: bool = False) -> None:
@@ -36,10 +39,16 @@ class FolderWriter:
         if old and (foreign or not replace):
             held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
             raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
-        path.mkdir(parents=True, exist_ok=True)
-        for name in filter(OURS.fullmatch, old):  # before their camera.json is replaced: no frame is ever without one
-            (path / name).unlink()
-        camera_file.write(path / camera_file.NAME, Given(camera, unit_mm=unit_mm, rate=rate))
+        if old and os.path.ismount(path):
+            raise NetlibError(f"{path}: a disk is mounted there, which cannot be replaced; name a folder in it")
+        files.make_folder(path)
+        self._old = Path(os.path.realpath(path)) if old else None
+        self._fresh = path
+        with contextlib.ExitStack() as stack, atomic.naming(path):
+            if self._old:
+                self._fresh = stack.enter_context(atomic.temporary_folder(self._old))
+            camera_file.write(self._fresh / camera_file.NAME, Given(camera, unit_mm=unit_mm, rate=rate))
+            self._stack = stack.pop_all()
 
     def write(self, frame: DepthFrame) -> None:
         """Add a frame. Raises DataError, OSError."""
@@ -48,9 +57,33 @@ class FolderWriter:
         if micro <= self._last:
             raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
         content = cv2.imencode(".png", stored(frame.depth, self._unit, where))[1].tobytes()
-        atomic.replace(self._path / f"{micro:012d}us.png", lambda fresh: fresh.write_bytes(content), sync=False)
+        name = f"{micro:012d}us.png"
+        with atomic.naming(self._path / name):
+            atomic.replace(self._fresh / name, lambda fresh: fresh.write_bytes(content), sync=False)
         self._last = micro
 
     def close(self) -> None:
-        """Have the names reach the disk."""
-        atomic.sync_directory(self._path)
+        """Have the names reach the disk, and an old recording go."""
+        with self._stack:
+            atomic.sync_directory(self._fresh)
+            if self._old and self._last >= 0:
+                with atomic.naming(self._path):
+                    _take_place(self._fresh, self._old)
+
+
+def _take_place(fresh: Path, path: Path) -> None:
+    """Put a folder where a recording is; of that, what is no part of it moves into the new one. Raises OSError."""
+    old = atomic.beside(path, "old")
+    path.rename(old)
+    try:
+        fresh.rename(path)
+    except BaseException:
+        old.rename(path)
+        raise
+    for name in names_in(old):
+        if OURS.fullmatch(name) or name == camera_file.NAME:
+            (old / name).unlink()
+        else:
+            (old / name).rename(path / name)
+    old.rmdir()
+    atomic.sync_directory(path.parent)

@@ -15,7 +15,7 @@ from handpose.recordings import camera_file
 from handpose.recordings.given import Given
 from handpose.recordings.raw import stored
 from handpose.recordings.recording import DepthFrame
-from netlib import atomic
+from netlib import atomic, files
 from netlib.errors import DataError
 
 FASTEST = 1  # compression, after which a minute of frames is there in seconds
@@ -31,7 +31,7 @@ class StackWriter:
         self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
         self._times: list[float] = []
         with contextlib.ExitStack() as stack, atomic.naming(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
+            files.make_folder(path.parent)
             self._kept = stack.enter_context(stack.enter_context(atomic.temporary(path)).open("w+b"))
             self._stack = stack.pop_all()
 

@@ -17,7 +17,7 @@ from handpose.recordings.folder_writer import FolderWriter
 from handpose.recordings.opening import BAGS, PICTURES, STACKS, VIDEOS
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.stack_writer import StackWriter
-from netlib import atomic
+from netlib import atomic, files
 from netlib.errors import DataError, NetlibError
 
 
@@ -61,7 +61,7 @@ class RecordingWriter:
             from handpose.recordings.video_writer import VideoWriter
 
             with atomic.naming(self.path):
-                self.path.parent.mkdir(parents=True, exist_ok=True)
+                files.make_folder(self.path.parent)
             self._writer = self._stack.enter_context(VideoWriter(*arguments))
         return self
 

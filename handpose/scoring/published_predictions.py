@@ -20,6 +20,7 @@ from layers.hand import skeleton
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.paths import exists, find
 
 Format = Literal["uvd", "xyz"]
 
@@ -87,17 +88,13 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
 
 
 def is_list(path: str | Path) -> bool:
-    """Does the first line name a file, where a file of joints has a number? No, if there is nothing to be read."""
+    """Does the first line name a file, one that is there or an HDF5 file? No, if there is nothing to be read."""
     try:
         begin = files.read_bytes(path, "the joints", first=1 << 16).decode("utf-8-sig", "replace")
     except DataError:
         return False  # ``read_joints`` says what is wrong
-    first = begin.split("\n")[0].split()
-    try:
-        [float(word) for word in first[:1]]
-    except ValueError:
-        return True
-    return False
+    first = begin.split("\n")[0].strip()
+    return first.endswith((".h5", ".hdf5")) or (bool(first) and exists(find(first, str(path))))
 
 
 def _text(path: str | Path) -> str:

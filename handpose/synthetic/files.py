@@ -31,10 +31,10 @@ class Piece(NamedTuple):
 
 def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
     """The files in the folder ``out`` that the first ``count`` frames of a generator become."""
-    pieces = []
+    pieces, made_from = [], generator.made_from()
     for i, start in enumerate(range(0, count, parts.FRAMES_PER_FILE)):
         rows = min(parts.FRAMES_PER_FILE, count - start)
-        recipe = json.dumps({**generator.made_from(), "start": start, "frames": rows}, sort_keys=True)
+        recipe = json.dumps({**made_from, "start": start, "frames": rows}, sort_keys=True)
         pieces.append(Piece(Part(out / f"{generator.split}_{i:03d}.h5", rows, recipe), generator, start))
     return pieces
 
@@ -62,18 +62,18 @@ class DataSet:
     sources  a generator for each split, and how many of its rows
     force    write everything anew, and replace data of another origin
 
-    Raises DataError where data of another origin, or of another body, would be replaced.
+    Raises DataError where data of another origin, or of another body, would be replaced, and where no room is left.
     """
 
     def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
+        parts.check_rows(out, [(count, generator.columns()) for generator, count in sources])  # at once
         pieces = {generator.split: pieces_of(generator, count, out) for generator, count in sources}
         every = [piece for some in pieces.values() for piece in some]
         self.out = out
         self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
-        if not force:
-            parts.refuse_foreign([piece.part.path for piece in every], list(self.lists), [MADE_FROM])
-            for piece in every:
-                _refuse_another_body(piece.part)
+        parts.refuse_foreign([piece.part.path for piece in every], list(self.lists), [MADE_FROM], force)
+        for piece in () if force else every:
+            _refuse_another_body(piece.part)
         self.missing = [piece for piece in every if force or not parts.is_whole(piece.part)]
 
     @property
@@ -93,9 +93,9 @@ class DataSet:
         advance  is told how many frames more are done; an exception of it ends the run and keeps whole files only.
         """
         if self.missing:
+            parts.check_space(self.out, [piece.part for piece in self.missing], self.missing[0].generator.columns())
             for path in self.lists:
                 path.unlink(missing_ok=True)  # no list may name files of two kinds
-            parts.check_space(self.out, [piece.part for piece in self.missing], self.missing[0].generator.columns())
             self._write_parts(workers, advance)
         for path, text in self.lists.items():
             atomic.replace_text(path, text)

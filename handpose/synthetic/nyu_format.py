@@ -21,7 +21,7 @@ from handpose.facts.cameras import NYU
 from handpose.facts.nyu import frame_name
 from handpose.synthetic.generator import BLOCK, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
-from netlib import atomic
+from netlib import atomic, files
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.paths import names_in
@@ -82,7 +82,7 @@ class RawDataSet:
 
     def _write_split(self, generator: Generator, workers: int, advance: Callable[[int], None]) -> None:
         folder, count = self.out / generator.split, self.counts[generator.split]
-        folder.mkdir(exist_ok=True)
+        files.make_folder(folder)
         (folder / nyu_files.ANNOTATION).unlink(missing_ok=True)
         for name in names_in(folder) if (folder / MARKER).exists() else ():  # from an earlier run
             if name.startswith("depth_1_") and name.endswith(".png"):

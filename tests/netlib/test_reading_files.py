@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from netlib import files
-from netlib.errors import DataError, WeightsError, printable
+from netlib.errors import DataError, NetlibError, WeightsError, printable
 
 
 def test_bytes_and_text(tmp_path: Path) -> None:
@@ -20,6 +20,19 @@ def test_bytes_and_text(tmp_path: Path) -> None:
     assert files.read_text(path, "the list") == "one\ntwo\nä"
     assert files.read_bytes(path, "the list")[:6] == b"\xef\xbb\xbfone"
     assert files.read_bytes(path, "the list", first=3) == b"\xef\xbb\xbf"
+
+
+def test_folders_are_made(tmp_path: Path) -> None:
+    """What stands in the way is named."""
+    for _ in range(2):
+        files.make_folder(tmp_path / "a" / "b")
+    (tmp_path / "file").touch()
+    for place, what in (("file", "is a file"), ("file/a/b", "is a file"), ("/dev/null", "is a device")):
+        with pytest.raises(NetlibError, match=rf"(/file|^/dev/null): {what}; expected a folder$"):
+            files.make_folder(tmp_path / place)
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(OSError, match="loop"):
+        files.make_folder(tmp_path / "loop")
 
 
 def kinds_in(folder: Path) -> dict[str, str]:

@@ -30,6 +30,14 @@ def test_values(kind: Callable[[str], object], text: str, value: object) -> None
     assert kind(text) == value
 
 
+@pytest.mark.parametrize("kind", [arguments.positive, arguments.natural])
+def test_the_largest_number(kind: Callable[[str], object]) -> None:
+    """Is the largest of 64 bits that files can hold."""
+    assert kind(str(2**63 - 1)) == 2**63 - 1
+    with pytest.raises(argparse.ArgumentTypeError, match=f"of at most {2**63 - 1}, found {2**64}"):
+        kind(str(2**64))
+
+
 def test_a_camera_by_its_numbers() -> None:
     """Its images may have any size."""
     camera = arguments.camera("500,510,320,240")
@@ -43,6 +51,7 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.positive, "²", "a whole number of at least 1"),
         (arguments.natural, "-1", "a whole number"),
         (arguments.natural, "1.0", "a whole number"),
+        (arguments.natural, "9" * 5000, "a whole number"),
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),

@@ -22,4 +22,4 @@ def test_nowhere_to_write(tmp_path, capsys):
     """Is one line."""
     (tmp_path / "file").touch()
     assert demo.main(["--out", str(tmp_path / "file" / "d")]) == 1
-    assert "cannot write pictures there" in capsys.readouterr().err
+    assert "expected a folder" in capsys.readouterr().err

@@ -168,6 +168,21 @@ def test_the_data_are_not_written_over(data, tmp_path, capsys):
     assert (tmp_path / "data" / FILES[0]).read_bytes() == before
 
 
+@pytest.mark.parametrize("name", [*FILES, "train.txt"])
+def test_other_data_are_not_replaced(data, tmp_path, capsys, name):
+    """Neither another data set of the same names, nor its list, nor what is broken or anybody's."""
+    assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
+    place = tmp_path / "angles" / name
+    contents = ["notes"] if name == "train.txt" else ["notes", (tmp_path / "data" / name).read_bytes()]
+    for content in contents:
+        place.write_bytes(content.encode() if isinstance(content, str) else content)
+        before = {path: path.read_bytes() for path in (tmp_path / "angles").iterdir()}
+        capsys.readouterr()
+        line = mistake(capsys, "data/train.txt", "--out", "angles")
+        assert re.match(rf"angles/{name}: .*is no companion of .*; move .* away, or choose another --out$", line)
+        assert {path: path.read_bytes() for path in (tmp_path / "angles").iterdir()} == before
+
+
 # --------------------------------------------------------------------------------------------- mistakes
 
 
@@ -180,15 +195,18 @@ def test_the_data_are_not_written_over(data, tmp_path, capsys):
         (["short.txt"], "short.txt:1: found 3 numbers, expected 42 = 14 joints x 3"),
         (["xyz.txt"], "xyz.txt:1: found a joint at depth"),
         (["typo.txt"], "typo.txt:1:5: found '3,', expected a number of px or mm"),
-        (["words.txt", "--out", "o"], "words.txt: names 'some words', which does not exist"),
+        (["words.txt", "--out", "o"], "words.txt:1:1: found 'some', expected a number of px or mm"),
+        (["commas.txt"], "commas.txt:1:1: found '1,2,3', expected a number of px or mm"),
+        (["header.txt", "--swarm"], "header.txt:1:1: found '#', expected a number of px or mm"),
+        (["gone_h5.txt", "--out", "o"], "gone_h5.txt: names 'gone.h5', which does not exist"),
         (["data/train.txt"], "data/train.txt: a list of HDF5 files; expected --out FOLDER for their angles"),
         (["data/train.txt", "--out", "o", "--swarm"], "data/train.txt: a list of HDF5 files; --swarm and"),
         (["data/train.txt", "--out", "o", "--frames", "1"], "data/train.txt: a list of HDF5 files; --swarm and"),
-        (["data/train.txt", "--out", "empty.txt"], "empty.txt/part_0.h5: "),
+        (["data/train.txt", "--out", "empty.txt"], "empty.txt: is a file; expected a folder"),
         (["nothdf5.txt", "--out", "o"], "short.txt: cannot read the HDF5 file: "),
         (["uvd.txt", "--skeleton", "gone.prototxt"], "gone.prototxt: cannot read"),
         (["uvd.txt", "--skeleton", "two.prototxt"], "skeleton 'two' has 2 joints, expected the 31 of NYU's hand"),
-        (["uvd.txt", "--out", "empty.txt/angles.h5"], "empty.txt/angles.h5: "),
+        (["uvd.txt", "--out", "empty.txt/angles.h5"], "empty.txt: is a file; expected a folder"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -199,6 +217,9 @@ def test_mistakes(joints, data, tmp_path, capsys, arguments, message):
         "short.txt": "1 2 3\n",
         "typo.txt": "1 2 3, 4\n",
         "words.txt": "some words\n",
+        "commas.txt": "1,2,3\n",
+        "header.txt": "# u v d\n1 2 3\n",
+        "gone_h5.txt": "gone.h5\n",
         "nothdf5.txt": "short.txt\n",
         "two.prototxt": 'name: "two" joint { name: "a" } joint { name: "b" parent: "a" }',
     }.items():

@@ -74,9 +74,21 @@ def test_a_recording_that_is_stopped_keeps_whole_files(
     assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
 
 
+def test_a_truth_that_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:
+    """Is told before anything is."""
+    Path("a.truth.json").mkdir()
+    assert make_recording.main(["rest", *SHORT, "--out", "a", "--force"]) == 1
+    assert capsys.readouterr().err == "a.truth.json: Is a directory\n" and not Path("a").exists()
+
+
 def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     """Ends with 2."""
-    for words in (["wave", "--out", "a"], ["rest"], ["rest", "--out", "a", "--rate", "0"]):
+    for words in (
+        ["wave", "--out", "a"],
+        ["rest"],
+        ["rest", "--out", "a", "--rate", "0"],
+        ["rest", "--out", "a", "--rate", "20000"],
+    ):
         with pytest.raises(SystemExit) as ended:
             make_recording.main(words)
         assert ended.value.code == 2

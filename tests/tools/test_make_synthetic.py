@@ -136,6 +136,17 @@ def test_unknown_file_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: py
     assert (tmp_path / "test_000.h5").read_text() == "my notes"
 
 
+def test_a_list_of_others_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where what it names is not there from here; our own may be named from another folder."""
+    (tmp_path / "train.txt").write_text("real/train_000.h5\n")
+    assert tool.main(arguments(tmp_path, train=5)) == 1
+    assert "train.txt: names 'real/train_000.h5', which is not there" in capsys.readouterr().err
+    assert names(tmp_path) == ["train.txt"]
+    assert tool.main(arguments(tmp_path, "--force", train=5)) == 0
+    (tmp_path / "train.txt").write_text(f"{tmp_path.name}/train_000.h5\n")
+    assert tool.main(arguments(tmp_path, train=5)) == 0
+
+
 def test_failure_leaves_no_half_file(
     tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -299,6 +299,14 @@ def test_leaves_foreign_files_alone(root, capsys):
         file.attrs["made_from"] = "my camera"
     assert prepare(root) == 1
     assert "made from my camera" in capsys.readouterr().err and names(out) == ["test_000.h5"]
+    (out / "test_000.h5").unlink()
+    (out / "train.txt").write_text("precious\n")
+    assert prepare(root) == 1
+    assert "train.txt: names 'precious', which is not there" in capsys.readouterr().err and names(out) == ["train.txt"]
+    (out / "test_000.h5").mkdir()
+    assert prepare(root, "--force") == 1
+    assert "test_000.h5: is no file" in capsys.readouterr().err and (out / "train.txt").read_text() == "precious\n"
+    (out / "test_000.h5").rmdir()
     assert prepare(root, "--force") == 0
 
 

@@ -67,6 +67,25 @@ def test_a_file_without_crops(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "data set 'depth' has shape (3, 4), expected square crops" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["out.png", "out.jpg"])
+@pytest.mark.parametrize("zoom", ["200", "100000", str(2**63 - 1)])
+def test_more_than_a_picture_can_be(
+    frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], zoom: str, name: str
+) -> None:
+    """One line."""
+    assert show_data.main([str(frames), "--out", str(tmp_path / name), "--zoom", zoom]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"{5 * 128 * int(zoom)} x {128 * int(zoom)} pixels are more than a picture can have")
+    assert error.count("\n") == 1 and not (tmp_path / name).exists()
+
+
+def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
+    """Are left out."""
+    for columns in ("5", "100000"):
+        assert show_data.main([str(frames), "--out", str(tmp_path / f"{columns}.png"), "--columns", columns]) == 0
+    assert (tmp_path / "5.png").read_bytes() == (tmp_path / "100000.png").read_bytes()
+
+
 def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Is told, not left out."""
     (tmp_path / "one.prototxt").write_text('joint { name: "only" }')

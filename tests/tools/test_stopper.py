@@ -56,5 +56,5 @@ def test_a_signal_ends_the_filling(
 def test_a_folder_that_cannot_be_filled(tmp_path: Path) -> None:
     """The error names it."""
     (tmp_path / "file").touch()
-    with pytest.raises(NetlibError, match=f"^{tmp_path}/file: File exists$"):
+    with pytest.raises(NetlibError, match=f"^{tmp_path}/file: is a file; expected a folder$"):
         fill_folder(tmp_path / "file", "all is", lambda check: None)

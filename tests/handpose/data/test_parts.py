@@ -56,7 +56,46 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_room(tmp_path: Path) -> None:
-    """Less than is needed is said in MB."""
-    parts.check_room(tmp_path, 1)
-    with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
-        parts.check_room(tmp_path, 10**18)
+    """Less than is needed is said in MB, also of a folder that is not there yet."""
+    for folder in (tmp_path, tmp_path / "new" / "er"):
+        parts.check_room(folder, 1)
+        with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
+            parts.check_room(folder, 10**18)
+    with pytest.raises(DataError, match=r"needs 10+ MB"):
+        parts.check_room(tmp_path, 10**400)
+
+
+@pytest.fixture
+def ours(tmp_path: Path) -> Path:
+    """data/a.h5, of our own origin."""
+    (tmp_path / "data").mkdir()
+    with h5py.File(tmp_path / "data" / "a.h5", "w") as file:
+        file.attrs["made_from"] = "us"
+    return tmp_path / "data" / "a.h5"
+
+
+@pytest.mark.parametrize("line", ["{folder}/a.h5", "a.h5", "data/a.h5", "data/b.h5", ""])
+def test_our_own_list(ours: Path, line: str) -> None:
+    """May be replaced, from whatever folder it names our files, and also where they are gone."""
+    (ours.parent / "list.txt").write_text(line.format(folder=ours.parent) + "\n")
+    parts.refuse_foreign([ours, ours.with_name("b.h5")], [ours.parent / "list.txt"], ["us"])
+
+
+@pytest.mark.parametrize("line", ["precious", "real/a.h5", "/gone/a.h5", "c.h5", "a\0.h5", "x" * 5000])
+def test_a_list_of_others(ours: Path, line: str) -> None:
+    """Of files that are not there from here, or no list at all, is replaced only by force."""
+    given = [ours, ours.with_name("b.h5")], [ours.parent / "list.txt"], ["us"]
+    (ours.parent / "list.txt").write_text(f"a.h5\n{line}\n")
+    with pytest.raises(DataError, match=r"list.txt: names .*, which is not there; .* or use --force") as error:
+        parts.refuse_foreign(*given)
+    assert "\n" not in str(error.value)
+    parts.refuse_foreign(*given, force=True)
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("name", ["a.h5", "list.txt"])
+def test_folders_are_never_replaced(tmp_path: Path, name: str, force: bool) -> None:
+    """Whatever is asked for, they cannot be."""
+    (tmp_path / name).mkdir()
+    with pytest.raises(DataError, match=rf"/{name}: is no file; move it away"):
+        parts.refuse_foreign([tmp_path / "a.h5"], [tmp_path / "list.txt"], ["us"], force)

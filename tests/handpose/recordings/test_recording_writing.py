@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,64 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path, name: str) -> None:
         write(path, frames(1))
     write(path, frames(1), replace=True)
     assert open_recording(path).count == 1
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All that a folder holds."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("linked", [False, True])
+@pytest.mark.parametrize("count", [0, 2])
+def test_an_old_recording_stands_till_the_new_one_has_frames(tmp_path: Path, count: int, linked: bool) -> None:
+    """Whatever ends that; hidden files are no part of either."""
+    place = tmp_path / "take"
+    write(place, frames(3))
+    (place / ".mine").touch()
+    if linked:
+        place = tmp_path / "link"
+        place.symlink_to("take")
+    before = contents(place)
+    with pytest.raises(DataError, match="does not fit"), RecordingWriter(place, SMALL, 1.0, replace=True) as writer:
+        for frame in frames(count):
+            writer.write(frame)
+            assert contents(place) == before
+        writer.write(DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)))
+    assert (contents(place) == before) == (count == 0)
+    assert open_recording(place).count == (count or 3) and (place / ".mine").exists()
+    assert {path.name for path in tmp_path.iterdir()} == {"take", place.name}
+
+
+def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the new one cannot take its place."""
+    write(tmp_path / "take", frames(3))
+    before, rename = contents(tmp_path / "take"), Path.rename
+
+    def failing(self: Path, target: Path) -> Path:
+        if self.name.endswith(".tmp"):
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(OSError, match=r"Input/output error: '.*/take'"):
+        write(tmp_path / "take", frames(1), replace=True)
+    assert contents(tmp_path / "take") == before
+
+
+def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It cannot be renamed, which is said before the first frame."""
+    write(tmp_path / "take", frames(3))
+    monkeypatch.setattr(os.path, "ismount", lambda path: True)
+    with pytest.raises(NetlibError, match="a disk is mounted there"):
+        write(tmp_path / "take", frames(1), replace=True)
+
+
+@pytest.mark.parametrize("name", ["file", "file/take", "file/take.npz"])
+def test_a_file_where_a_folder_should_be(tmp_path: Path, name: str) -> None:
+    """One line, with its name."""
+    (tmp_path / "file").touch()
+    with pytest.raises(NetlibError, match=r"/file: is a file; expected a folder$"):
+        write(tmp_path / name, frames(1), replace=True)
 
 
 def test_a_folder_with_other_files_is_never_replaced(tmp_path: Path) -> None:

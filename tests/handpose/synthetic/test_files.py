@@ -10,6 +10,7 @@ import pytest
 from handpose.data import parts
 from handpose.synthetic.files import DataSet, pieces_of
 from handpose.synthetic.generator import Generator
+from netlib.errors import DataError
 
 SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
 
@@ -50,6 +51,26 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
     assert (tmp_path / "test.txt").read_text() == f"{tmp_path}/test_000.h5\n"
     with h5py.File(tmp_path / "train_002.h5") as file:
         assert file["index"][...].tolist() == [4] and file.attrs["made_from"] == "synthetic"
+
+
+@pytest.mark.parametrize("count", [10**8, 10**11])
+def test_a_run_without_room_changes_nothing(tmp_path: Path, count: int) -> None:
+    """And is told at once, however many files it would be."""
+    DataSet(tmp_path, SOURCES).write(1, lambda count: None)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    with pytest.raises(DataError, match=r"needs \d+ MB, \d+ MB are free"):
+        DataSet(tmp_path, [(Generator(split="train"), count)])
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
+
+
+def test_lists_stand_until_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk may have filled since the first look."""
+    DataSet(tmp_path, SOURCES).write(1, lambda count: None)
+    data = DataSet(tmp_path, [(Generator(split="train"), 50)])
+    monkeypatch.setattr(parts, "check_room", lambda out, need: (_ for _ in ()).throw(DataError("full")))
+    with pytest.raises(DataError, match="full"):
+        data.write(1, lambda count: None)
+    assert (tmp_path / "train.txt").exists()
 
 
 def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
