@@ -5,6 +5,7 @@ A pipe could keep a program waiting for ever, a device may never end, and a file
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 import threading
@@ -25,6 +26,20 @@ KINDS = {
 }  # fmt: skip
 
 
+_notebooks: list[list[str | Path]] = []
+
+
+@contextlib.contextmanager
+def noted() -> Iterator[list[str | Path]]:
+    """Yields a list that gets the name of each file that is read within the block, by whatever part of the program."""
+    names: list[str | Path] = []
+    _notebooks.append(names)
+    try:
+        yield names
+    finally:
+        _notebooks[:] = [other for other in _notebooks if other is not names]
+
+
 def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> FileIO:
     """A file that is open for reading; ``what`` it is meant to be stands in the error. Raises ``kind``."""
     try:
@@ -37,6 +52,8 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
             raise
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+    for names in _notebooks:
+        names.append(path)
     return stream
 
 

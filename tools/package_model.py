@@ -34,8 +34,8 @@ from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
-from netlib.errors import NetlibError
 from netlib.net import Net
+from tools import outputs
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -63,8 +63,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and write as the parsed arguments say. Raises NetlibError."""
-    if not args.out.parent.is_dir():
-        raise NetlibError(f"{args.out}: no folder {args.out.parent}")
+    outputs.check_place(args.out, [args.snapshot, args.model])
     net = trained(args.model, args.snapshot)
     if hand_layer(net) is None:
         _round(net, args.bits)

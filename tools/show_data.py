@@ -27,8 +27,9 @@ import numpy as np
 from handpose.data.examples import examples_of
 from handpose.drawing import hands, sheets
 from layers.hand import skeleton as skeletons
+from netlib import files
 from netlib.errors import DataError
-from tools import pictures
+from tools import outputs, pictures
 from tools.arguments import parser_of, positive
 from tools.console import DONE, guarded, say
 
@@ -54,7 +55,10 @@ def run(args: argparse.Namespace) -> int:
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
     images, titles = [], []
     for name in args.sets:
-        for number, (crop, joints) in enumerate(examples_of(Path(name), args.frames)):
+        with files.noted() as read:
+            examples = examples_of(Path(name), args.frames)
+        outputs.refuse_inputs(args.out, [args.skeleton, *read, *Path(name).glob("*")])
+        for number, (crop, joints) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
                 raise DataError(f"{name}: frames have {found} joints, "

@@ -21,9 +21,8 @@ from handpose.recordings.folder import PICTURES, FolderRecording
 from handpose.recordings.recording import Recording
 from handpose.tracks.track import TrackedFrame, TrackHeader
 from handpose.tracks.writing import TrackWriter, open_writer
-from netlib import atomic
 from netlib.errors import NetlibError
-from tools import pictures
+from tools import outputs, pictures
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
@@ -79,11 +78,10 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     """No output replaces what is read, and no picture lies among frames, as one of them. Raises NetlibError."""
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
-    taken = set(map(os.path.realpath, [source, *camera_file.places_beside(frames or source), *own]))
+    inputs = [source, *camera_file.places_beside(frames or source), *own]
     for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
+        outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
-        if str(place) in taken:
-            raise NetlibError(f"{name}: is read for this track; write to another file")
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
             raise NetlibError(f"{name}: lies among the frames, and would be taken for one; write it elsewhere")
 
@@ -112,7 +110,7 @@ class Outputs:
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
-            _refuse_place(Path(name))
+            outputs.check_place(Path(name))
         with contextlib.ExitStack() as stack:
             for output in (*self._writers, self._video, self._view):
                 if output is not None:
@@ -153,9 +151,3 @@ class Outputs:
             self.written.append(self._args.video)
         if self._args.rerun:
             self.written.append(self._args.rerun)
-
-
-def _refuse_place(path: Path) -> None:
-    """Raises OSError where no file can be written."""
-    with atomic.naming(path), atomic.temporary(path):
-        atomic.refuse_what_is_no_file(path)

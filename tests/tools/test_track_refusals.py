@@ -44,7 +44,7 @@ def contents() -> dict[str, bytes | None]:
         (["frames", "--camera", "own.json", "--json", "own.json"], "own.json: is read"),
         (["take.npy", "--json", "take.camera.json"], "take.camera.json: is read"),
         (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
-        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: No such file or directory"),
+        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: no folder none"),
         (["frames", "--json", "a.json", "--csv", "none/a.csv"], "none/a.csv: No such file or directory"),
         (["frames", "--json", "a.json", "--sheet", "folder.png"], "folder.png: Is a directory"),
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
