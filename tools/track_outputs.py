@@ -58,11 +58,12 @@ def _name_in(*endings: str) -> Callable[[str], str]:
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
-    """Name those that are always there, if none is named; --look stands alone."""
+    """Name those that are always there, if none is named, which ``args.unnamed`` says; --look stands alone."""
     asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN))
     if args.look is not None and asked:
         parser.error("--look stops after the first look; write all else in another run")
-    if args.look is None and not asked:
+    args.unnamed = args.look is None and not asked
+    if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
 
 
@@ -75,7 +76,10 @@ def _stem(source: str) -> str:
 
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
-    """No output replaces what is read, and no picture lies among frames, as one of them. Raises NetlibError."""
+    """No output replaces what is read, or without its name what is there; no picture lies among frames, as one of them.
+
+    Raises NetlibError.
+    """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
     inputs = [source, *camera_file.places_beside(frames or source), *own]
@@ -84,6 +88,9 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
         place = Path(os.path.realpath(name))
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
             raise NetlibError(f"{name}: lies among the frames, and would be taken for one; write it elsewhere")
+        if args.unnamed and os.path.lexists(name):
+            raise NetlibError(f"{name}: is there already; to replace it, or to write to another place, name the "
+                              f"outputs, as in --json {args.json} --sheet {args.sheet}")  # fmt: skip
 
 
 def is_drawn(args: argparse.Namespace) -> bool:

@@ -76,6 +76,19 @@ def test_the_default_names_do_not_replace_frames(
     assert contents() == before
 
 
+@pytest.mark.parametrize("name", ["frames.json", "frames.png"])
+def test_the_default_names_replace_nothing(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file that nobody named may be anybody's; the line says how to name it."""
+    Path(name).write_text("mine")
+    before = contents()
+    assert track.main(["frames"]) == 1
+    assert capsys.readouterr().err == (
+        f"{name}: is there already; to replace it, or to write to another place, name the outputs, as in "
+        "--json frames.json --sheet frames.png\n"
+    )
+    assert contents() == before
+
+
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
