@@ -109,16 +109,18 @@ def identity(descriptor: int) -> Identity:
 class Source:
     """A file that is open for reads from anywhere in it, by threads and forked processes. Raises DataError.
 
-    path  of it; ``what`` it is meant to be stands in errors
-    size  in bytes, when it was opened
+    path   of it; ``what`` it is meant to be stands in errors
+    place  device and inode
+    size   in bytes, when it was opened
     """
 
     def __init__(self, path: Path, what: str) -> None:
         self.path, self._what = path, what
         self._stream = opened(path, what)
         self._identity = identity(self._stream.fileno())
-        self.size = self._identity[2]
+        self.place, self.size = self._identity[:2], self._identity[2]
         self._lock = threading.Lock()
+        _sources.add(self)
         weakref.finalize(self, self._stream.close)
 
     def is_file(self, descriptor: int) -> bool:
@@ -162,6 +164,18 @@ class Source:
         with self._lock:
             self._stream.seek(offset)
             return self._stream.readinto(target) or 0
+
+
+_sources: weakref.WeakSet[Source] = weakref.WeakSet()
+
+
+def is_in_use(path: Path) -> bool:
+    """Is this file, by whatever name, open as a Source?"""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return False
+    return any(source.place == (status.st_dev, status.st_ino) for source in list(_sources))
 
 
 def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:
