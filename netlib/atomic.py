@@ -64,7 +64,9 @@ def _remove(path: Path) -> None:
 
 
 def beside(path: Path, suffix: str) -> Path:
-    """A new hidden name in the same folder, so that renaming is atomic."""
+    """A new hidden name in the same folder, so that renaming is atomic. Raises OSError for what names no file."""
+    if not path.name:  # "", "." and "/"
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}.netlib.{suffix}")
 
 

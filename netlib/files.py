@@ -5,6 +5,7 @@ A pipe could keep a program waiting for ever, a device may never end, and a file
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 import threading
@@ -25,6 +26,20 @@ KINDS = {
 }  # fmt: skip
 
 
+_notebooks: list[list[str | Path]] = []
+
+
+@contextlib.contextmanager
+def noted() -> Iterator[list[str | Path]]:
+    """Yields a list that gets the name of each file that is read within the block, by whatever part of the program."""
+    names: list[str | Path] = []
+    _notebooks.append(names)
+    try:
+        yield names
+    finally:
+        _notebooks[:] = [other for other in _notebooks if other is not names]
+
+
 def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> FileIO:
     """A file that is open for reading; ``what`` it is meant to be stands in the error. Raises ``kind``."""
     try:
@@ -37,6 +52,8 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
             raise
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+    for names in _notebooks:
+        names.append(path)
     return stream
 
 
@@ -92,16 +109,18 @@ def identity(descriptor: int) -> Identity:
 class Source:
     """A file that is open for reads from anywhere in it, by threads and forked processes. Raises DataError.
 
-    path  of it; ``what`` it is meant to be stands in errors
-    size  in bytes, when it was opened
+    path   of it; ``what`` it is meant to be stands in errors
+    place  device and inode
+    size   in bytes, when it was opened
     """
 
     def __init__(self, path: Path, what: str) -> None:
         self.path, self._what = path, what
         self._stream = opened(path, what)
         self._identity = identity(self._stream.fileno())
-        self.size = self._identity[2]
+        self.place, self.size = self._identity[:2], self._identity[2]
         self._lock = threading.Lock()
+        _sources.add(self)
         weakref.finalize(self, self._stream.close)
 
     def is_file(self, descriptor: int) -> bool:
@@ -157,6 +176,18 @@ def make_folder(path: Path) -> None:
                 found = KINDS.get(stat.S_IFMT(place.stat().st_mode), "is a file").removeprefix("it ")
                 raise NetlibError(f"{place}: {found}; expected a folder") from None
         raise
+
+
+_sources: weakref.WeakSet[Source] = weakref.WeakSet()
+
+
+def is_in_use(path: Path) -> bool:
+    """Is this file, by whatever name, open as a Source?"""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return False
+    return any(source.place == (status.st_dev, status.st_ino) for source in list(_sources))
 
 
 def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:

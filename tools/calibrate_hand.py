@@ -43,6 +43,8 @@ from handpose.fitting.observations import read_observations
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
+from netlib import files
+from tools import outputs
 from tools.arguments import camera, natural, parser_of, positive, positive_number
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
@@ -97,12 +99,14 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate as the parsed arguments say. Raises NetlibError."""
-    check_out(args.out, args.force)
+    check_out(args.out, args.force, args.annotations)
     template = skeletons.load(args.template) if args.template else skeletons.load()
     (annotations,) = args.annotations
-    frames = read_observations(
-        annotations, template, args.joints, args.frames, args.seed, args.half_cube or CUBE_MM / 2
-    )
+    with files.noted() as read:
+        frames = read_observations(
+            annotations, template, args.joints, args.frames, args.seed, args.half_cube or CUBE_MM / 2
+        )
+    outputs.refuse_inputs(args.out, read)
     cubes, counts = np.unique(frames.half_cube, return_counts=True)
     unit = args.half_cube or float(cubes[counts.argmax()])
     begun = time.perf_counter()
@@ -123,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
 
 def run_on_depth(args: argparse.Namespace) -> int:
     """Find size and girth as the parsed arguments say. Raises NetlibError."""
-    check_out(args.out, args.force)
+    check_out(args.out, args.force, args.annotations)
     begun = time.perf_counter()
     predictor = load_predictor(args.camera, hand=args.hand)
     frames = [(image, read_frame(image, args.camera, args.unit)) for image in args.annotations]

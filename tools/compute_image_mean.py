@@ -23,7 +23,7 @@ import numpy as np
 from layers.data.datum import decode_datum
 from netlib.binaryproto import write_blob
 from netlib.errors import DataError
-from tools import databases
+from tools import databases, outputs
 from tools.arguments import caffes_flags, parser_of
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -42,6 +42,8 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Compute as the parsed arguments say."""
     count, entries = databases.read_database(args.database)
+    if args.output:
+        outputs.refuse_inputs(args.output, [args.database, *Path(args.database).glob("*")])
     total = None
     with ProgressBar(count, "images") as progress:
         for what, value in entries:

@@ -27,7 +27,7 @@ tools.begin(__name__)
 from handpose.facts.nyu import CUBE_MM
 from netlib import atomic
 from netlib.errors import NetlibError, reason_of
-from tools import onnx_net
+from tools import onnx_net, outputs
 from tools.arguments import parser_of, positive_number
 from tools.console import DONE, FAILED, guarded, say
 
@@ -52,6 +52,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Write, and check, as the parsed arguments say. Raises NetlibError."""
+    outputs.refuse_inputs(args.out, [args.net, args.weights])
     net = onnx_net.load(args.net, args.weights)
     image = onnx_net.onnx_image(net, args.blob, args.cube)
     try:

@@ -41,6 +41,7 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.hdf5 import read_list
+from tools import outputs
 from tools.arguments import parser_of, positive, weight
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
@@ -88,6 +89,8 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     chosen = nyu.EVALUATION_JOINTS
     if max(chosen) >= len(skeleton.parents):
         raise DataError(f"skeleton {skeleton.name!r} has {len(skeleton.parents)} joints, expected the 31 of NYU's hand")
+    if args.out:
+        outputs.refuse_inputs(args.out, [args.joints, args.skeleton])
     xyz = read_joints(args.joints, len(chosen), args.format, NYU)
     rows = np.arange(len(xyz))
     if args.frames:
@@ -115,12 +118,14 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
         raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm and --frames are for text files of joints")
     if not args.out:
         raise NetlibError(f"{args.joints}: a list of HDF5 files; expected --out FOLDER for their angles")
+    name = Path(args.joints).name
+    outputs.refuse_inputs(Path(args.out) / name, [args.joints])
     files = read_list(args.joints, None)
 
     def told(number: int, target: Path, residuals: Any) -> None:
         say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
 
-    return fit_list(files, Path(args.out), Path(args.joints).name, skeleton, told=told,
+    return fit_list(files, Path(args.out), name, skeleton, told=told,
                     limits=not args.no_limits, ridge=args.ridge, starts=args.starts)  # fmt: skip
 
 

@@ -14,18 +14,7 @@ from handpose.predicting.predictor import Predictor
 from handpose.synthetic.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
 from netlib import atomic
-from netlib.errors import NetlibError
 from tools import findings
-
-
-def check_place(path: Path, images: Sequence[str]) -> None:
-    """Raise NetlibError where the page would overwrite an image, OSError where it cannot be written."""
-    if path.is_dir():
-        raise NetlibError(f"{path}: a folder; expected the name of a file for --html")
-    if path.resolve() in {Path(image).resolve() for image in images}:
-        raise NetlibError(f"{path}: the page would overwrite an image; choose another name for --html")
-    with atomic.naming(path), atomic.temporary(path):
-        atomic.refuse_what_is_no_file(path)
 
 
 def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:

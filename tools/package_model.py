@@ -36,6 +36,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
+from tools import outputs
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -63,8 +64,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and write as the parsed arguments say. Raises NetlibError."""
-    if not args.out.parent.is_dir():
-        raise NetlibError(f"{args.out}: no folder {args.out.parent}")
+    outputs.check_place(args.out, [args.snapshot, args.model])
     net = trained(args.model, args.snapshot)
     if hand_layer(net) is None:
         _round(net, args.bits)
@@ -86,6 +86,9 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     """Round the weights, measure what they and the fits after them are worth, and write all of it."""
     refuse_other_bodies(skeleton_to_fit(net), "the frames that the errors are measured on show hands")
     model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
+    if args.frames <= (count := len(model.limbs)):  # a covariance of fewer samples is singular
+        raise NetlibError(f"--frames {args.frames}: the covariance of the errors of {count} inputs of limbs takes "
+                          f"--frames {count + 1} or more")  # fmt: skip
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:
         exact = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from netlib import atomic, files
 from netlib.errors import NetlibError, reason_of
+from tools import outputs
 
 JPEG_QUALITY = 90
 
@@ -52,14 +53,12 @@ def places(images: Sequence[str], out: Path, ending: str) -> dict[str, Path]:
 
     Raises NetlibError if two would go to one place, or one over an input.
     """
-    inputs = {Path(image).resolve() for image in images}
     found: dict[str, Path] = {}
     for image in images:
         place = out / f"{Path(image).stem}{ending}"
         if place in found.values() and image not in found:
             raise NetlibError(f"{image}: its picture {place} would overwrite another's; run once per folder")
-        if place.resolve() in inputs:
-            raise NetlibError(f"{image}: its picture {place} would overwrite an input; choose another --out")
+        outputs.refuse_inputs(place, images)
         found[image] = place
     return found
 

@@ -51,7 +51,7 @@ from handpose.predicting.prediction import FramePrediction
 from handpose.predicting.predictor import Predictor
 from netlib.errors import DataError
 from netlib.paths import ROOT
-from tools import findings, hand_pages, pictures
+from tools import findings, hand_pages, outputs, pictures
 from tools.arguments import add_engine, camera, center, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     pictures.make_folder(out)
     if args.html:
-        hand_pages.check_place(Path(args.html), args.images)
+        outputs.check_place(Path(args.html), [*args.images, args.weights, args.model])
     whole = args.camera is not None
     depths = [read_frame(i, args.camera, args.unit) if whole else read_crop(i) for i in args.images]
     given = args.center or [None]

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import os
 import sys
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from handpose.recordings.first_look import look
 from handpose.recordings.recording import Recording
 from handpose.recordings.writing import RecordingWriter
 from netlib.errors import NetlibError
+from tools import outputs
 from tools.arguments import parser_of, positive, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -56,9 +56,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Write the recording that the parsed arguments name."""
-    source, out = Path(args.source).absolute(), args.out.absolute()
-    if os.path.realpath(out) in (os.path.realpath(source), os.path.realpath(source.parent)):
-        raise NetlibError(f"{args.out}: is where the source lies; write to another place")
+    source = Path(args.source).absolute()
+    outputs.refuse_inputs(args.out, [source, source.parent], "is where the source lies")
     with opened(args) as recording:
         unit = args.out_unit or min(recording.unit_mm, COARSEST_MM)
         writer = RecordingWriter(args.out, recording.camera, unit, recording.rate, replace=args.force)

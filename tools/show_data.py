@@ -28,8 +28,9 @@ import numpy as np
 from handpose.data.examples import Example, examples_of
 from handpose.drawing import hands, sheets
 from layers.hand import skeleton as skeletons
+from netlib import files
 from netlib.errors import DataError
-from tools import pictures
+from tools import outputs, pictures
 from tools.arguments import parser_of, positive
 from tools.console import DONE, guarded, say
 
@@ -56,7 +57,10 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
     skeleton = skeletons.load(args.skeleton) if args.skeleton else skeletons.load()
-    sets = [examples_of(Path(name), args.frames) for name in args.sets]
+    with files.noted() as read:
+        sets = [examples_of(Path(name), args.frames) for name in args.sets]
+    beside = [path for name in args.sets for path in Path(name).glob("*")]
+    outputs.refuse_inputs(args.out, [args.skeleton, *read, *beside])
     columns = min(args.columns, max(map(len, sets)))
     _refuse_large(sets, columns, args.zoom)
     images, titles = [], []

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
 from netlib.atomic import replace_text
 from netlib.errors import NetlibError, reason_of
+from tools import outputs
 
 
 def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
@@ -18,11 +20,8 @@ def write_skeleton(out: Path, skeleton: Skeleton, comment: str) -> None:
         raise NetlibError(f"{out}: cannot write the skeleton: {reason_of(error)}") from None
 
 
-def check_out(out: Path, force: bool) -> None:
-    """Raise NetlibError at once rather than after the work if the file cannot be written."""
-    if not out.parent.is_dir():
-        raise NetlibError(f"{out}: no folder {out.parent}")
-    if out.is_dir():
-        raise NetlibError(f"{out}: is a folder; expected the name of a file")
+def check_out(out: Path, force: bool, inputs: Sequence[str]) -> None:
+    """Raise NetlibError or OSError at once rather than after the work if the file cannot be written."""
+    outputs.check_place(out, inputs)
     if out.exists() and not force:
         raise NetlibError(f"{out}: is there already; choose another --out, or use --force to replace it")

@@ -17,8 +17,8 @@ a left one or a right one is decided over its first frames, its size over its fi
 and the palm's pose are smoothed, so that bones keep their length; --raw leaves them as they were found. --fit
 accurate takes about a third longer than fast.
 
-Without any output named, FILE.json and FILE.png, a sheet, are written here, called like the source. Ctrl-C and a
-recording that is cut leave whole files of what was done.
+Without any output named, FILE.json and FILE.png, a sheet, are written here, called like the source, unless there are
+such files already. Ctrl-C and a recording that is cut leave whole files of what was done.
 """
 
 from __future__ import annotations

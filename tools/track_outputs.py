@@ -21,9 +21,8 @@ from handpose.recordings.folder import PICTURES, FolderRecording
 from handpose.recordings.recording import Recording
 from handpose.tracks.track import TrackedFrame, TrackHeader
 from handpose.tracks.writing import TrackWriter, open_writer
-from netlib import atomic
 from netlib.errors import NetlibError
-from tools import pictures
+from tools import outputs, pictures
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
@@ -59,11 +58,12 @@ def _name_in(*endings: str) -> Callable[[str], str]:
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
-    """Name those that are always there, if none is named; --look stands alone."""
+    """Name those that are always there, if none is named, which ``args.unnamed`` says; --look stands alone."""
     asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN))
     if args.look is not None and asked:
         parser.error("--look stops after the first look; write all else in another run")
-    if args.look is None and not asked:
+    args.unnamed = args.look is None and not asked
+    if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
 
 
@@ -76,16 +76,21 @@ def _stem(source: str) -> str:
 
 
 def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
-    """No output replaces what is read, and no picture lies among frames, as one of them. Raises NetlibError."""
+    """No output replaces what is read, or without its name what is there; no picture lies among frames, as one of them.
+
+    Raises NetlibError.
+    """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
-    taken = set(map(os.path.realpath, [source, *camera_file.places_beside(frames or source), *own]))
+    inputs = [source, *camera_file.places_beside(frames or source), *own]
     for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
+        outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
-        if str(place) in taken:
-            raise NetlibError(f"{name}: is read for this track; write to another file")
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
             raise NetlibError(f"{name}: lies among the frames, and would be taken for one; write it elsewhere")
+        if args.unnamed and os.path.lexists(name):
+            raise NetlibError(f"{name}: is there already; to replace it, or to write to another place, name the "
+                              f"outputs, as in --json {args.json} --sheet {args.sheet}")  # fmt: skip
 
 
 def is_drawn(args: argparse.Namespace) -> bool:
@@ -112,7 +117,7 @@ class Outputs:
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
-            _refuse_place(Path(name))
+            outputs.check_place(Path(name))
         with contextlib.ExitStack() as stack:
             for output in (*self._writers, self._video, self._view):
                 if output is not None:
@@ -153,9 +158,3 @@ class Outputs:
             self.written.append(self._args.video)
         if self._args.rerun:
             self.written.append(self._args.rerun)
-
-
-def _refuse_place(path: Path) -> None:
-    """Raises OSError where no file can be written."""
-    with atomic.naming(path), atomic.temporary(path):
-        atomic.refuse_what_is_no_file(path)

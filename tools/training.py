@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import netlib
 from netlib import engine as engines
-from netlib import prototxt
+from netlib import files, prototxt
 from netlib.ranks import ALONE, Ranks
 from netlib.solver import Solver
 from tools import advice
@@ -47,6 +47,7 @@ def train(
 
     snapshot  go on from this solver state, which brings its own weights
     weights   start from these files instead of those that the solver names
+    log_file  no older log is replaced before the solver stands; one that is read is refused
     ranks     who trains together; rank 0 alone logs, raises, and has an exit status: another's would end it, too early
     watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
     """
@@ -59,7 +60,10 @@ def train(
         count = chosen.threads()
         log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
-        solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
+        with files.noted() as read:
+            solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
+        if console.file:
+            console.file.begin([snapshot, *read])
         if watch is not None:
             solver.callbacks.append((lambda: watch(solver), lambda: None))
         status = solve(solver, console, snapshot)

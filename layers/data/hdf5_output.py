@@ -4,7 +4,8 @@ bottom[0]  (N, ...)  becomes the data set "data"
 bottom[1]  (N, ...)  becomes the data set "label"
 
 Both are written with four axes, as Caffe does: axes of size 1 are appended. A file holds one batch, that of the first
-forward; a second forward is a mistake, as in Caffe. The file is there when it is whole, and not before.
+forward; a second forward is a mistake, as in Caffe. The file is there when it is whole, and not before. A file that a
+data layer of the process reads is refused.
 
 dx_i = 0
 """
@@ -14,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlib import hdf5
+from netlib import files, hdf5
 from netlib.blob import Blobs
 from netlib.errors import DataError, reason_of
 from netlib.layer import Layer
@@ -45,6 +46,8 @@ class HDF5Output(Layer):
             raise self.fail(f"file_name {self.param.file_name!r} is not the name of a file", "file_name")
         if not self.path.parent.is_dir():
             raise self.fail(f"file_name {self.param.file_name!r}: there is no folder {self.path.parent}", "file_name")
+        if files.is_in_use(self.path):
+            raise self.fail(f"file_name {self.param.file_name!r} is read by a net; write to another file", "file_name")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for name, x in zip(self.spec.bottom, bottom):

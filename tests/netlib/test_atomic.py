@@ -68,6 +68,21 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
+@pytest.mark.parametrize("name", ["", ".", "..", "/"])
+def test_what_is_no_name_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Is an error of the system like any other, which callers make a line of."""
+    monkeypatch.chdir(tmp_path)
+    pairs: list[Callable[[], object]] = [
+        lambda: atomic.replace_bytes(Path(name), b"1"),
+        lambda: atomic.replace_text(Path(name), "1"),
+        lambda: atomic.replace_pair((Path("a"), b"1"), (Path(name), b"2")),
+    ]
+    for write in pairs:
+        with pytest.raises(OSError, match=r"Is a directory.*'"):
+            write()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_link_that_somebody_planted_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Even one that has guessed the random name."""
     (tmp_path / "precious").write_text("mine")

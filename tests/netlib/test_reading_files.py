@@ -35,6 +35,19 @@ def test_folders_are_made(tmp_path: Path) -> None:
         files.make_folder(tmp_path / "loop")
 
 
+def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
+    """By name, in blocks within blocks, too; not what is read after it, nor what cannot be read."""
+    for name in "ab":
+        (tmp_path / name).write_text(name)
+    with files.noted() as outer:
+        files.read_text(tmp_path / "a", "the list")
+        with files.noted() as inner, pytest.raises(DataError):
+            files.read_text(tmp_path / "b", "the list")
+            files.read_text(tmp_path / "none", "the list")
+    files.read_text(tmp_path / "a", "the list")
+    assert outer == [tmp_path / "a", tmp_path / "b"] and inner == [tmp_path / "b"]
+
+
 def kinds_in(folder: Path) -> dict[str, str]:
     """Names of what is no file, and how each is called."""
     os.mkfifo(folder / "pipe")

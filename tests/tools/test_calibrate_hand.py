@@ -115,7 +115,7 @@ def test_people_who_differ_are_warned_of(work, capsys):
         (["sixteen.h5"], "sixteen.h5: data set 'joint' has shape (60, 48), expected (N, 93) for 31 joints or (N, 42)"),
         (["infinite.h5"], "infinite.h5: data set 'joint' is infinite in frame 2 (1 such frames)"),
         (["me.h5", "--out", "no/me.prototxt"], "no/me.prototxt: no folder no"),
-        (["me.h5", "--out", "."], ".: is a folder; expected the name of a file"),
+        (["me.h5", "--out", "."], ".: Is a directory"),
         (["me.h5", "--template", "no.prototxt"], "no.prototxt: cannot read the prototxt: No such file or directory"),
     ],
 )

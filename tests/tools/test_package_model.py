@@ -84,3 +84,29 @@ def test_no_folder(tmp_path, capsys):
     out = tmp_path / "nowhere" / "x.h5"
     assert package_model.main(["a.h5", "--model", DEPLOY, "--out", str(out)]) == 1
     assert f"{out}: no folder {out.parent}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["", ".", "/"])
+def test_a_place_that_is_a_folder(tmp_path, monkeypatch, capsys, place):
+    """Is told before the work."""
+    monkeypatch.chdir(tmp_path)
+    assert package_model.main(["a.h5", "--model", DEPLOY, "--out", place]) == 1
+    assert capsys.readouterr().err == f"{place or '.'}: Is a directory\n"
+
+
+@pytest.mark.parametrize("frames", ["1", "4", "16", "20"])
+def test_too_few_frames(tmp_path, capsys, frames):
+    """For a covariance that has an inverse; the line says how many are enough."""
+    weights, out = str(read_card(SYNTHETIC_HAND).weights), str(tmp_path / "x.h5")
+    assert package_model.main([weights, "--model", DEPLOY, "--out", out, "--frames", frames]) == 1
+    assert capsys.readouterr().err == (
+        f"--frames {frames}: the covariance of the errors of 20 inputs of limbs takes --frames 21 or more\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_just_enough_frames(tmp_path):
+    """A file that can be read."""
+    weights, out = str(read_card(SYNTHETIC_HAND).weights), tmp_path / "x.h5"
+    assert package_model.main([weights, "--model", DEPLOY, "--out", str(out), "--frames", "21"]) == 0
+    assert len(read_errors(out, FleshModel(skeleton.load(), 150.0)).limbs) == 20

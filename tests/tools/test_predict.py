@@ -105,7 +105,7 @@ def test_no_picture_is_written_over(snapshot, tmp_path, capsys):
     assert predict.main([*OWN, "a/x.png", "b/x.png", "--out", "o"]) == 1
     assert "b/x.png: its picture o/x_hand.png would overwrite another's" in capsys.readouterr().err
     assert predict.main([*OWN, "a/x.png", "x_hand.png"]) == 1
-    assert "a/x.png: its picture x_hand.png would overwrite an input" in capsys.readouterr().err
+    assert "x_hand.png: is read in this run; write to another place" in capsys.readouterr().err
     assert (tmp_path / "x_hand.png").read_bytes() == before
 
 
@@ -371,9 +371,10 @@ def test_a_page_of_a_frame(frame, capsys):
 @pytest.mark.parametrize(
     ("place", "message"),
     [
-        ("crop.png", "crop.png: the page would overwrite an image; choose another name for --html"),
-        ("gone/page.html", "gone/page.html: No such file or directory"),
-        (".", ".: a folder; expected the name of a file for --html"),
+        ("net.caffemodel.h5", "net.caffemodel.h5: is read in this run; write to another place"),
+        ("crop.png", "crop.png: is read in this run; write to another place"),
+        ("gone/page.html", "gone/page.html: no folder gone"),
+        (".", ".: Is a directory"),
     ],
 )
 def test_a_page_that_cannot_be_written(snapshot, capsys, place, message):

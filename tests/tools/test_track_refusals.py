@@ -44,7 +44,7 @@ def contents() -> dict[str, bytes | None]:
         (["frames", "--camera", "own.json", "--json", "own.json"], "own.json: is read"),
         (["take.npy", "--json", "take.camera.json"], "take.camera.json: is read"),
         (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
-        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: No such file or directory"),
+        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: no folder none"),
         (["frames", "--json", "a.json", "--csv", "none/a.csv"], "none/a.csv: No such file or directory"),
         (["frames", "--json", "a.json", "--sheet", "folder.png"], "folder.png: Is a directory"),
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
@@ -73,6 +73,19 @@ def test_the_default_names_do_not_replace_frames(
     for source in (".", "*.png", "1.png"):
         assert track.main([source]) == 1
         assert capsys.readouterr().err.splitlines()[-1].startswith(("frames.png: lies among", "1.png: is read"))
+    assert contents() == before
+
+
+@pytest.mark.parametrize("name", ["frames.json", "frames.png"])
+def test_the_default_names_replace_nothing(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file that nobody named may be anybody's; the line says how to name it."""
+    Path(name).write_text("mine")
+    before = contents()
+    assert track.main(["frames"]) == 1
+    assert capsys.readouterr().err == (
+        f"{name}: is there already; to replace it, or to write to another place, name the outputs, as in "
+        "--json frames.json --sheet frames.png\n"
+    )
     assert contents() == before
 
 

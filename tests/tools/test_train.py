@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from netlib import snapshot
+import netlib
+from netlib import locks, snapshot
 from tests.tools.conftest import ROOT
 from tools import train, training
 
@@ -205,3 +207,59 @@ def test_a_full_disk_ends_the_log_not_the_training(work, capsys, monkeypatch):
     errors = capsys.readouterr().err
     assert errors.count("/dev/full: cannot write the log any more: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()
+
+
+LOGS = ["solver.prototxt", "net.prototxt", "data/train.txt", "data/train_000.h5", "mine.caffemodel", "link.log"]
+
+
+@pytest.mark.parametrize("log", LOGS)
+def test_a_log_that_is_read(work, small_data, log, capsys):
+    """Is refused in one line, and stays as it was, whatever part of the training reads it."""
+    shutil.copytree(small_data, "data")
+    Path("data/train.txt").write_text("data/train_000.h5\n")
+    net = Path("net.prototxt").read_text().replace(f"{small_data}/train.txt", "data/train.txt")
+    Path("net.prototxt").write_text(net)
+    netlib.Net("net.prototxt", netlib.TRAIN).save("mine.caffemodel")
+    Path("link.log").symlink_to("solver.prototxt")
+    before = Path(log).read_bytes()
+    argv = ["solver.prototxt", "--weights", "mine.caffemodel", "--log", log]
+    assert mistake(capsys, argv) == f"{log}: is read in this run; write to another place"
+    assert Path(log).read_bytes() == before
+
+
+def test_a_log_that_is_the_state(work, capsys):
+    """No line is added to it."""
+    assert train.main(["solver.prototxt", "--max-iter", "3"]) == 0
+    state = work / "snapshots/net_iter_3.solverstate"
+    before = state.read_bytes()
+    capsys.readouterr()
+    argv = ["solver.prototxt", "--snapshot", str(state), "--log", str(state)]
+    assert mistake(capsys, argv) == f"{state}: is read in this run; write to another place"
+    assert state.read_bytes() == before
+
+
+@pytest.mark.parametrize("solver", ["typo.prototxt", "bad.prototxt"])
+def test_a_start_that_fails_leaves_an_older_log_alone(work, solver, capsys):
+    """And makes no new one."""
+    (work / "bad.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
+    (work / "old.log").write_text("old")
+    for log in ("old.log", "new/new.log"):
+        mistake(capsys, [solver, "--log", log])
+    assert (work / "old.log").read_text() == "old" and not (work / "new").exists()
+
+
+def test_a_log_that_another_process_writes(work, capsys):
+    """Is left to it, without a line of this one."""
+    with open("train.log", "a+") as other:
+        other.write("theirs")
+        other.flush()
+        assert locks.take(other.fileno())
+        assert "another process is writing this log" in mistake(capsys, ["solver.prototxt", "--log", "train.log"])
+    assert (work / "train.log").read_text() == "theirs"
+
+
+def test_a_log_in_a_place_where_none_can_be(work, capsys):
+    """One line."""
+    line = mistake(capsys, ["solver.prototxt", "--log", "net.prototxt/a.log"])
+    assert line.startswith("net.prototxt/a.log: cannot write the log: ")
+    assert mistake(capsys, ["solver.prototxt", "--log", "."]) == ".: cannot write the log: Is a directory"

@@ -49,6 +49,23 @@ def test_its_bottoms_have_no_gradient(tmp_path, net_of):
     assert (net.backward()["x"] == 0).all()
 
 
+@pytest.mark.parametrize("name", ["in.h5", "link.h5"])
+def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
+    """By whatever name."""
+    with h5py.File(tmp_path / "in.h5", "w") as file:
+        file["x"], file["t"] = np.ones((4, 3)), np.ones((4, 1))
+    (tmp_path / "link.h5").symlink_to("in.h5")
+    (tmp_path / "list.txt").write_text("in.h5")
+    before = (tmp_path / "in.h5").read_bytes()
+    data = (f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{tmp_path}/list.txt" '
+            'batch_size: 4 } }')  # fmt: skip
+    out = (f'layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" hdf5_output_param {{ '
+           f'file_name: "{tmp_path}/{name}" }} }}')  # fmt: skip
+    with pytest.raises(netlib.LayerError, match=rf"layer 'out': file_name '.*{name}' is read by a net; write to"):
+        net_of(data + out)
+    assert (tmp_path / "in.h5").read_bytes() == before
+
+
 def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
     """Which needs the same names."""
     x = rng.normal(size=(2, 3)).astype(np.float32)

@@ -1,0 +1,25 @@
+"""Files that a tool is to write: what cannot be, or would be a loss, is said before the work."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from netlib import atomic
+from netlib.errors import NetlibError
+
+
+def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
+    """Raise NetlibError if ``out`` is one of the inputs, by whatever name; None is none."""
+    if os.path.realpath(out) in {os.path.realpath(path) for path in inputs if path is not None}:
+        raise NetlibError(f"{out}: {why}; write to another place")
+
+
+def check_place(out: Path, inputs: Iterable[str | Path | None] = ()) -> None:
+    """Raise NetlibError or OSError, with the file's name, if no file can be written there or an input would be lost."""
+    refuse_inputs(out, inputs)
+    if not out.parent.is_dir():
+        raise NetlibError(f"{out}: no folder {out.parent}")
+    with atomic.naming(out), atomic.temporary(out):
+        atomic.refuse_what_is_no_file(out)
