@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from handpose.facts.cameras import CAMERAS, Camera
+from handpose.facts.cubes import CUBES_MM
 from netlib import engine
 
 LARGEST_PX = 1e6  # of focal lengths and principal points, as in a camera.json
@@ -60,13 +61,13 @@ def positive(text: str) -> int:
     return _whole(text, 1, "a whole number of at least 1")
 
 
-def natural(text: str) -> int:
-    """A command-line number of at least 0."""
-    return _whole(text, 0, "a whole number")
+def natural(text: str, most: float = math.inf) -> int:
+    """A command-line number of at least 0, and at most ``most``."""
+    return _whole(text, 0, "a whole number" + (f", at most {most:g}" if most < math.inf else ""), most)
 
 
-def _whole(text: str, least: int, expected: str) -> int:
-    if not (text.isascii() and text.isdigit()) or int(text) < least:
+def _whole(text: str, least: int, expected: str, most: float = math.inf) -> int:
+    if not (text.isascii() and text.isdigit()) or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
     return int(text)
 
@@ -91,6 +92,18 @@ def positive_number(text: str, most: float = math.inf) -> float:
     if not 0 < number <= most or number == math.inf:
         limit = f" and at most {most:g}" if most < math.inf else ""
         raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
+    return number
+
+
+def cube(text: str) -> float:
+    """The edge of a cube around a body, in mm."""
+    least, most = CUBES_MM
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not least <= number <= most:
+        raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
     return number
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from collections.abc import Callable
 
 import pytest
@@ -16,6 +17,8 @@ from tools import arguments
     [
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
+        (functools.partial(arguments.natural, most=100), "100", 100),
+        (arguments.cube, "2400", 2400.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
         (arguments.named_file, " a b =c=d", ("a b", "c=d")),
@@ -43,6 +46,10 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.positive, "²", "a whole number of at least 1"),
         (arguments.natural, "-1", "a whole number"),
         (arguments.natural, "1.0", "a whole number"),
+        (functools.partial(arguments.natural, most=100), "101", "a whole number, at most 100"),
+        (arguments.cube, "0.3", "50 to 10000 mm"),
+        (arguments.cube, "nan", "50 to 10000 mm"),
+        (arguments.cube, "wide", "50 to 10000 mm"),
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
