@@ -50,4 +50,4 @@ def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
     if high < NEAR_MM:
         raise UnitError(f"depths from {low:.3g} to {high:.3g}, expected mm; they may be metres")
     if low > farthest:
-        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}")
+        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}; check the unit")
