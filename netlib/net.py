@@ -238,7 +238,7 @@ class Net:
         ``blobs`` names more blobs to return.
         """
         with self.executor.one_thread:  # or another thread's inputs would be overwritten
-            self._set_inputs({name: np.asarray(array) for name, array in inputs.items()})
+            self._set_inputs({name: _numbers(array, f"input {name!r}") for name, array in inputs.items()})
             self.executor.forward(*self._part(start, end))
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
@@ -264,7 +264,13 @@ class Net:
         with self.executor.one_thread:
             self._seed_losses()
             for name, array in tops.items():
-                self._blob(name).diff[...] = array
+                diff, given = self._blob(name).diff, _numbers(array, f"output {name!r}")
+                try:
+                    diff[...] = given
+                except ValueError:
+                    raise LayerError(
+                        f"output {name!r} has shape {diff.shape}, given an array of shape {given.shape}"
+                    ) from None
             self.executor.backward(*part)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
@@ -305,8 +311,6 @@ class Net:
             blob = self.blobs[name]
             if array.ndim != len(blob.shape):
                 raise LayerError(f"input {name!r} has shape {blob.shape}, given an array of shape {array.shape}")
-            if array.dtype.kind not in "fiub":
-                raise LayerError(f"input {name!r} takes numbers, given an array of {array.dtype}")
             if array.shape != blob.shape:
                 blob.reshape(array.shape)
                 reshaped = True
@@ -367,6 +371,16 @@ class Net:
         for name, state in states.items():
             if name in self.layer_dict:
                 self.layer_dict[name].restore(state)
+
+
+def _numbers(array: Any, what: str) -> NDArray[Any]:
+    """An array as given for a blob. Raises LayerError for one of anything but numbers, and for one with a mask."""
+    if isinstance(array, np.ma.MaskedArray):
+        raise LayerError(f"{what} takes all of an array, given one with a mask; give array.filled(VALUE)")
+    found = np.asarray(array)
+    if found.dtype.kind not in "fiub":
+        raise LayerError(f"{what} takes numbers, given an array of {found.dtype}")
+    return found
 
 
 def _automatic_tops(layer: Layer) -> int:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from handpose.facts.cameras import CAMERAS, Camera
+from handpose.facts.cubes import CUBES_MM
 from netlib import engine
 
 LARGEST = (1 << 63) - 1  # whole number: files have no larger ones
@@ -61,16 +62,16 @@ def positive(text: str) -> int:
     return _whole(text, 1, "a whole number of at least 1")
 
 
-def natural(text: str) -> int:
-    """A command-line number of at least 0."""
-    return _whole(text, 0, "a whole number")
+def natural(text: str, most: int = LARGEST) -> int:
+    """A command-line number of at least 0, and at most ``most``."""
+    return _whole(text, 0, "a whole number", most)
 
 
-def _whole(text: str, least: int, expected: str) -> int:
+def _whole(text: str, least: int, expected: str, most: int = LARGEST) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 1000) or int(text) < least:
         raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
-    if int(text) > LARGEST:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at most {LARGEST}, found {text}")
+    if int(text) > most:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at most {most}, found {text!r}")
     return int(text)
 
 
@@ -94,6 +95,18 @@ def positive_number(text: str, most: float = math.inf) -> float:
     if not 0 < number <= most or number == math.inf:
         limit = f" and at most {most:g}" if most < math.inf else ""
         raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
+    return number
+
+
+def cube(text: str) -> float:
+    """The edge of a cube around a body, in mm."""
+    least, most = CUBES_MM
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not least <= number <= most:
+        raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
     return number
 
 

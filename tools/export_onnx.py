@@ -28,7 +28,7 @@ from handpose.facts.nyu import CUBE_MM
 from netlib import atomic
 from netlib.errors import NetlibError, reason_of
 from tools import onnx_net, outputs
-from tools.arguments import parser_of, positive_number
+from tools.arguments import cube, parser_of
 from tools.console import DONE, FAILED, guarded, say
 
 BATCHES = (1, 3)  # of --check
@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
                         help="give out this blob, too, for example DoF; may be given several times")  # fmt: skip
-    parser.add_argument("--cube", type=positive_number, default=CUBE_MM, metavar="MM",
+    parser.add_argument("--cube", type=cube, default=CUBE_MM, metavar="MM",
                         help="edge of the cube of a hand's crops, for the metadata (default: %(default)g)")  # fmt: skip
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     args = parser.parse_args(argv)

@@ -31,6 +31,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -41,6 +42,7 @@ tools.begin(__name__)
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data.depth_images import UnitError
 from handpose.data.images import read_crop, read_frame
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
@@ -48,12 +50,13 @@ from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import best_fit
 from handpose.predicting.packaged import load_predictor, predictor_of
 from handpose.predicting.prediction import FramePrediction
-from handpose.predicting.predictor import Predictor
+from handpose.predicting.predictor import MOST_REFINE, Predictor
 from netlib.errors import DataError
 from netlib.paths import ROOT
 from tools import findings, hand_pages, outputs, pictures
-from tools.arguments import add_engine, camera, center, natural, parser_of, positive_number
+from tools.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
+from tools.sources import say_doubts
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -70,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="(default: either, with --fit no right)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
-    parser.add_argument("--cube", type=positive_number, default=CUBE_MM, metavar="MM",
+    parser.add_argument("--cube", type=cube, default=CUBE_MM, metavar="MM",
                         help="edge of the cube (default: %(default)g)")  # fmt: skip
     parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are whole depth frames of this camera: "
@@ -79,7 +82,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="what a pixel's value of 1 stands for (default: 1, of sr305 0.125)")  # fmt: skip
     parser.add_argument("--center", type=center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: middle of the hand, once for all frames or once per frame")  # fmt: skip
-    parser.add_argument("--refine", type=natural, default=3, metavar="N",
+    parser.add_argument("--refine", type=lambda text: natural(text, MOST_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -111,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
     results, hands = [], []
     for image, depth, middle in zip(args.images, depths, centers):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
+        if isinstance(found, FramePrediction) and predictor.is_hand:
+            say_doubts(image, depth, found.camera, args.unit)
         hands.append((image, found))
         findings.draw(places[image], found, predictor)
         facts = findings.facts(found, predictor)
@@ -141,14 +146,13 @@ def _predictor(args: argparse.Namespace) -> Predictor:
     return predictor_of(model, args.weights, camera, **options)
 
 
-def _in_frame(
-    predictor: Predictor, depth: NDArray[np.float32], middle: tuple[float, ...] | None, image: str
-) -> FramePrediction:
+def _in_frame(predictor: Predictor, depth: NDArray[np.float32], middle: Any, image: str) -> FramePrediction:
     """The hand in a frame; an error names the image, and says what to do."""
     try:
         return predictor.in_frame(depth, middle)
     except DataError as error:
-        advice = "" if middle and len(middle) == 3 else "; say with --center U,V,D where the hand is"
+        known = isinstance(error, UnitError) or (middle and len(middle) == 3)
+        advice = "" if known else "; say with --center U,V,D where the hand is"
         raise DataError(f"{image}: {error}{advice}") from None
 
 

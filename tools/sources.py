@@ -8,10 +8,13 @@ import sys
 from pathlib import Path
 from typing import TextIO
 
-from handpose.facts.cameras import CAMERAS, Camera
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
 from handpose.recordings import camera_file
 from handpose.recordings.camera_file import RANGES
-from handpose.recordings.first_look import FirstLook
+from handpose.recordings.first_look import FirstLook, doubts
 from handpose.recordings.given import Given
 from handpose.recordings.lens import Lens
 from handpose.recordings.opening import EXPECTED, open_recording
@@ -61,6 +64,12 @@ def say_first_look(look: FirstLook, file: TextIO | None = None) -> None:
         say(f"  {remark}", file=file)
     for warning in look.warnings:
         say(f"warning: {look.name}: {warning}", file=sys.stderr)
+
+
+def say_doubts(name: str, depth: NDArray[np.float32], camera: Camera, unit_mm: float | None) -> None:
+    """Print what is likely wrong with a single frame in mm; the unit is by default the camera's own."""
+    for warning in doubts(depth, camera, unit_mm or UNIT_MM.get(camera.name, 1.0)):
+        say(f"warning: {name}: {warning}", file=sys.stderr)
 
 
 def say_found_on_the_way(recording: Recording, seen: FirstLook) -> None:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.data.depth_images import numbers
 from handpose.facts.cameras import NYU, Camera
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -133,6 +134,7 @@ def crop(
     center_uvd  (3,) middle of the cube: pixels and mm
     cube_mm     edge of the cube
     """
+    depth = numbers(depth, "depth image", 0)
     check_size(depth, camera)
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
     u, v, d = np.asarray(center_uvd, dtype=np.float64)

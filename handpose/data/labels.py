@@ -3,7 +3,7 @@
 docs/data.md lists all that such a file holds. Whoever computes with labels, and not only trains on them, reads here
 
     joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where cut off at the cube, NaN if unknown
-    half_cube  (n,) or (n, 1)         mm, more than 0; a file may do without
+    half_cube  (n,) or (n, 1)         mm, 25 to 5000; a file may do without
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import CAMERAS, Camera
+from handpose.facts.cubes import CUBES_MM
 from handpose.facts.nyu import CUBE_MM
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -74,11 +75,12 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
         raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
                         "mm, one number per frame")  # fmt: skip
     half_cube = stored.reshape(file.rows)
-    wrong = ~(np.isfinite(half_cube) & (half_cube > 0))
+    least, most = (edge / 2 for edge in CUBES_MM)
+    wrong = ~((half_cube >= least) & (half_cube <= most))
     if wrong.any():
         first = wrong.argmax()
         raise DataError(f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
-                        "such frames), expected mm, more than 0")  # fmt: skip
+                        f"such frames), expected mm, {least:g} to {most:g}")  # fmt: skip
     return half_cube
 
 
@@ -108,6 +110,9 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
             raise DataError(f"{files[0].path}: crop centres of several cameras; expected frames of one")
         numbers += [float(focal), float(middle)]
     fx, u0, fy, v0 = numbers
+    if not (fx > 0 and fy > 0):
+        raise DataError(f"{files[0].path}: crop centres from which focal lengths of {fx:g}, {fy:g} px follow; expected "
+                        "more than 0")  # fmt: skip
     for camera in CAMERAS.values():
         if np.allclose((fx, fy, u0, v0), (camera.fx, camera.fy, camera.u0, camera.v0), atol=0.5):
             return uvd, camera

@@ -11,6 +11,7 @@ Lens distortion is not modelled: the data sets publish undistorted frames.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """One pinhole camera."""
+    """One pinhole camera. Raises ValueError for focal lengths that are not more than 0, and for what is not finite."""
 
     name: str
     fx: float  # focal lengths, pixels
@@ -30,6 +31,16 @@ class Camera:
     v0: float
     width: int  # image size, pixels
     height: int
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"camera {self.name!r}: {name} is {getattr(self, name)}, expected more than 0 px")
+        for name in ("u0", "v0"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(
+                    f"camera {self.name!r}: {name} is {getattr(self, name)}, expected a finite number of px"
+                )
 
     def project(self, xyz: ArrayLike) -> Array:
         """Points (..., 3) x, y, z in mm to (..., 3) u, v in pixels and d in mm."""

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.data.depth_images import depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM
 from layers.hand.bodies import kinematics_of
@@ -30,12 +31,12 @@ BEHIND_MM = 38.0  # the centre lies so far behind the mean of what is seen, whic
 MOST_PIXELS = 1 << 21  # that are looked at; of a larger image every so manieth
 
 
-def find_hand(depth: ArrayLike, camera: Camera) -> Array:
+def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
     """Centre (3,), u, v in px and d in mm, of the nearest thing in a depth image (height, width) in mm.
 
     Raises DataError if there is no surface as large as a hand.
     """
-    whole = np.asarray(depth)
+    whole = depth_image(depth)
     step = max(1, math.ceil(math.sqrt(whole.size / MOST_PIXELS)))
     image = np.asarray(whole[step // 2 :: step, step // 2 :: step], dtype=np.float64)
     seen = np.isfinite(image) & (image > 0)
@@ -62,9 +63,9 @@ def find_hand(depth: ArrayLike, camera: Camera) -> Array:
     return camera.project(center + (0, 0, BEHIND_MM))
 
 
-def depth_around(depth: ArrayLike, u: float, v: float, reach: int = 8) -> Array:
+def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8) -> Array:
     """Centre (3,) at pixel u, v, at the median depth around it: u, v in px and d in mm. Raises DataError."""
-    image = np.asarray(depth, dtype=np.float64)
+    image = depth_image(depth)
     row, column = round(v), round(u)
     if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]):
         raise DataError(f"pixel {u:g}, {v:g} lies outside the image of {image.shape[1]} x {image.shape[0]}")

@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from handpose.data.depth_images import depth_image
 from handpose.data.places import CUBE_MM, FAR_MM, NEAREST_MM, SIZE, place_crops, surface_places
 from handpose.facts.cameras import Camera
 from handpose.predicting.finding import find_hand
@@ -47,12 +48,12 @@ class Locator:
                 )
         self.net = net
 
-    def hands(self, depth: ArrayLike, camera: Camera) -> Located:
+    def hands(self, depth: NDArray[np.generic], camera: Camera) -> Located:
         """Where hands may be in a depth image (height, width) in mm, 0 where nothing was read.
 
         Raises DataError if nothing is seen that may be one, and for an image of another camera.
         """
-        image = np.asarray(depth)
+        image = depth_image(depth)
         if not (image > 0).any():
             raise DataError("no depth anywhere in the image")
         crops, centers = place_crops(image, surface_places(image, camera), camera)

@@ -17,7 +17,7 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.locator import Locator
 from handpose.predicting.nets import hand_layer, trained
-from handpose.predicting.predictor import Fit, Hand, Predictor
+from handpose.predicting.predictor import Fit, Hand, Predictor, check_options
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
 from netlib.paths import ROOT
@@ -82,6 +82,7 @@ def predictor_of(
     engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with any net and its weights. Raises NetlibError."""
+    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)  # before the weights are read for them
     net = trained(model, weights, engine)
     layer = hand_layer(net)
     errors = None

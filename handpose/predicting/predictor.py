@@ -10,13 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from numbers import Integral, Real
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import SIZE, crop
+from handpose.data.depth_images import check_unit, depth_image, numbers
 from handpose.facts.cameras import NYU, Camera
+from handpose.facts.cubes import CUBES_MM
 from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.body import GIRTH, FleshModel
 from handpose.fitting.depth.fit import DepthFitter
@@ -29,7 +32,7 @@ from handpose.predicting.many import fit_crops
 from handpose.predicting.nets import hand_layer, is_hand
 from handpose.predicting.prediction import FittedHand, FramePrediction, Prediction
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
 
 Hand = Literal["right", "left", "either"]
@@ -42,6 +45,7 @@ KEEP = 3  # of the places that were fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
 ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away; larger ones farther
 _MIRROR = (-1, 1, 1)
+MOST_REFINE = 100  # a crop that has not come to rest after so many moves goes round in a circle
 
 
 class Place(NamedTuple):
@@ -71,13 +75,15 @@ class Predictor:
     where they are: in a frame somebody has to say where it is.
 
     A net knows the hand of its training data: of NYU and of the synthetic hands a right hand. Raises NetlibError for a
-    net without these blobs or without a HandModel, and for a fit of a skeleton without flesh.
+    net without these blobs or without a HandModel, for a fit of a skeleton without flesh, and for options that are
+    none.
     """
 
     def __init__(
         self, net: Net, camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: Hand = "right", refine: int = 3,
         fit: Fit = "no", errors: NetworkErrors | None = None, locator: Locator | None = None,
     ) -> None:  # fmt: skip
+        check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
         for name in ("depth", "pred"):
             if name not in net.blobs:
                 raise NetlibError(
@@ -97,11 +103,16 @@ class Predictor:
         self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, cube_mm / 2), errors)
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
-        """The hand in a crop (128, 128) in [-1, 1]. Raises DataError for another shape, NetlibError."""
-        if depth.shape != (SIZE, SIZE):
-            raise DataError(f"crop of shape {depth.shape}, expected ({SIZE}, {SIZE})")
+        """The hand in a crop (128, 128) in [-1, 1]; what is masked is background. Raises DataError, NetlibError."""
+        image = numbers(depth, "crop", 1)
+        if image.shape != (SIZE, SIZE):
+            raise DataError(f"crop of shape {image.shape}, expected ({SIZE}, {SIZE})")
+        seen = image.astype(np.float32)
+        low, high = float(seen.min()), float(seen.max())
+        if not -1 <= low <= high <= 1:
+            what = "that are not numbers" if np.isnan(low) else f"from {low:g} to {high:g}"
+            raise DataError(f"crop with values {what}, expected -1 to 1")
         camera, middle = self.alone()
-        seen = depth.astype(np.float32)
         found = min(self._hands([Place(seen, middle, side) for side in self.sides], camera, self.fit), key=_doubt)
         return Prediction(**{field.name: getattr(found, field.name) for field in dataclasses.fields(Prediction)})
 
@@ -113,12 +124,15 @@ class Predictor:
         return camera, np.array([camera.u0, camera.v0, ALONE_MM * max(1.0, self.cube_mm / CUBE_MM)])
 
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> FramePrediction:
-        """The hand in a depth frame (height, width) in mm, 0 where nothing was read. Raises DataError, NetlibError.
+        """The hand in a depth frame (height, width) in mm, 0 or masked where nothing was read.
 
         center  where to look first, as for ``start``. Without it, and with a locator and a fit, every place that the
                 locator tells is fitted fast, and those that look most like a hand by the plan. Of the sides in one
                 crop the one with less doubt is taken, of places the one that is less strange and likelier
+
+        Raises UnitError for depths in another unit, DataError, NetlibError.
         """
+        depth = _in_mm(depth)
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is no hand, and only hands are searched for")
@@ -137,9 +151,20 @@ class Predictor:
 
         Raises DataError if all places are out of sight, NetlibError.
         """
-        return self._hands_near(depth, starts, odds, find=True)
+        return self._hands_near(_in_mm(depth), starts, odds, find=True)
 
     def _hands_near(
+        self, depth: NDArray[np.generic], starts: Sequence[Array], odds: Sequence[float], find: bool
+    ) -> list[FramePrediction]:
+        """Those hands of the likeliest places that are before the camera. Raises DataError if none is."""
+        hands = self._likeliest(depth, starts, odds, find)
+        before = [hand for hand in hands if (hand.xyz[:, 2] > 0).all()]
+        if not before:
+            raise DataError(f"a hand is predicted in which a joint is at a depth of {hands[0].xyz[:, 2].min():.0f} mm, "
+                            "behind the camera")  # fmt: skip
+        return before
+
+    def _likeliest(
         self, depth: NDArray[np.generic], starts: Sequence[Array], odds: Sequence[float], find: bool
     ) -> list[FramePrediction]:
         """The hand of each of the ``KEEP`` likeliest places; of one if nobody has to ``find`` it."""
@@ -165,14 +190,14 @@ class Predictor:
         center  (u, v, d) is taken as it is; (u, v) gets the depth that is seen there; without it, the likeliest hand of
                 the locator, or the nearest thing
         """
+        depth = _in_mm(depth)
         if center is None:
             camera = self._camera_of(depth)
             if self.locator is not None:
                 return camera.project(self.locator.hands(depth, camera).center[0])
             return finding.find_hand(depth, camera)
-        if len(center) == 3:
-            return np.array(center, dtype=np.float64)
-        return finding.depth_around(depth, center[0], center[1])
+        place = _center(center)
+        return place if len(place) == 3 else finding.depth_around(depth, *place)
 
     def _places(
         self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], odds: Sequence[float], both: bool
@@ -206,6 +231,8 @@ class Predictor:
         for _ in range(self.refine):
             joints = self._network(place.crop, side)
             there = finding.recenter(joints, self.skeleton, place.center_uvd, self.cube_mm, camera, side == "left")
+            if np.array_equal(there, place.center_uvd):
+                break  # it would stay
             far = np.linalg.norm(camera.unproject(there) - camera.unproject(start))
             if not (far < LARGEST_MOVE_MM and there[2] > self.cube_mm / 2):
                 break  # a prediction gone astray
@@ -272,11 +299,44 @@ class Predictor:
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
         """The camera, with the frame's size if it has none."""
-        if depth.ndim != 2:
-            raise DataError(f"depth image of shape {depth.shape}, expected (height, width)")
         if self.camera.width:
             return self.camera
         return dataclasses.replace(self.camera, width=depth.shape[1], height=depth.shape[0])
+
+
+def check_options(*, cube_mm: float, hand: str, refine: int, fit: str) -> None:
+    """Raise NetlibError for options of a ``Predictor`` that are none."""
+    for name, word, known in (("hand", hand, get_args(Hand)), ("fit", fit, get_args(Fit))):
+        if word not in known:
+            raise NetlibError(f"{name}={word!r}{did_you_mean(str(word), known)}; expected {', '.join(known)}")
+    least, most = CUBES_MM
+    if not (isinstance(cube_mm, Real) and least <= cube_mm <= most):
+        raise NetlibError(f"cube_mm={cube_mm!r}; expected {least:g} to {most:g} mm")
+    check_whole("refine", refine, 0, MOST_REFINE)
+
+
+def check_whole(name: str, value: object, least: int, most: int) -> None:
+    """Raise NetlibError for a value of an argument that is no whole number from ``least`` to ``most``."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) <= most:
+        raise NetlibError(f"{name}={value!r}; expected a whole number from {least} to {most}")
+
+
+def _in_mm(depth: object) -> NDArray[np.generic]:
+    """A depth image in mm, 0 where it is masked. Raises UnitError, DataError."""
+    image = depth_image(depth)
+    check_unit(image)
+    return image
+
+
+def _center(center: object) -> Array:
+    """(u, v) or (u, v, d) as an array. Raises DataError."""
+    try:
+        place = np.asarray(center, dtype=np.float64)
+    except (TypeError, ValueError):
+        place = np.zeros(0)
+    if place.shape not in ((2,), (3,)) or not np.isfinite(place).all():
+        raise DataError(f"center {center}, expected two or three finite numbers: u, v in px or u, v, d in px, px, mm")
+    return place
 
 
 def _doubt(found: Prediction) -> float:

@@ -65,9 +65,8 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
     values = np.concatenate([frame.depth[frame.depth > 0] for frame in seen])
     low, middle, high = np.percentile(values, (1, 50, 99)).tolist() if len(values) else (0.0, 0.0, 0.0)
     near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
-    view = (_angle(camera.width, camera.u0, camera.fx), _angle(camera.height, camera.v0, camera.fy))
     warnings = [
-        *_of_camera(camera, view),
+        *_of_camera(camera),
         *_of_values(seen, bool(len(values))),
         *_of_times(seen, recording.rate),
         *(_of_unit(near, recording.unit_mm) if near else ()),
@@ -83,10 +82,16 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
         frames=seen,
         depth_mm=(low, middle, high) if len(values) else None,
         zeros=1 - len(values) / sum(frame.depth.size for frame in seen),
-        view=view,
+        view=_view_of(camera),
         nearest=near,
         warnings=tuple(warnings),
     )
+
+
+def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float) -> list[str]:
+    """What is likely wrong with the camera and the unit of a single frame (height, width) in mm: a line each."""
+    near = nearest_thing(depth, camera)
+    return [*_of_camera(camera), *(_of_unit(near, unit_mm) if near else ())]
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
@@ -106,13 +111,18 @@ def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, fl
     return distance, float((right - left + 1) * distance / camera.fx)
 
 
+def _view_of(camera: Camera) -> tuple[float, float]:
+    """Degrees that its picture is wide and high."""
+    return _angle(camera.width, camera.u0, camera.fx), _angle(camera.height, camera.v0, camera.fy)
+
+
 def _angle(size: int, middle: float, focal: float) -> float:
     """Degrees that a picture is wide."""
     return math.degrees(math.atan2(middle + 0.5, focal) + math.atan2(size - 0.5 - middle, focal))
 
 
-def _of_camera(camera: Camera, view: tuple[float, float]) -> Iterator[str]:
-    size = f"{camera.width} x {camera.height}"
+def _of_camera(camera: Camera) -> Iterator[str]:
+    view, size = _view_of(camera), f"{camera.width} x {camera.height}"
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
         yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px see {view[0]:.0f} x {view[1]:.0f} degrees in "
                f"{size} pixels; check fx and fy, which may be of another size of picture")  # fmt: skip

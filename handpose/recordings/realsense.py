@@ -76,7 +76,10 @@ def _own(rs: Any, profile: Any, name: str) -> tuple[Given, tuple[int, int]]:
         raise DataError(f"{name}: its depth comes as {stream.format()}; expected z16")
     said = stream.get_intrinsics()
     lens = lens_of(str(said.model), said.coeffs, name)
-    camera = Camera(name, said.fx, said.fy, said.ppx, said.ppy, said.width, said.height)
+    try:
+        camera = Camera(name, said.fx, said.fy, said.ppx, said.ppy, said.width, said.height)
+    except ValueError as error:  # not calibrated
+        raise DataError(f"{name}: {error}") from None
     metres = profile.get_device().first_depth_sensor().get_depth_scale()
     unit_mm = float(f"{1000 * metres:.6g}")  # 0.001 as a float of 32 bits is not 0.001
     return Given(camera, lens, unit_mm, float(stream.fps()), name), (said.height, said.width)

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from handpose.data.places import NEAREST_MM
 from handpose.facts import icvl, nyu
 from handpose.facts.cameras import ICVL, NYU, Camera
 from handpose.scoring import metrics
@@ -77,6 +78,10 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
     if wrong.any():
         first = int(wrong.argmax())
         raise _mistake(f"{path}:{first + 1}", lines[first], joints)
+    usual = float(np.median(np.abs(found[..., 2])))
+    if usual < NEAREST_MM:
+        raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than {NEAREST_MM:g}: are "
+                        "they metres?")  # fmt: skip
     if fmt == "xyz":
         return found
     depth = found[..., 2].min(axis=1)

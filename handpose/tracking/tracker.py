@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
+from handpose.data.depth_images import check_unit, depth_image
 from handpose.facts.cameras import Camera
 from handpose.predicting.nets import refuse_other_bodies
 from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Fit, Predictor
+from handpose.predicting.predictor import Fit, Predictor, check_whole
 from handpose.recordings.recording import DepthFrame
 from handpose.tracking.following import COAST, ENOUGH, Follower
 from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
@@ -34,6 +35,7 @@ from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader, mirror_of
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
+MOST_HANDS = 100  # beyond which a number of hands is a mistake
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
 STRANGE_NEW_MM, STRANGE_MM = 140.0, 150.0  # a new hand is no stranger than this, one that is followed than that
 CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
@@ -65,7 +67,8 @@ class Tracker:
     size       of all hands, relative to the skeleton; without it, each one's is told from its first seconds
     flesh      tell each hand's flesh, too
 
-    Raises NetlibError for a predictor without these, DataError for a size that no hand is fitted with.
+    Raises NetlibError for a predictor without these and for a number of hands that is none, DataError for a size that
+    no hand is fitted with.
     """
 
     def __init__(
@@ -74,6 +77,7 @@ class Tracker:
     ) -> None:  # fmt: skip
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
+        check_whole("hands", hands, 1, MOST_HANDS)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
         self.limit, self.smooth, self.flesh = hands, smooth, flesh
@@ -83,6 +87,7 @@ class Tracker:
         self.followers: list[Follower] = []
         self.known: dict[int, Known] = {}
         self._time = -np.inf
+        self._read = False  # was anything, in any frame?
 
     def header(self, source: str) -> TrackHeader:
         """What holds for all frames."""
@@ -94,9 +99,15 @@ class Tracker:
             yield self.step(frame)
 
     def step(self, frame: DepthFrame) -> TrackedFrame:
-        """What is told of the next frame. Raises DataError for one of another size, or not later, NetlibError."""
-        depth, time = frame.depth, frame.time
+        """What is told of the next frame. Raises DataError for one of another size, or not later, NetlibError.
+
+        And UnitError for the first in which anything was read, if that is in metres or negative.
+        """
+        depth, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
         check_size(depth, self.camera)
+        if not self._read:
+            check_unit(depth, np.inf)
+            self._read = bool((depth > 0).any())
         if not time > self._time:
             raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
         self._follow(depth, time)

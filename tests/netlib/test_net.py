@@ -232,7 +232,14 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
         (lambda net: net.forward(x=np.ones(3)), r"input 'x' has shape \(2, 3\).* given an array.* \(3,\)"),
         (lambda net: net.forward(start="aa"), r"has no layer 'aa' \(did you mean 'a'\?\)"),
         (lambda net: net.forward(["aaa"]), "has no blob 'aaa'"),
+        (
+            lambda net: net.forward(x=np.ma.masked_equal(np.ones((2, 3)), 0)),
+            "input 'x' takes all of an array, given one",
+        ),
+        (lambda net: net.forward(x=np.full((2, 3), "a")), "input 'x' takes numbers, given an array of <U1"),
         (lambda net: net.backward(bb=np.ones(3)), "has no blob 'bb'"),
+        (lambda net: net.backward(a=np.ones(7)), r"output 'a' has shape \(2, 3\), given an array of shape \(7,\)"),
+        (lambda net: net.backward(a=np.ma.masked_equal(np.ones((2, 3)), 0)), "output 'a' takes all of an array"),
     ],
 )
 def test_unknown_names_are_told(net_of: MakeNet, call: Callable[[netlib.Net], object], message: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from collections.abc import Callable
 
 import pytest
@@ -16,6 +17,8 @@ from tools import arguments
     [
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
+        (functools.partial(arguments.natural, most=100), "100", 100),
+        (arguments.cube, "2400", 2400.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
         (arguments.named_file, " a b =c=d", ("a b", "c=d")),
@@ -34,7 +37,7 @@ def test_values(kind: Callable[[str], object], text: str, value: object) -> None
 def test_the_largest_number(kind: Callable[[str], object]) -> None:
     """Is the largest of 64 bits that files can hold."""
     assert kind(str(2**63 - 1)) == 2**63 - 1
-    with pytest.raises(argparse.ArgumentTypeError, match=f"of at most {2**63 - 1}, found {2**64}"):
+    with pytest.raises(argparse.ArgumentTypeError, match=f"of at most {2**63 - 1}, found '{2**64}'"):
         kind(str(2**64))
 
 
@@ -52,6 +55,10 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.natural, "-1", "a whole number"),
         (arguments.natural, "1.0", "a whole number"),
         (arguments.natural, "9" * 5000, "a whole number"),
+        (functools.partial(arguments.natural, most=100), "101", "a whole number of at most 100"),
+        (arguments.cube, "0.3", "50 to 10000 mm"),
+        (arguments.cube, "nan", "50 to 10000 mm"),
+        (arguments.cube, "wide", "50 to 10000 mm"),
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),

@@ -556,7 +556,7 @@ def test_usage(capsys):
     with pytest.raises(SystemExit) as stopped:
         export_onnx.main(["net", "weights", "out", "--cube", "0"])
     assert stopped.value.code == 2
-    assert capsys.readouterr().err.endswith("argument --cube: expected a number of more than 0, found '0'\n")
+    assert capsys.readouterr().err.endswith("argument --cube: expected 50 to 10000 mm, found '0'\n")
 
 
 def test_weights_over_two_gigabytes(monkeypatch):

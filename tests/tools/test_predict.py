@@ -261,18 +261,41 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypat
         (np.eye(424, 512, dtype=np.uint16) * 400, [], "nothing as large as a hand is seen nearer than 1600 mm; say"),
         (np.zeros((424, 512), np.uint16), ["--center", "9,9"], "nothing was read around pixel 9, 9; say with"),
         (
-            np.ones((424, 512), np.uint16),
+            np.full((424, 512), 700, np.uint16),
             ["--center", "512,9"],
             "pixel 512, 9 lies outside the image of 512 x 424; say",
         ),
-        (np.ones((424, 512), np.uint16), ["--center", "9,9,-1"], "crop 0: centre u 9 px, v 9 px, depth -1 mm"),
-        (np.ones((424, 512), np.uint16), ["--center", "9,9999,700"], "the cube of 300 mm at u 9, v 9999, 700 mm lies"),
+        (np.full((424, 512), 700, np.uint16), ["--center", "9,9,-1"], "crop 0: centre u 9 px, v 9 px, depth -1 mm"),
+        (
+            np.full((424, 512), 700, np.uint16),
+            ["--center", "9,9999,700"],
+            "the cube of 300 mm at u 9, v 9999, 700 mm lies",
+        ),
         (np.ones((480, 640), np.uint16), [], "640 x 480 pixels; camera kinect2 has 512 x 424"),
         (np.ones((424, 512), np.uint8), [], r"found uint8 \(424, 512\); expected a 16-bit grey PNG of depth"),
         (np.ones((424, 512, 3), np.uint8), [], r"found uint8 \(424, 512, 3\); expected a 16-bit grey PNG of depth"),
+        (np.full((424, 512), 700, np.uint16), ["--unit", "1000"], "depths from 700000 to 700000, expected mm, nearer"),
+        (
+            np.full((424, 512), 700, np.uint16),
+            ["--unit", ".001"],
+            "depths from 0.7 to 0.7, expected mm; they may be met",
+        ),
         (None, [], "not an image that OpenCV can decode"),
     ],
-    ids=["empty", "little", "hole", "beside", "behind", "far off", "size", "8-bit", "colour", "no picture"],
+    ids=[
+        "empty",
+        "little",
+        "hole",
+        "beside",
+        "behind",
+        "far off",
+        "size",
+        "8-bit",
+        "colour",
+        "far unit",
+        "near unit",
+        "no picture",
+    ],
 )
 def test_frames_with_something_wrong(snapshot, capsys, image, options, message):
     """One line names the image."""
@@ -281,6 +304,16 @@ def test_frames_with_something_wrong(snapshot, capsys, image, options, message):
     else:
         cv2.imwrite("bad.png", image)
     assert re.match(f"bad.png: {message}", mistake(capsys, "bad.png", "--camera", "kinect2", *options))
+
+
+def test_a_camera_that_is_likely_wrong(frame, capsys):
+    """Is one warning, as in a first look at a recording; a good one is none."""
+    for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
+        predicted(capsys, "frame.png", "--camera", camera, "--center", "260,210,700")
+        predict.main([*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"])
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) >= count and all(line.startswith("warning: frame.png: ") for line in lines)
+        assert sum("check fx and fy" in line for line in lines) == count
 
 
 def test_a_frame_without_its_camera(frame, capsys):
@@ -306,7 +339,9 @@ def test_a_frame_without_its_camera(frame, capsys):
             "--center is given 3 times for 2 images; expected once, or for",
         ),
         (["--camera", "nyu", "--unit", "0"], "argument --unit: expected a number of more than 0, found '0'"),
-        (["--camera", "nyu", "--refine", "-1"], "expected a whole number, found '-1'"),
+        (["--camera", "nyu", "--refine", "-1"], "expected a whole number, at most 100, found '-1'"),
+        (["--refine", "101"], "expected a whole number, at most 100, found '101'"),
+        (["--cube", "0.3"], "argument --cube: expected 50 to 10000 mm, found '0.3'"),
         (["--hand", "either"], "--hand either needs a fit, which tells the hands apart; say --hand right or left"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -114,10 +114,20 @@ def test_labels_of_another_file(tmp_path):
             {"half_cube": np.ones((4, 3))},
             "data set 'half_cube' has shape (4, 3), expected (4,): mm, one number per frame",
         ),
-        ({"half_cube": at(np.ones(4), 0)}, "data set 'half_cube' is 0 in frame 1 (1 such frames), expected mm, more"),
-        ({"half_cube": -np.ones(4)}, "data set 'half_cube' is -1 in frame 0 (4 such frames), expected mm, more than 0"),
-        ({"half_cube": at(np.ones(4), np.nan)}, "data set 'half_cube' is nan in frame 1 (1 such frames), expected mm"),
-        ({"half_cube": at(np.ones(4), np.inf)}, "data set 'half_cube' is inf in frame 1 (1 such frames), expected mm"),
+        (
+            {"half_cube": at(np.full(4, 150.0), 0)},
+            "data set 'half_cube' is 0 in frame 1 (1 such frames), expected mm, 25 to",
+        ),
+        ({"half_cube": np.full(4, 0.15)}, "data set 'half_cube' is 0.15 in frame 0 (4 such frames), expected mm, 25"),
+        ({"half_cube": -np.ones(4)}, "data set 'half_cube' is -1 in frame 0 (4 such frames), expected mm, 25 to"),
+        (
+            {"half_cube": at(np.full(4, 150.0), np.nan)},
+            "data set 'half_cube' is nan in frame 1 (1 such frames), expected mm",
+        ),
+        (
+            {"half_cube": at(np.full(4, 150.0), np.inf)},
+            "data set 'half_cube' is inf in frame 1 (1 such frames), expected mm",
+        ),
     ],
     ids=lambda value: value.replace("data set ", "")[:40] if isinstance(value, str) else "",
 )
@@ -127,6 +137,16 @@ def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
     with pytest.raises(DataError) as error:
         labels.read(path, [2, 3])
     assert str(error.value).startswith(f"{path}: {message}") and "\n" not in str(error.value)
+
+
+def test_centers_that_tell_no_camera(tmp_path):
+    """All on the axis: any focal length would do, and none follows."""
+    uvd = np.tile([320.0, 240.0, 700.0], (4, 1))
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=uvd * (0, 0, 1))
+    with pytest.raises(
+        DataError, match=r"a\.h5: crop centres from which focal lengths of 0, 0 px follow; expected more"
+    ):
+        labels.read_crop_centers([File(path, ("joint",))])
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no HDF5 at all", "cut"], ids=["missing", "empty", "text", "cut"])

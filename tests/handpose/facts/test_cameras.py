@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,3 +25,15 @@ def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
     """unproject undoes project, for every camera and arrays of any shape."""
     points = np.broadcast_to([x, y, z], (2, 3, 3))
     np.testing.assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [("fx", 0, "more than 0 px"), ("fy", -587.0, "more than 0 px"), ("fx", float("nan"), "more than 0 px"),
+     ("fy", float("inf"), "more than 0 px"), ("u0", float("nan"), "a finite number of px"),
+     ("v0", float("inf"), "a finite number of px")],
+)  # fmt: skip
+def test_no_camera(field: str, value: float, expected: str) -> None:
+    """Says which number is wrong, when it is made."""
+    with pytest.raises(ValueError, match=f"camera 'nyu': {field} is {value}, expected {expected}"):
+        replace(NYU, **{field: value})

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import netlib
 from handpose.data.crops import crop
+from handpose.data.depth_images import UnitError
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.predicting import finding
@@ -158,7 +160,103 @@ def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
         assert best_fit(tmp_path / "net.prototxt") == expected
 
 
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"hand": "Left"}, r"hand='Left' \(did you mean 'left'\?\); expected right, left, either"),
+        ({"hand": None}, "hand=None; expected right, left, either"),
+        ({"fit": "best"}, "fit='best'; expected no, fast, accurate"),
+        ({"refine": -1}, "refine=-1; expected a whole number from 0 to 100"),
+        ({"refine": 1.5}, "refine=1.5; expected a whole number from 0 to 100"),
+        ({"refine": 10**9}, "refine=1000000000; expected a whole number from 0 to 100"),
+        ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
+        ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
+        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
+    ],
+    ids=str,
+)
+def test_options_that_are_none(seeing: netlib.Net, option: dict[str, Any], message: str) -> None:
+    """Are refused when the predictor is made, by its name or with the packaged weights."""
+    for make in (lambda: Predictor(seeing, **option), lambda: load_predictor(**option)):
+        with pytest.raises(NetlibError, match=f"^{message}$"):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.arange(128 * 128).reshape(128, 128) % 256, "crop with values from 0 to 255, expected -1 to 1"),
+        (np.full((128, 128), np.nan), "crop with values that are not numbers, expected -1 to 1"),
+        (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
+        ([[0.0]], "crop is a list, expected an array of numbers"),
+        (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
+    ],
+    ids=["bytes", "nan", "infinite", "list", "text"],
+)
+def test_crops_with_other_values(seeing: netlib.Net, values: Any, message: str) -> None:
+    """Say so, and do not blame the net."""
+    with pytest.raises(DataError, match=message):
+        Predictor(seeing).in_crop(values)
+
+
+def test_a_masked_crop(seeing: netlib.Net) -> None:
+    """What is masked is background."""
+    shown = some_crop()
+    shown[:20] = 1
+    hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
+    predictor = Predictor(seeing)
+    np.testing.assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
+
+
 # ------------------------------------------------------------------------------------------------ frames
+
+
+def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """What is masked was not read."""
+    holes = np.where(frame > 1000, 0, frame)
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    for center in (None, (270, 215)):
+        found, same = (predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes))
+        np.testing.assert_array_equal(found.xyz, same.xyz)
+    hidden = np.ma.array(frame, mask=frame > 1000)
+    np.testing.assert_array_equal(
+        crop(hidden, (270, 215, 700), 300, KINECT2), crop(holes, (270, 215, 700), 300, KINECT2)
+    )
+
+
+def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """Is never told."""
+    with pytest.raises(
+        DataError, match=r"a hand is predicted in which a joint is at a depth of -\d+ mm, behind the camera"
+    ):
+        Predictor(fixed(0, 0, -140), KINECT2, refine=0).in_frame(frame, (260, 210, 160))
+
+
+@pytest.mark.parametrize(
+    "center", [(np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4))], ids=str
+)
+def test_centers_that_are_none(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
+    """Two or three finite numbers are one."""
+    with pytest.raises(DataError, match=r"expected two or three finite numbers: u, v in px or u, v, d in px, px, mm"):
+        Predictor(seeing, KINECT2).in_frame(frame, center)
+
+
+@pytest.mark.parametrize("center", [None, (260, 210, 700)], ids=["searched", "given"])
+def test_a_frame_in_another_unit(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
+    """Is refused wherever one looks."""
+    for factor in (0.001, 1000, -1):
+        with pytest.raises(UnitError, match="expected mm"):
+            Predictor(seeing, KINECT2).in_frame(frame * factor, center)
+
+
+def test_a_crop_at_rest_is_looked_at_once(
+    seeing: netlib.Net, frame: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However often it may be moved."""
+    looks: list[int] = []
+    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: looks.append(1) or center.copy())
+    found = Predictor(seeing, KINECT2, refine=100).in_frame(frame, (260, 210, 690))
+    assert len(looks) == 1 and found.center_uvd.tolist() == [260, 210, 690]
 
 
 def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:

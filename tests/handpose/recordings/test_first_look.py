@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
-from handpose.recordings.first_look import look, nearest_thing
+from handpose.recordings.first_look import doubts, look, nearest_thing
 from handpose.recordings.recording import DepthFrame, Recording
 from netlib.errors import DataError
 from tests.handpose.recordings.conftest import CAMERA, hand_sized
@@ -111,6 +111,15 @@ def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str)
 def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
     """Numbers that are for another size."""
     assert what in " ".join(look(Taken(moving(), camera)).warnings)
+
+
+def test_doubts_of_a_single_frame() -> None:
+    """Those of camera and unit, as of a recording."""
+    (image, *_), wrong = moving(0.001), replace(CAMERA, fx=9.0, fy=9.0)
+    assert doubts(moving()[0].astype(np.float32), CAMERA, 1.0) == []
+    camera, unit = doubts(image.astype(np.float32), wrong, 1.0)
+    assert "check fx and fy" in camera and "check the unit, here 1 mm" in unit
+    assert len(doubts(np.zeros((48, 64), np.float32), wrong, 1.0)) == 1
 
 
 def test_nothing_was_read() -> None:

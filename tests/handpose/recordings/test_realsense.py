@@ -113,6 +113,15 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     assert module.stopped == 2
 
 
+def test_a_camera_without_focal_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is not calibrated: one line says so."""
+    plug_in(monkeypatch, every()).intrinsics.fx = 0.0
+    with pytest.raises(
+        DataError, match=r"Fake D400 0123: camera 'Fake D400 0123': fx is 0\.0, expected more than 0 px"
+    ):
+        open_live(None, NOTHING)
+
+
 def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Are counted, and not given twice."""
     sent = every(6)

@@ -71,6 +71,15 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
     assert len(read(tmp_path, text, "xyz")) == 3
 
 
+@pytest.mark.parametrize("fmt", ["uvd", "xyz"])
+def test_metres(tmp_path: Path, fmt: Format) -> None:
+    """Would make every method perfect."""
+    with pytest.raises(
+        DataError, match=r"txt: half of all depths are below 0\.7; expected mm, more than 100: are they"
+    ):
+        read(tmp_path, "320 240 0.7  330.5 230 0.65\n300 200 0.71  310 200 0.7\n", fmt)
+
+
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     """Not there, or a folder."""
     for path, reason in (

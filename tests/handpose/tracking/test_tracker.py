@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from handpose.data.depth_images import UnitError
 from handpose.facts.cameras import ICVL, NYU
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Predictor
@@ -301,6 +302,31 @@ def test_times_that_do_not_ascend(shown: Take, predictor: Predictor) -> None:
         with pytest.raises(DataError, match=r"frame 9 is of \S+ s, after one of 0.333333 s; times must ascend"):
             tracker.step(DepthFrame(9, time, shown.frames[6].depth))
     assert tracker.step(shown.frames[6]).hands
+
+
+@pytest.mark.parametrize("hands", [0, -1, 1.5, True])
+def test_numbers_of_hands(predictor: Predictor, hands: int) -> None:
+    """None, or half a hand, would never be found."""
+    with pytest.raises(NetlibError, match=f"hands={hands}; expected a whole number from 1 to 100"):
+        Tracker(predictor, hands=hands)
+
+
+def test_another_unit(shown: Take, predictor: Predictor) -> None:
+    """Is told at the first frame in which anything was read; a speck later on is none."""
+    for factor in (0.001, -1):
+        tracker = Tracker(predictor)
+        tracker.step(DepthFrame(0, 0.0, np.zeros((240, 320), np.float32)))
+        with pytest.raises(UnitError, match="expected mm"):
+            tracker.step(DepthFrame(1, 0.1, shown.frames[0].depth * np.float32(factor)))
+    tracker = begun(predictor, shown)
+    tracker.step(DepthFrame(6, 6 / RATE, np.eye(240, 320, dtype=np.float32)))
+
+
+def test_masked_frames(shown: Take, predictor: Predictor) -> None:
+    """What is masked was not read."""
+    tracker = Tracker(predictor)
+    hidden = np.ma.array(shown.frames[0].depth, mask=True)
+    assert tracker.step(DepthFrame(0, 0.0, hidden)) == TrackedFrame(0, 0.0, (), ())
 
 
 def test_predictors_of_other_kinds() -> None:
