@@ -28,6 +28,13 @@ def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
     return parser
 
 
+def refuse_given(parser: argparse.ArgumentParser, args: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """End with a usage error, which ends in ``why``, if one of these options is given: it would be ignored."""
+    for name in names:
+        if getattr(args, name) != parser.get_default(name):
+            parser.error(f"--{name.replace('_', '-')} {why}")
+
+
 def add_engine(parser: argparse.ArgumentParser) -> None:
     """The option --engine, for tools that run one net."""
     parser.add_argument(

@@ -45,7 +45,7 @@ from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
 from netlib import files
 from tools import outputs
-from tools.arguments import camera, natural, parser_of, positive, positive_number
+from tools.arguments import camera, natural, parser_of, positive, positive_number, refuse_given
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
 from tools.skeletons import check_out, write_skeleton
@@ -88,10 +88,10 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"--percentile must be at least 0 and less than 50, found {args.percentile:g}")
     if args.from_depth != (args.camera is not None):
         parser.error("--from-depth and --camera belong together")
-    for name in OF_ANNOTATIONS if args.from_depth else OF_DEPTH:
-        if getattr(args, name) != parser.get_default(name):
-            where = "is for annotated frames" if args.from_depth else "is for --from-depth"
-            parser.error(f"--{name.replace('_', '-')} {where}")
+    if args.from_depth:
+        refuse_given(parser, args, OF_ANNOTATIONS, "is for annotated frames")
+    else:
+        refuse_given(parser, args, OF_DEPTH, "is for --from-depth")
     if not args.from_depth and len(args.annotations) > 1:
         parser.error(f"{len(args.annotations)} ANNOTATIONS; expected one file, or a list of files")
     return guarded(run_on_depth if args.from_depth else run, args)

@@ -42,7 +42,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.hdf5 import read_list
 from tools import outputs
-from tools.arguments import parser_of, positive, weight
+from tools.arguments import parser_of, positive, refuse_given, weight
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
 
@@ -66,6 +66,10 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):
         parser.error("--swarm keeps to the limits and has no ridge")
+    if args.swarm:
+        refuse_given(parser, args, ["starts"], "is for the fit without --swarm")
+    else:
+        refuse_given(parser, args, ["particles", "generations"], "is for --swarm")
     return guarded(run, args)
 
 

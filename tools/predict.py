@@ -54,7 +54,7 @@ from handpose.predicting.predictor import MOST_REFINE, Predictor
 from netlib.errors import DataError
 from netlib.paths import ROOT
 from tools import findings, hand_pages, outputs, pictures
-from tools.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number
+from tools.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number, refuse_given
 from tools.console import DONE, guarded, say
 from tools.sources import say_doubts
 
@@ -91,8 +91,8 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("--model needs the --weights of that net")
     if args.fit == "no" and args.hand == "either":
         parser.error("--hand either needs a fit, which tells the hands apart; say --hand right or left")
-    if args.camera is None and (args.center or args.unit is not None):
-        parser.error("--center and --unit are for whole frames; name their --camera")
+    if args.camera is None:
+        refuse_given(parser, args, ["center", "unit", "refine"], "is for whole frames; name their --camera")
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
                      "expected once, or for each")  # fmt: skip

@@ -241,6 +241,9 @@ def test_mistakes(joints, data, tmp_path, capsys, arguments, message):
         ["--swarm", "--no-limits"],
         ["--swarm", "--ridge", "1"],
         ["--swarm", "--particles", "0"],
+        ["--particles", "64"],
+        ["--generations", "64"],
+        ["--swarm", "--starts", "4"],
     ],
     ids=" ".join,
 )

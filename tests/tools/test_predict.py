@@ -330,8 +330,9 @@ def test_a_frame_without_its_camera(frame, capsys):
         ),
         (["--camera", "1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics that its SDK tells, found '1,2,3'"),
         (["--camera", "0,1,2,3"], "or FX,FY,U0,V0 in px, the intrinsics that its SDK tells, found '0,1,2,3'"),
-        (["--center", "1,2"], "--center and --unit are for whole frames; name their --camera"),
-        (["--unit", "1"], "--center and --unit are for whole frames; name their --camera"),
+        (["--center", "1,2"], "--center is for whole frames; name their --camera"),
+        (["--unit", "1"], "--unit is for whole frames; name their --camera"),
+        (["--refine", "2"], "--refine is for whole frames; name their --camera"),
         (["--camera", "nyu", "--center", "1"], "expected U,V or U,V,D (px, px, mm), found '1'"),
         (["--camera", "nyu", "--center", "1,nan"], "expected U,V or U,V,D (px, px, mm), found '1,nan'"),
         (
