@@ -94,7 +94,10 @@ def _draw_hands(path: Path, lines: Mapping[str, Line], shown: Shown, skeleton: S
 
 
 def _draw_lambda(path: Path, found: Mapping[tuple[float, str], Entry], setting: Setting) -> None:
-    """Joint error, angle error and frames out of limits over the weight of PhysLimit; L2 is dashed."""
+    """Joint error, angle error and frames out of limits over the weight of PhysLimit; L2 is dashed.
+
+    From 0 on: trainings differ by less than seeds do, and a cut axis would make that a valley.
+    """
     angle = "angle_deg" if setting.has_exact_angles else "fitted_angle_deg"
     rows = (("error_14_mm", "joint error, mm", 1), (angle, "angle error, degrees", 1),
             ("out_of_limits", "frames out of limits, %", 100))  # fmt: skip
@@ -109,6 +112,7 @@ def _draw_lambda(path: Path, found: Mapping[tuple[float, str], Entry], setting: 
                 axis.plot(*zip(*points), style, color=colour, label=norm)
         weights = sorted({weight for weight, _ in found})
         axis.set(xscale="log", xlabel="λ", ylabel=label)
+        axis.set_ylim(0, 1.15 * axis.get_ylim()[1])
         axis.set_xticks([weight or smallest for weight in weights], [f"{weight:g}" for weight in weights])
         axis.minorticks_off()
     axes[0].legend(frameon=False)

@@ -115,7 +115,9 @@ def _left(ledger: Ledger, setting: Setting) -> list[str]:
 def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
     names = list(setting.subjects) if len(setting.subjects) > 1 else []
     heads = ["network", "joint error, mm", *names, "angle error, fitted", "exact", "out of limits", "max ≤ 40 mm",
-             "iterations", "long enough", "the paper: joints", "angles"]  # fmt: skip
+             "iterations", "long enough"]  # fmt: skip
+    beside = setting is not MANY_HANDS  # which the paper does not have
+    heads += ["the paper: joints", "angles"] if beside else []
     yield f"| {' | '.join(heads)} |"
     yield "|" + "---|" * len(heads)
     for line in lines.values():
@@ -130,8 +132,9 @@ def _table(setting: Setting, lines: Mapping[str, Line]) -> Iterable[str]:
             _cell(line, "within_40_mm", form="{:.1%}"),
             ", ".join(f"{length:,}" for length in line.lengths),
             ", ".join(line.ends),
-            *(("–", "–") if paper is None else (f"{paper.error_14_mm} mm", f"{paper.fitted_angle_deg}°")),
         ]
+        if beside:
+            cells += ["–", "–"] if paper is None else [f"{paper.error_14_mm} mm", f"{paper.fitted_angle_deg}°"]
         yield f"| {' | '.join(cells)} |"
 
 

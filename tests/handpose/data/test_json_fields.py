@@ -42,7 +42,7 @@ def test_values() -> None:
         (lambda of: of.part("o").part("b"), "f: 'o': 'b': found 1, expected an object"),
         (lambda of: list(of.parts("t")), "f: 't' is 'text', expected a list"),
     ],
-    ids=str,
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_is_not_what_it_should_be(ask: Callable[[Fields], object], message: str) -> None:
     """Names the place and the field, what was found and what was expected."""
