@@ -15,6 +15,7 @@ from fast import parallel
 from fast.twin import Twin
 from layers.hand.augment import HandAugment
 from netlib.blob import Array
+from netlib.rows import blocks
 
 BLOCK = 16  # crops per job, 1 MB: few enough to stay in the cache, many enough to hide the call
 
@@ -25,11 +26,10 @@ class FastHandAugment(Twin, HandAugment):
     def move_crops(self, x: Array, y: Array, source: Array, s: Array, d: Array) -> None:
         """Block by block."""
         s, d = (a.astype(self.dtype)[:, None, None] for a in (s, d))
-        blocks = parallel.blocks(len(x), BLOCK)
         theirs = cv2.getNumThreads()
         cv2.setNumThreads(1)
         try:
-            parallel.run([partial(self._move_block, x[b], y[b], source[b], s[b], d[b]) for b in blocks])
+            parallel.run([partial(self._move_block, x[b], y[b], source[b], s[b], d[b]) for b in blocks(len(x), BLOCK)])
         finally:
             cv2.setNumThreads(theirs)
 

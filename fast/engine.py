@@ -34,6 +34,7 @@ from layers.vision.convolution import Convolution
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
 from netlib.plain import Connection, Engine, Executor
+from netlib.rows import blocks
 from netlib.updates import Rule
 
 T = TypeVar("T")
@@ -83,7 +84,7 @@ class FastEngine(Engine):
         def job(rows: slice) -> None:
             target[rows] = source[rows]
 
-        parallel.run([functools.partial(job, rows) for rows in parallel.blocks(len(target), -(-len(target) // COPIES))])
+        parallel.run([functools.partial(job, rows) for rows in blocks(len(target), -(-len(target) // COPIES))])
 
     def threads(self) -> int:
         """Of the one pool (parallel.py)."""

@@ -20,6 +20,7 @@ from fast.tiles import LazilyCleared
 from fast.twin import Twin
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Blob, Blobs
+from netlib.rows import blocks
 
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/twins.py shows both
@@ -80,4 +81,4 @@ def _to_add_to(w: Blob) -> tuple[np.ndarray, bool]:
 def _each(job: Callable[[slice], None], count: int) -> None:
     """Run ``job`` on as few blocks of the features as there can be, nearly equal ones."""
     number = -(-count // LARGEST_BLOCK)
-    parallel.run([partial(job, features) for features in parallel.blocks(count, -(-count // number))])
+    parallel.run([partial(job, features) for features in blocks(count, -(-count // number))])

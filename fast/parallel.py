@@ -110,8 +110,3 @@ def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype:
     if found is None or found.shape != shape:
         found = kept[key] = np.zeros(shape, dtype)
     return found
-
-
-def blocks(count: int, size: int) -> list[slice]:
-    """``range(count)`` cut into slices of ``size``, the last one shorter."""
-    return [slice(start, min(start + size, count)) for start in range(0, count, size)]

@@ -35,6 +35,7 @@ from netlib import memory
 from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 from netlib.plain import Connection, Passed, Step, guarded
+from netlib.rows import blocks
 
 # Aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls.
 SLICE_BYTES = 16 << 20
@@ -123,7 +124,7 @@ class SlicedStep(Step):
         items = self.at.bottom[0].shape[0]
         largest = max(b.count * b.dtype.itemsize // max(items, 1) for at in self.run.connections for b in at.top)
         lanes: list[Lane] = []
-        for i, rows in enumerate(parallel.blocks(items, _slice_size(largest))):
+        for i, rows in enumerate(blocks(items, _slice_size(largest))):
             if i < LANES:
                 params = [Blobs([ParamOfLane(p) for p in at.layer.blobs]) for at in self.run.order]
                 lanes.append([])

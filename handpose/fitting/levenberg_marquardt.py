@@ -18,12 +18,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handpose.fitting.parallel import blocks, for_each
+from handpose.fitting.parallel import for_each
 from handpose.fitting.pose_problem import JointFit, PoseProblem, checked
 from handpose.fitting.starts import RotationGrid, limb_poses, redrawn_limbs
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.rows import blocks
 
 Progress = Callable[[int], None]
 

@@ -14,8 +14,3 @@ T = TypeVar("T")
 def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
     """Do the job for every item, in any order."""
     engines.get().run([partial(job, item) for item in items])
-
-
-def blocks(count: int, size: int) -> list[slice]:
-    """``range(count)`` in slices of ``size``, the last one shorter."""
-    return [slice(start, min(start + size, count)) for start in range(0, count, size)]

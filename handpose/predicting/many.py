@@ -11,9 +11,9 @@ from handpose.facts.cameras import Camera
 from handpose.fitting.depth.fit import DepthFit, DepthFitter
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
-from handpose.fitting.parallel import blocks
 from handpose.predicting.nets import turned_inputs
 from netlib.net import Net
+from netlib.rows import blocks
 
 TOGETHER = 128  # crops that are worked on together
 

@@ -11,11 +11,11 @@ from handpose.data import labels
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import read_errors
-from handpose.fitting.parallel import blocks
 from handpose.predicting.many import TOGETHER, fit_crops
 from handpose.predicting.nets import crops_of, data_layer, skeleton_to_fit
 from netlib.blob import Array
 from netlib.net import Net
+from netlib.rows import blocks
 
 
 def fit_all(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import threading
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import netlib
 from fast import parallel
@@ -65,11 +63,3 @@ def test_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("NETLIB_NUM_THREADS", text)
         monkeypatch.setattr(parallel, "_helpers", None)
         assert netlib.threads() == expected
-
-
-@given(st.integers(0, 300), st.integers(1, 40))
-def test_blocks_cut_a_range(count: int, size: int) -> None:
-    """All of it, in order, in pieces of at most ``size``."""
-    pieces = [list(range(count))[rows] for rows in parallel.blocks(count, size)]
-    assert [i for piece in pieces for i in piece] == list(range(count))
-    assert all(0 < len(piece) <= size for piece in pieces)

@@ -18,10 +18,11 @@ from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.search import PLANS, Found, Plan, drawn, search, turned_back
-from handpose.fitting.parallel import blocks, for_each
+from handpose.fitting.parallel import for_each
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.rows import blocks
 
 FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
 STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good

@@ -19,10 +19,10 @@ from handpose.fitting.depth.fit import STARTS_TOGETHER, DepthFitter
 from handpose.fitting.depth.objective import Objective
 from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.search import misfit
-from handpose.fitting.parallel import blocks
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.rows import blocks
 
 GRID = np.exp(np.linspace(-0.24, 0.24, 17))  # sizes that are tried
 FEWEST = 5  # frames of which a size can be said
