@@ -36,7 +36,6 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -54,7 +53,6 @@ from netlib import engine
 from netlib.errors import NetlibError
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, duration, guarded, say
-from tools.progress import ProgressBar
 from tools.stopper import fill_folder
 
 
@@ -108,16 +106,8 @@ def run(args: argparse.Namespace) -> int:
         return DONE
     begun = time.perf_counter()
 
-    def fill(check: Callable[[], None]) -> None:
-        with ProgressBar(data.missing_frames) as progress:
-
-            def advance(frames: int) -> None:
-                progress(frames)
-                check()
-
-            data.write(args.workers, advance)
-
-    status = fill_folder(out, "whole splits are" if args.raw else "whole files are", fill)
+    kept = "whole splits are" if args.raw else "whole files are"
+    status = fill_folder(out, kept, data.missing_frames, lambda advance: data.write(args.workers, advance))
     if status == DONE:
         made = ", made" if args.raw else f"; made {data.missing_frames} of them"
         say(f"{summary}{where}{made} in {duration(time.perf_counter() - begun)}")

@@ -18,7 +18,6 @@ from handpose.data.published_frames import PublishedFrames
 from netlib import engine
 from tools.arguments import parser_of, positive
 from tools.console import DONE, FAILED, duration, say
-from tools.progress import ProgressBar
 from tools.stopper import fill_folder
 
 NAMED = 10  # bad frames of a split that are named on the screen; the file bad_SPLIT.txt names all
@@ -89,17 +88,11 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Seq
     begun = time.perf_counter()
     outcomes: list[Outcome] = []
 
-    def fill(check: Callable[[], None]) -> None:
-        parts.check_space(args.out, missing, splits[0].frames.columns())
-        with ProgressBar(sum(part.rows for part in missing)) as progress:
+    def fill(advance: Callable[[int], None]) -> None:
+        outcomes.extend(_write(split, args, advance) for split in splits)
 
-            def advance(frames: int) -> None:
-                progress(frames)
-                check()
-
-            outcomes.extend(_write(split, args, advance) for split in splits)
-
-    status = fill_folder(args.out, "whole files are", fill)
+    parts.check_space(args.out, missing, splits[0].frames.columns())
+    status = fill_folder(args.out, "whole files are", sum(part.rows for part in missing), fill)
     if status != DONE:
         return status
     for split, outcome in zip(splits, outcomes):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -37,7 +37,7 @@ from tools.stopper import fill_folder
 SKELETON = skeletons.load()
 
 
-class StoppedError(Exception):
+class EndedError(Exception):
     """A signal, or a failure, ended the sitting with this exit status."""
 
     def __init__(self, status: int) -> None:
@@ -82,7 +82,7 @@ class Sitting:
                 if self.is_over:
                     say_now("the time is over; the next run goes on here")
                     return DONE
-        except StoppedError as stopped:
+        except EndedError as stopped:
             return stopped.status
         return DONE
 
@@ -140,19 +140,11 @@ class Sitting:
         data = setting.data_set()
         if data is not None and not data.is_whole:
             say_now(f"{setting.folder}: making {data.missing_frames} frames")
-
-            def fill(check: Callable[[], None]) -> None:
-                with ProgressBar(data.missing_frames) as progress:
-
-                    def advance(frames: int) -> None:
-                        progress(frames)
-                        check()
-
-                    data.write(self.threads or engine.available_cpus(), advance)
-
-            status = fill_folder(setting.folder, "whole files are", fill)
+            workers = self.threads or engine.available_cpus()
+            status = fill_folder(setting.folder, "whole files are", data.missing_frames,
+                                 lambda advance: data.write(workers, advance))  # fmt: skip
             if status != DONE:
-                raise StoppedError(status)
+                raise EndedError(status)
         with on_missing_data():
             return setting.files("train")
 
@@ -187,7 +179,7 @@ class Sitting:
         one.add_time(step, last + 1 - step.first, time.perf_counter() - begun)
         one.forget_older(step, last + 1)
         if status != DONE:
-            raise StoppedError(status)
+            raise EndedError(status)
         return not self.is_over
 
     def _score(self, one: Training, length: int, data: Data) -> Entry:

@@ -13,6 +13,7 @@ from typing import Any
 from netlib import files
 from netlib.errors import NetlibError, reason_of
 from tools.console import DONE, say
+from tools.progress import ProgressBar
 
 
 class StoppedError(Exception):
@@ -48,16 +49,23 @@ class Stopper:
             raise StoppedError
 
 
-def fill_folder(folder: Path, kept: str, fill: Callable[[Callable[[], None]], object]) -> int:
-    """Make a folder and have it filled; returns the exit status: 0, 130 or 143. Raises NetlibError.
+def fill_folder(folder: Path, kept: str, total: int, fill: Callable[[Callable[[int], None]], object]) -> int:
+    """Make a folder and have it filled, with a bar; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
-    kept  what a run that is stopped keeps, with its verb: "whole files are"
-    fill  is given a function to be called wherever the run may end
+    kept   what a run that is stopped keeps, with its verb: "whole files are"
+    total  frames that are missing
+    fill   is given a function to be called, with how many more are done, wherever the run may end
     """
     try:
         with Stopper() as stopper:
             files.make_folder(folder)
-            fill(stopper.check)
+            with ProgressBar(total) as progress:
+
+                def advance(frames: int) -> None:
+                    progress(frames)
+                    stopper.check()
+
+                fill(advance)
     except StoppedError:
         say(f"stopped; {kept} kept, and the next run goes on after them", file=sys.stderr)
         return 128 + stopper.signum

@@ -31,7 +31,7 @@ def test_the_first_signal_is_noted_the_second_hits() -> None:
 
 def test_a_folder_is_filled(tmp_path: Path) -> None:
     """It is made first."""
-    assert fill_folder(tmp_path / "a" / "b", "all is", lambda check: (tmp_path / "a" / "b" / "file").touch()) == 0
+    assert fill_folder(tmp_path / "a" / "b", "all is", 1, lambda advance: (tmp_path / "a" / "b" / "file").touch()) == 0
     assert (tmp_path / "a" / "b" / "file").exists()
 
 
@@ -42,13 +42,13 @@ def test_a_signal_ends_the_filling(
     """Where that is safe, with one line and the status of the signal."""
     filled = []
 
-    def fill(check: Callable[[], None]) -> None:
+    def fill(advance: Callable[[int], None]) -> None:
         for part in range(3):
             signal.raise_signal(number)
             filled.append(part)
-            check()
+            advance(1)
 
-    assert fill_folder(tmp_path, "whole files are", fill) == status
+    assert fill_folder(tmp_path, "whole files are", 3, fill) == status
     assert filled == [0]
     assert capsys.readouterr() == ("", "stopped; whole files are kept, and the next run goes on after them\n")
 
@@ -57,4 +57,4 @@ def test_a_folder_that_cannot_be_filled(tmp_path: Path) -> None:
     """The error names it."""
     (tmp_path / "file").touch()
     with pytest.raises(NetlibError, match=f"^{tmp_path}/file: is a file; expected a folder$"):
-        fill_folder(tmp_path / "file", "all is", lambda check: None)
+        fill_folder(tmp_path / "file", "all is", 1, lambda advance: None)
