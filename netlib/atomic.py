@@ -22,7 +22,7 @@ from netlib.errors import reason_of
 from netlib.paths import names_in
 
 OURS = re.compile(r"\..+\.[0-9a-f]{8}\.netlib\.tmp")
-KEPT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # of a pair that was being replaced; group 1 is its name
+KEPT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.old")  # of what was being replaced; group 1 is its name
 
 
 @contextlib.contextmanager
@@ -173,7 +173,7 @@ def _second_name(path: Path) -> Iterator[Path | None]:
 
 
 def kept(path: Path) -> list[Path]:
-    """The old versions of a file that a killed ``replace_pair`` left."""
+    """The old versions of a file, or of a folder, that who was killed while replacing it left."""
     names = [KEPT.fullmatch(name) for name in sorted(names_in(path.parent))]
     return [path.with_name(found[0]) for found in names if found and found[1] == path.name]
 

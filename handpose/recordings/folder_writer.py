@@ -17,7 +17,7 @@ from handpose.recordings import camera_file
 from handpose.recordings.given import Given
 from handpose.recordings.raw import stored
 from handpose.recordings.recording import DepthFrame
-from netlib import atomic, files
+from netlib import atomic, files, locks
 from netlib.errors import DataError, NetlibError
 from netlib.paths import names_in
 
@@ -34,6 +34,7 @@ class FolderWriter:
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, replace: bool = False) -> None:
         self._path, self._unit, self._last = path, unit_mm, -1
+        _end_what_was_killed(Path(os.path.realpath(path)))
         old = [name for name in names_in(path) if not name.startswith(".")]
         foreign = sorted(name for name in old if not OURS.fullmatch(name) and name != camera_file.NAME)
         if old and (foreign or not replace):
@@ -75,15 +76,31 @@ def _take_place(fresh: Path, path: Path) -> None:
     """Put a folder where a recording is; of that, what is no part of it moves into the new one. Raises OSError."""
     old = atomic.beside(path, "old")
     path.rename(old)
-    try:
-        fresh.rename(path)
-    except BaseException:
-        old.rename(path)
-        raise
+    with locks.held(old):
+        try:
+            fresh.rename(path)
+        except BaseException:
+            old.rename(path)
+            raise
+        _empty(old, path)
+    atomic.sync_directory(path.parent)
+
+
+def _empty(old: Path, path: Path) -> None:
+    """Remove an old recording, but for what is no part of it, which moves into the new one. Raises OSError."""
     for name in names_in(old):
         if OURS.fullmatch(name) or name == camera_file.NAME:
             (old / name).unlink()
         else:
             (old / name).rename(path / name)
     old.rmdir()
-    atomic.sync_directory(path.parent)
+
+
+def _end_what_was_killed(path: Path) -> None:
+    """A writer that was killed while the new recording took the place left the old one beside it. Raises OSError."""
+    for old in atomic.kept(path):
+        with atomic.naming(path), locks.held(old) as locked:
+            if locked and path.exists():
+                _empty(old, path)
+            elif locked:
+                old.rename(path)

@@ -156,6 +156,25 @@ def test_an_old_recording_is_put_back(tmp_path: Path, monkeypatch: pytest.Monkey
     assert contents(tmp_path / "take") == before
 
 
+@pytest.mark.parametrize("between", [True, False], ids=["between the names", "while the old one goes"])
+def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Path, between: bool) -> None:
+    """The next one puts the old recording back, or ends its removal; a hidden file of others stays."""
+    write(tmp_path / "take", frames(3))
+    (tmp_path / "take" / ".note").write_text("mine")
+    left = tmp_path / ".take.0123abcd.netlib.old"
+    if between:
+        (tmp_path / "take").rename(left)
+        with pytest.raises(NetlibError, match="is not empty"):
+            write(tmp_path / "take", frames(1))
+        assert len(contents(tmp_path / "take")) == 5  # camera.json and the note, too
+    else:
+        write(left, frames(2))
+        (tmp_path / "take" / ".note").rename(left / ".note")
+    write(tmp_path / "take", frames(1), replace=True)
+    assert (tmp_path / "take" / ".note").read_text() == "mine" and len(contents(tmp_path / "take")) == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["take"]
+
+
 def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It cannot be renamed, which is said before the first frame."""
     write(tmp_path / "take", frames(3))
