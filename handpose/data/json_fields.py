@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from netlib.errors import DataError
 LARGEST = 1e12  # of a number; with larger ones sums and products may overflow
 
 
-def parsed(text: str, where: str) -> Any:
-    """The value of a JSON text, in which no key stands twice. Raises DataError."""
+def unique_keys(where: str) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
+    """A hook for ``json.loads`` that raises DataError for an object with a key twice."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -27,8 +27,13 @@ def parsed(text: str, where: str) -> Any:
             found[key] = value
         return found
 
+    return unique
+
+
+def parsed(text: str, where: str) -> Any:
+    """The value of a JSON text, in which no key stands twice. Raises DataError."""
     try:
-        return json.loads(text, object_pairs_hook=unique)
+        return json.loads(text, object_pairs_hook=unique_keys(where))
     except RecursionError:
         raise DataError(f"{where}: JSON of too many levels") from None
     except ValueError as error:  # JSONDecodeError, and integers of thousands of digits

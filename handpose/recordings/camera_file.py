@@ -20,6 +20,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from handpose.data.json_fields import unique_keys
 from handpose.facts.cameras import Camera
 from handpose.recordings.given import Given
 from handpose.recordings.lens import Lens, lens_of
@@ -194,19 +195,11 @@ def _shown(value: object) -> str:
 def _loaded(text: str, where: str) -> dict[str, Any]:
     """A JSON object, in which no key stands twice. Raises DataError."""
 
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for key, value in pairs:
-            if key in found:
-                raise DataError(f"{where}: has {key!r} twice")
-            found[key] = value
-        return found
-
     def no_number(word: str) -> NoReturn:
         raise DataError(f"{where}: found {word}; expected finite numbers")
 
     try:
-        found = json.loads(text, object_pairs_hook=unique, parse_constant=no_number)
+        found = json.loads(text, object_pairs_hook=unique_keys(where), parse_constant=no_number)
     except json.JSONDecodeError as error:
         raise DataError(f"{where}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from None
     except (ValueError, RecursionError):  # numbers of thousands of digits, thousands of brackets
