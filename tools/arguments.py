@@ -84,22 +84,16 @@ def _whole(text: str, least: int, expected: str, most: int = LARGEST) -> int:
 
 def weight(text: str) -> float:
     """A finite number of at least 0."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 <= number < math.inf:
+    number = _number(text)
+    if not number >= 0:
         raise argparse.ArgumentTypeError(f"expected a number of at least 0, found {text!r}")
     return number
 
 
 def positive_number(text: str, most: float = math.inf) -> float:
     """A command-line number of more than 0, and at most ``most``."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0 < number <= most or number == math.inf:
+    number = _number(text)
+    if not 0 < number <= most:
         limit = f" and at most {most:g}" if most < math.inf else ""
         raise argparse.ArgumentTypeError(f"expected a number of more than 0{limit}, found {text!r}")
     return number
@@ -108,10 +102,7 @@ def positive_number(text: str, most: float = math.inf) -> float:
 def cube(text: str) -> float:
     """The edge of a cube around a body, in mm."""
     least, most = CUBES_MM
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
+    number = _number(text)
     if not least <= number <= most:
         raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
     return number
@@ -142,6 +133,12 @@ def center(text: str) -> tuple[float, ...]:
     if len(numbers) not in (2, 3):
         raise argparse.ArgumentTypeError(f"expected U,V or U,V,D (px, px, mm), found {text!r}")
     return numbers
+
+
+def _number(text: str) -> float:
+    """A finite number; NaN, which no comparison holds for, if the text is none."""
+    numbers = _numbers(text)
+    return numbers[0] if len(numbers) == 1 else math.nan
 
 
 def _numbers(text: str) -> tuple[float, ...]:

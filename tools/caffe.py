@@ -26,7 +26,7 @@ import tools
 tools.begin(__name__)
 
 import netlib
-from netlib import engine, schema, solver_parameter
+from netlib import schema, solver_parameter
 from netlib.net import Net
 from netlib.ranks import ALONE, Ranks
 from tools import training
@@ -35,7 +35,7 @@ from tools.arguments import caffes_flags, parser_of, positive
 from tools.caffe_log import BarHandler
 from tools.caffe_reports import report_test, report_time
 from tools.console import DONE, guarded
-from tools.ranks import first_speaks, threads_of, world
+from tools.ranks import first_speaks, world
 
 log = logging.getLogger("netlib")
 
@@ -83,11 +83,7 @@ def run(args: argparse.Namespace) -> int:
         log.info("Use CPU.")
         if args.gpu:
             log.info("-gpu %s is accepted, but this runs on the CPU", args.gpu)
-        chosen = engine.get()
-        if threads := threads_of(ranks):
-            chosen.set_threads(threads)
-        count = chosen.threads()
-        log.info("%d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
+        log.info("%s", training.set_up_engine(None, ranks))
         if args.command == "train":
             status = train(args, console, ranks)
         else:

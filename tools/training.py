@@ -53,12 +53,7 @@ def train(
     """
     status = DONE
     with logged(ranks, log_file, append=snapshot is not None) as console:
-        chosen = engines.get(engine)
-        threads = threads or threads_of(ranks)
-        if threads:
-            chosen.set_threads(threads)
-        count = chosen.threads()
-        log.info("Use CPU, %d thread%s, engine %s. %s", count, "" if count == 1 else "s", chosen.name, netlib.BLAS_NOTE)
+        log.info("Use CPU, %s", set_up_engine(engine, ranks, threads))
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
         with files.noted() as read:
             solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
@@ -77,6 +72,15 @@ def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = Fals
         if ranks.rank:
             log.setLevel(logging.CRITICAL)
         yield console
+
+
+def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) -> str:
+    """Let an engine have so many threads, or a rank's share of the machine; returns what it then is, for the log."""
+    chosen = engines.get(name)
+    if threads := threads or threads_of(ranks):
+        chosen.set_threads(threads)
+    count = chosen.threads()
+    return f"{count} thread{'' if count == 1 else 's'}, engine {chosen.name}. {netlib.BLAS_NOTE}"
 
 
 def new_solver(

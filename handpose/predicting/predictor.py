@@ -138,8 +138,9 @@ class Predictor:
             raise DataError(f"skeleton {self.skeleton.name!r} is no hand, and only hands are searched for")
         if center is None and self.locator is not None:
             located = self.locator.hands(depth, camera)
-            return self.hands_at(depth, list(camera.project(located.center)), list(located.odds))[0]
-        return self._hands_near(depth, [self.start(depth, center)], [0.0], find=False)[0]
+            starts = list(camera.project(located.center))
+            return self._hands_near(depth, starts, list(located.odds), find=True)[0]
+        return self._hands_near(depth, [self._start(depth, center)], [0.0], find=False)[0]
 
     def hands_at(
         self, depth: NDArray[np.generic], starts: Sequence[Array], odds: Sequence[float]
@@ -190,7 +191,10 @@ class Predictor:
         center  (u, v, d) is taken as it is; (u, v) gets the depth that is seen there; without it, the likeliest hand of
                 the locator, or the nearest thing
         """
-        depth = _in_mm(depth)
+        return self._start(_in_mm(depth), center)
+
+    def _start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None) -> Array:
+        """The same in a frame that is known to be in mm."""
         if center is None:
             camera = self._camera_of(depth)
             if self.locator is not None:
