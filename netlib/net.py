@@ -1,4 +1,4 @@
-"""Net: a list of layers. Build in file order, run forwards, run backwards.
+"""Net: a graph of layers (graph.py) that runs forwards and backwards, takes weights and gives them.
 
 The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``net.backward()``, ``net.save()``.
 """
@@ -13,22 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from netlib import create, python_layer, schema, snapshot
 from netlib import engine as engines
+from netlib import python_layer, schema, snapshot
 from netlib import weights as weights_of
-from netlib.blob import Blob, Blobs
+from netlib.blob import Blob
 from netlib.errors import LayerError, NetlibError, did_you_mean
-from netlib.layer import PHASES, TEST, TRAIN, Layer
-from netlib.messages import LayerParameter, NetParameter, NetState
-from netlib.net_parameter import distinct, load_parameter, select_layers
-from netlib.plain import Connection, Passed, guarded
+from netlib.graph import Graph
+from netlib.layer import PHASES, TEST, TRAIN
+from netlib.messages import NetParameter, NetState
+from netlib.net_parameter import load_parameter, select_layers
+from netlib.plain import Passed
 from netlib.prototxt import Message
 from netlib.share import EVERY_ROW, Share
-from netlib.sharing import Parameters
-from netlib.splits import insert_splits
 
 log = logging.getLogger("netlib")
-AUTOMATIC = "(automatic)"  # Caffe's name for the top that a loss layer has without a name
 
 _seeds: np.random.Generator | None = None
 
@@ -99,133 +97,18 @@ class Net:
         python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
         self.share = share
-        with np.errstate(all="ignore"):  # options may be any numbers; what comes of them is looked at when it runs
-            self._build(insert_splits(self.param.layer))
-        self._decide_backward(param.force_backward)
-        self._note_overwritten_tops()
+        graph = Graph(self.param, self.state.phase, self.engine, self.dtype, self.seed, share)
+        self.blobs, self.params, self.losses = graph.blobs, graph.params, graph.losses
+        self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
+        self.connections, self.layer_dict = graph.connections, graph.layer_dict
+        self.layers = list(self.layer_dict.values())
+        self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff that has its weight
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside, self.name)
         if weights is not None:
             _, missing = self.copy_from(weights)
             if missing:
                 log.warning("%s has no weights for %s; they keep their initial values", weights, ", ".join(missing))
-
-    # ------------------------------------------------------------------------------------------ building
-
-    def _build(self, specs: list[LayerParameter]) -> None:
-        """Make the layers one after the other, each with blobs that are there already as bottoms."""
-        self.blobs: dict[str, Blob] = {}
-        self.params: dict[str, Blobs] = {}
-        self.connections: list[Connection] = []
-        self.losses: list[tuple[Blob, float, str]] = []
-        self.inputs: list[str] = []
-        self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff that has its weight
-        parameters = Parameters()
-        seeds = np.random.SeedSequence(self.seed).spawn(len(specs))
-        self.layer_dict: dict[str, Layer] = {}
-        writers: dict[str, str] = {}  # blob name -> the layer that made it
-        unread: dict[str, None] = {}
-        needs: dict[int, bool] = {}  # blob id -> does somebody below want its gradient
-        for spec, seed, key in zip(specs, seeds, distinct([spec.name for spec in specs])):
-            rng = np.random.Generator(np.random.SFC64(seed))
-            layer = create.create(spec, spec.phase or self.state.phase, rng, self.dtype, self.engine.twin)
-            layer.name, layer.share = key, self.share
-            _check_counts(layer)
-            bottom = Blobs(self._bottom(layer, i) for i in range(len(spec.bottom)))
-            for name in spec.bottom:
-                unread.pop(name, None)
-            top = Blobs(self._top(layer, i, writers) for i in range(len(spec.top)))
-            top += [self.engine.blob(self.dtype) for _ in range(_automatic_tops(layer))]
-            unread.update(dict.fromkeys(spec.top))
-            layer.blobs.others = parameters.bytes
-            guarded(layer, "setup", bottom, top)
-            guarded(layer, "reshape", bottom, top)
-            trains = any(p.spec.lr_mult != 0 for p in parameters.enter(layer))
-            down = _propagate_down(layer, [needs.get(id(blob), False) for blob in bottom])
-            at = Connection(layer, bottom, top, down, any(down) or trains)
-            for blob in top:
-                needs[id(blob)] = needs.get(id(blob), False) or at.needs_backward
-            self.connections.append(at)
-            self.layer_dict[layer.name] = layer
-            if layer.blobs:
-                self.params[layer.name] = layer.blobs
-            if layer.blobs and layer.name != spec.name:
-                log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
-                            "of the first are loaded twice", schema.position_of(spec), spec.name, key)  # fmt: skip
-            self._weigh(layer, top)
-            if self.share.rank:  # parameters and the order of the data are those of rank 0; what else is random is not
-                own = np.random.SFC64(seed.spawn(self.share.rank)[-1])
-                layer.rng.bit_generator.state = own.state
-        self.layers = list(self.layer_dict.values())
-        self.learnable = parameters.learnable
-        self.outputs = sorted(unread)  # Caffe's order
-
-    def _bottom(self, layer: Layer, index: int) -> Blob:
-        name = layer.spec.bottom[index]
-        if name not in self.blobs:
-            later = did_you_mean(name, self.blobs) or (f"; known here: {', '.join(self.blobs)}" if self.blobs else "")
-            where = schema.position_of(layer.spec, "bottom", index)
-            raise LayerError(f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}{later}")
-        return self.blobs[name]
-
-    def _top(self, layer: Layer, index: int, writers: dict[str, str]) -> Blob:
-        name, bottom = layer.spec.top[index], layer.spec.bottom
-        if name in self.blobs and name != (bottom[index] if index < len(bottom) else None):
-            raise layer.fail(
-                f"top blob {name!r} is already written by layer {writers[name]!r}; give it another name, or that of "
-                f"the bottom in the same place ({index}) to run in place"
-            )
-        if name not in self.blobs:
-            self.blobs[name] = self.engine.blob(self.dtype)
-            writers[name] = layer.name
-            if layer.is_input:
-                self.inputs.append(name)
-        return self.blobs[name]
-
-    def _weigh(self, layer: Layer, top: Blobs) -> None:
-        """Enter the layer's losses."""
-        weights = layer.spec.loss_weight
-        if weights and len(weights) != len(top):
-            raise layer.fail(f"has {len(top)} tops, but {len(weights)} loss_weight")
-        for i, blob in enumerate(top):
-            weight = weights[i] if weights else (layer.loss_weight if i == 0 else 0.0)
-            if weight:
-                self.losses.append((blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC))
-
-    def _decide_backward(self, force: bool) -> None:
-        """Caffe's rules: gradients flow only where something below learns and something above is a loss.
-
-        Each layer's output has one reader by now (splits.py); layers in place count one after the other.
-        """
-        under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
-        for at in reversed(self.connections):
-            contributes = any(id(t) in under_loss for t in at.top)
-            wanted = any(id(t) not in skipped for t in at.top)
-            if not (contributes and wanted):
-                at.needs_backward, at.propagate_down = False, [False] * len(at.bottom)
-            for blob, down in zip(at.bottom, at.propagate_down):
-                if contributes:
-                    under_loss.add(id(blob))
-                if not down:
-                    skipped.add(id(blob))
-        if force:
-            for at in self.connections:
-                at.needs_backward = True
-                at.propagate_down = [
-                    down or at.layer.allow_force_backward(i) for i, down in enumerate(at.propagate_down)
-                ]
-
-    def _note_overwritten_tops(self) -> None:
-        """Say where a gradient will be wrong, as it is in Caffe, which says nothing."""
-        writers: dict[int, Connection] = {}
-        for at in self.connections:
-            for blob, name in zip(at.top, at.layer.spec.top):
-                below = writers.get(id(blob))
-                if below is not None and below.needs_backward and below.layer.reads_top:
-                    log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
-                                "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
-                                at.layer.name, name, below.layer.name)  # fmt: skip
-                writers[id(blob)] = at
 
     # ------------------------------------------------------------------------------------------ running
 
@@ -381,31 +264,3 @@ def _numbers(array: Any, what: str) -> NDArray[Any]:
     if found.dtype.kind not in "fiub":
         raise LayerError(f"{what} takes numbers, given an array of {found.dtype}")
     return found
-
-
-def _automatic_tops(layer: Layer) -> int:
-    """How many tops a loss layer has that the prototxt does not name."""
-    return max(0, layer.tops[0] - len(layer.spec.top)) if layer.loss_weight else 0
-
-
-def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:
-    """Which bottoms get a gradient: those for which it is wanted, unless the prototxt says. Raises LayerError."""
-    given = list(layer.spec.propagate_down)
-    if given and len(given) != len(wanted):
-        raise layer.fail(f"has {len(wanted)} bottoms, but {len(given)} propagate_down")
-    return given or wanted
-
-
-def _check_counts(layer: Layer) -> None:
-    """Numbers of bottoms and tops that the type takes. Raises LayerError."""
-    for what, names, (least, most) in (
-        ("bottom", layer.spec.bottom, layer.bottoms),
-        ("top", layer.spec.top, layer.tops),
-    ):
-        given = len(names) + (_automatic_tops(layer) if what == "top" else 0)
-        if given < least or (most is not None and len(names) > most):
-            wanted = f"{least}" if most == least else f"at least {least}" if most is None else f"{least} to {most}"
-            raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
-    if not layer.in_place:
-        for name in set(layer.spec.bottom) & set(layer.spec.top):
-            raise layer.fail(f"{layer.type} cannot run in place, but {name!r} is both bottom and top")

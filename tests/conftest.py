@@ -21,7 +21,8 @@ from netlib import engine, prototxt  # noqa: E402
 
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 # What runs under both engines: whole folders, and single files of others.
-UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_solver", "test_snapshot", "test_updates", "test_splits",
+UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_graph", "test_sharing", "test_solver",
+              "test_snapshot", "test_updates", "test_splits",
               "test_gradcheck", "test_layer", "test_own_layers", "test_resume", "test_train", "test_test",
               "test_time", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory",
               "test_gradients")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Net: what is built from a prototxt, where gradients flow, how weights come and go."""
+"""Net: how it is made, how it runs, how weights come and go."""
 
 from __future__ import annotations
 
@@ -11,134 +11,13 @@ import pytest
 
 import netlib
 from netlib import prototxt
-from netlib.messages import NetState, NetStateRule, SolverParameter
-from netlib.net_parameter import load_parameter, meets
+from netlib.messages import SolverParameter
+from tests.netlib.net_texts import X, ip, loss, rng, shared
 
 MakeNet = Callable[..., netlib.Net]
 
-X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } } '
 
-
-def ip(name: str, bottom: str, top: str, more: str = "", outputs: int = 3) -> str:
-    """An InnerProduct layer."""
-    return (
-        f'layer {{ name: "{name}" type: "InnerProduct" bottom: "{bottom}" top: "{top}" {more} '
-        f'inner_product_param {{ num_output: {outputs} weight_filler {{ type: "xavier" }} }} }} '
-    )
-
-
-def loss(bottom: str, more: str = "") -> str:
-    """A loss on a blob of 2 x 3, against an input ``t``."""
-    return (
-        'layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 2 dim: 3 } } } '
-        f'layer {{ name: "loss" type: "EuclideanLoss" bottom: "{bottom}" bottom: "t" top: "loss" {more} }} '
-    )
-
-
-def names(net: netlib.Net) -> list[str]:
-    """Names of the layers, without the inserted splits."""
-    return [layer.name for layer in net.layers if layer.type != "Split"]
-
-
-def backwards(net: netlib.Net) -> dict[str, list[bool]]:
-    """Layers that run backwards, and for which bottoms."""
-    return {at.layer.name: at.propagate_down for at in net.connections if at.needs_backward}
-
-
-def rng() -> np.random.Generator:
-    """The numbers of these tests."""
-    return np.random.default_rng(0)
-
-
-# ---------------------------------------------------------------------------------------------- which layers
-
-
-@pytest.mark.parametrize(
-    ("rule", "state", "expected"),
-    [
-        (NetStateRule(), NetState("TRAIN"), True),
-        (NetStateRule(phase="TEST"), NetState("TRAIN"), False),
-        (NetStateRule(min_level=2), NetState(level=1), False),
-        (NetStateRule(min_level=2, max_level=3), NetState(level=3), True),
-        (NetStateRule(max_level=3), NetState(level=4), False),
-        (NetStateRule(stage=("a", "b")), NetState(stage=("a",)), False),
-        (NetStateRule(stage=("a", "b")), NetState(stage=("b", "a")), True),
-        (NetStateRule(not_stage=("a",)), NetState(stage=("a", "b")), False),
-        (NetStateRule(phase="TRAIN", stage=("a",)), NetState("TRAIN", stage=("a",)), True),
-    ],
-)
-def test_a_rule_is_met_when_all_its_conditions_are(rule: NetStateRule, state: NetState, expected: bool) -> None:
-    """Phase, levels, all stages, no excluded stage."""
-    assert meets(state, rule) == expected
-
-
-RULES = X + "".join(
-    f'layer {{ name: "{name}" type: "Power" bottom: "x" top: "{name}" {rules} }} '
-    for name, rules in {
-        "train": "include { phase: TRAIN }",
-        "test": "include { phase: TEST }",
-        "deep": "include { min_level: 1 }",
-        "not_a": 'exclude { stage: "a" }',
-        "a_or_test": 'include { stage: "a" } include { phase: TEST }',
-        "never_both": 'exclude { phase: TRAIN } exclude { stage: "a" }',
-    }.items()
-)
-
-
-@pytest.mark.parametrize(
-    ("phase", "options", "expected"),
-    [
-        (netlib.TRAIN, {}, ["x", "train", "not_a"]),
-        (netlib.TEST, {}, ["x", "test", "not_a", "a_or_test", "never_both"]),
-        (netlib.TRAIN, {"level": 1, "stages": ["a"]}, ["x", "train", "deep", "a_or_test"]),
-        (netlib.TEST, {"stages": ["a"]}, ["x", "test", "a_or_test"]),
-    ],
-)
-def test_include_and_exclude(net_of: MakeNet, phase: int, options: dict, expected: list[str]) -> None:
-    """Any include suffices; any exclude excludes."""
-    assert names(net_of(RULES, phase, **options)) == expected
-
-
-def test_the_state_may_stand_in_the_net(net_of: MakeNet) -> None:
-    """Phase, level and stages of ``state { }`` hold where the caller gives none."""
-    net = netlib.Net(prototxt.parse('state { phase: TRAIN level: 1 stage: "a" } ' + RULES))
-    assert net.phase == netlib.TRAIN
-    assert names(net) == ["x", "train", "deep", "a_or_test"]
-
-
-def test_include_and_exclude_together_are_a_mistake(net_of: MakeNet) -> None:
-    """As in Caffe."""
-    with pytest.raises(netlib.PrototxtError, match="layer 'p' has both include and exclude rules"):
-        net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { } exclude { } }')
-
-
-@pytest.mark.parametrize(
-    ("text", "shapes"),
-    [
-        ('input: "a" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 5', {"a": (2, 3, 4, 5)}),
-        ('input: "a" input_shape { dim: 2 dim: 3 }', {"a": (2, 3)}),
-        ('input: "a" input: "b" input_shape { dim: 2 } input_shape { dim: 3 }', {"a": (2,), "b": (3,)}),
-        ('input: "a" input: "b" ' + "input_dim: 1 " * 4 + "input_dim: 2 " * 4, {"a": (1,) * 4, "b": (2,) * 4}),
-        (
-            'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 2 } } }',
-            {"a": (2,), "b": (2,)},
-        ),
-    ],
-)
-def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[int, ...]]) -> None:
-    """``input_dim`` counts four an input, ``input_shape`` one per input, an Input layer one per top or one for all."""
-    net = net_of(text)
-    assert net.inputs == list(shapes)
-    assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
-
-
-@pytest.mark.parametrize(
-    "text", ['input: "a" input_dim: 1', 'input: "a" input: "b" input: "c" input_shape { } input_shape { }']
-)
-def test_inputs_without_a_fitting_shape(net_of: MakeNet, text: str) -> None:
-    """The message counts."""
-    with pytest.raises(netlib.PrototxtError, match="inputs need as many input_shape"):
-        net_of(text)
+# ---------------------------------------------------------------------------------------------- making
 
 
 def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
@@ -262,104 +141,6 @@ def test_float64_nets(net_of: MakeNet) -> None:
 # ---------------------------------------------------------------------------------------------- gradients
 
 
-def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
-    """By a Split, which is Caffe's; a loss weight on the blob is one more reader."""
-    text = "force_backward: true " + X + ip("a", "x", "a", "loss_weight: 2") + ip("b", "a", "b") + ip("c", "a", "c")
-    net = net_of(text)
-    net.forward(x=np.ones((2, 3)))
-    db, dc = rng().normal(size=(2, 2, 3)).astype(np.float32)
-    net.backward(b=db, c=dc)
-    want = db @ net.params["b"][0].data + dc @ net.params["c"][0].data + 2
-    assert np.allclose(net.blobs["a"].diff, want, rtol=1e-5)
-    assert "a_a_0_split" in net.layer_dict
-
-
-def test_layers_in_place_run_in_file_order(net_of: MakeNet) -> None:
-    """Forwards and backwards: -2 x, then ReLU, on one blob."""
-    net = net_of(
-        "force_backward: true "
-        + X
-        + 'layer { name: "p" type: "Power" bottom: "x" top: "y" power_param { scale: -2 } } '
-        'layer { name: "r" type: "ReLU" bottom: "y" top: "y" } layer { name: "q" type: "TanH" bottom: "y" top: "y" }'
-    )
-    x = np.array([[1, -1, 0.5], [-0.25, 0, 2]])
-    net.forward(x=x)
-    y = np.tanh(np.maximum(-2 * x, 0))
-    assert np.allclose(net.blobs["y"].data, y, atol=1e-6)
-    net.backward(y=np.ones((2, 3)))
-    assert np.allclose(net.blobs["x"].diff, np.where(x < 0, -2 * (1 - y**2), 0), atol=1e-6)
-
-
-def test_gradients_flow_only_where_something_learns_below_a_loss(net_of: MakeNet) -> None:
-    """Frozen layers below and layers that lead to no loss do not run backwards."""
-    net = net_of(
-        X
-        + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }")
-        + ip("a", "f", "a")
-        + ip("side", "a", "side")
-        + ip("b", "a", "b")
-        + loss("b")
-    )
-    splits = {name for name in backwards(net) if "split" in name}
-    assert set(backwards(net)) - splits == {"a", "b", "loss"}
-    assert backwards(net)["a"] == [False]
-    assert backwards(net)["loss"] == [True, False]
-
-
-def test_force_backward_runs_everything(net_of: MakeNet) -> None:
-    """Down to the inputs, where a layer allows it: not to labels."""
-    text = X + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }") + loss("f")
-    net = net_of("force_backward: true " + text)
-    net.forward(x=np.ones((2, 3)), t=np.zeros((2, 3)))
-    net.backward()
-    assert net.blobs["x"].diff.any()
-    assert not backwards(net_of(text))
-    text = text.replace('"EuclideanLoss"', '"SoftmaxWithLoss"').replace(
-        'dim: 2 dim: 3 } } } layer { name: "loss"', 'dim: 2 } } } layer { name: "loss"'
-    )
-    assert backwards(net_of("force_backward: true " + text))["loss"] == [True, False]
-
-
-def test_propagate_down_cuts_the_gradient(net_of: MakeNet) -> None:
-    """``propagate_down: false`` stops it; below, nothing runs backwards."""
-    net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b", "propagate_down: false") + loss("b"))
-    assert backwards(net) == {"b": [False], "loss": [True, False]}
-
-
-def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
-    """Of an input, which otherwise gets none."""
-    net = net_of(X + ip("a", "x", "a", "propagate_down: true") + loss("a"))
-    net.forward(x=np.ones((2, 3)))
-    net.backward()
-    assert net.blobs["x"].diff.any()
-
-
-@pytest.mark.parametrize(
-    ("weight", "layer"), [(3, "loss_weight: 3"), (1, ""), (0.5, "loss_weight: 0.5"), (-1, "loss_weight: -1")]
-)
-def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
-    """The top shows the plain loss; the net's loss and the gradients are weighted."""
-    net = net_of(X + ip("a", "x", "a") + loss("a", layer))
-    net.params["a"][0].data[...] = np.eye(3)
-    total = None
-    net.forward(x=np.ones((2, 3)), t=np.zeros((2, 3)))
-    total = net.loss()
-    net.backward()
-    assert float(net.blobs["loss"].data) == pytest.approx(1.5)
-    assert total == pytest.approx(1.5 * weight)
-    assert np.allclose(net.blobs["a"].diff, weight / 2)
-
-
-def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
-    """The loss is the sum of its values, the gradient the weight everywhere; 0 switches a loss layer off."""
-    net = net_of(X + ip("a", "x", "a", "loss_weight: 0.5"))
-    net.forward(x=np.ones((2, 3)))
-    net.backward()
-    assert net.loss() == pytest.approx(0.5 * net.blobs["a"].data.sum(), rel=1e-5)
-    assert np.allclose(net.params["a"][1].diff, 2 * 0.5)
-    assert not backwards(net_of(X + ip("a", "x", "a") + loss("a", "loss_weight: 0")))
-
-
 def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     """Two passes give twice the gradient."""
     net = net_of(X + ip("a", "x", "a") + loss("a"))
@@ -374,102 +155,6 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     net.clear_param_diffs()
     net.backward()
     assert np.allclose(net.params["a"][0].diff, once)
-
-
-# ---------------------------------------------------------------------------------------------- shared parameters
-
-
-def shared(mode: str = "", more: str = "") -> str:
-    """Two layers whose weights have one name."""
-    return (
-        X
-        + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 decay_mult: 1 }')
-        + ip("b", "a", "b", f'param {{ name: "w" {mode} }} {more}')
-    )
-
-
-def test_shared_parameters_are_one(net_of: MakeNet) -> None:
-    """One blob, one entry to learn, the gradients of both layers in it."""
-    net = net_of(shared() + loss("b"), dtype=np.float64)
-    assert np.shares_memory(net.params["a"][0].data, net.params["b"][0].data)
-    assert np.shares_memory(net.params["a"][0].diff, net.params["b"][0].diff)
-    assert [p.label for p in net.learnable] == ["a/0", "a/1", "b/1"]
-    x = rng().normal(size=(2, 3))
-    net.forward(x=x)
-    net.backward()
-    da, db = net.blobs["a"].diff, net.blobs["b"].diff
-    both = da.T @ x + db.T @ net.blobs["a"].data
-    assert np.allclose(net.params["a"][0].diff, both)
-    net.params["b"][0].diff[...] = np.nan
-    net.clear_param_diffs()
-    net.backward()
-    assert np.allclose(net.params["a"][0].diff, both)
-
-
-def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
-    """A (2, 6) and a (3, 4) weight in one memory, seen in two shapes."""
-    shapes = "shape { dim: 2 dim: 6 } shape { dim: 2 dim: 4 }"
-    text = f'layer {{ name: "x" type: "Input" top: "x" top: "y" input_param {{ {shapes} }} }} '
-    text += ip("a", "x", "a", 'param { name: "w" }', 2) + ip(
-        "b", "y", "b", 'param { name: "w" share_mode: PERMISSIVE }', 3
-    )
-    net = net_of("force_backward: true " + text)
-    assert [p.data.shape for p in (net.params["a"][0], net.params["b"][0])] == [(2, 6), (3, 4)]
-    net.params["a"][0].data[0, 5] = 9
-    assert net.params["b"][0].data[1, 1] == 9
-    net.forward(x=np.ones((2, 6)), y=np.ones((2, 4)))
-    net.backward(a=np.ones((2, 2)), b=np.zeros((2, 3)))
-    assert (net.params["b"][0].diff == 2).all()
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (X + ip("a", "x", "a", 'param { name: "w" }', 4) + ip("b", "a", "b", 'param { name: "w" }', 3),
-         r"layer 'b': parameter 0 \(3, 4\) cannot share 'w' with layer 'a' parameter 0 \(4, 3\)"),
-        (shared("lr_mult: 3"), "shared parameter 'w' has lr_mult 3, but 2 in layer 'a'"),
-        (shared("decay_mult: 0"), "shared parameter 'w' has decay_mult 0, but 1 in layer 'a'"),
-        (X + ip("a", "x", "a", "param { } param { } param { }"), "layer 'a': has 2 parameters, but 3 param blocks"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_shared(net_of: MakeNet, text: str, message: str) -> None:
-    """Other shapes, other multipliers, more param blocks than parameters."""
-    with pytest.raises(netlib.LayerError, match=message):
-        net_of(text)
-
-
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
-        (["lr_mult: 1 decay_mult: 1", "lr_mult: 1 decay_mult: 2"], "has decay_mult 2, but 1 in layer 'b0'"),
-        (["", "lr_mult: 3", "lr_mult: 2"], "has lr_mult 2, but 3 in layer 'b1'"),
-        (["lr_mult: 3", "", "decay_mult: 0", "lr_mult: 3 decay_mult: 1"], "has decay_mult 1, but 0 in layer 'b2'"),
-    ],
-)
-def test_no_layer_may_contradict_another_about_a_shared_parameter(
-    net_of: MakeNet, params: list[str], message: str
-) -> None:
-    """Whichever layers say it, and whatever else they agree on."""
-    text = X
-    for i, param in enumerate(params):
-        text += ip(f"b{i}", f"b{i - 1}" if i else "x", f"b{i}", f'param {{ name: "w" {param} }}')
-    with pytest.raises(netlib.LayerError, match=f"layer 'b{len(params) - 1}': shared parameter 'w' {message}"):
-        net_of(text)
-
-
-def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
-    """What only one of them says holds for both."""
-    text = (
-        X + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 }') + ip("b", "a", "b", 'param { name: "w" decay_mult: 0 }')
-    )
-    owner = net_of(text).learnable[0].spec
-    assert (owner.lr_mult, owner.decay_mult) == (2, 0)
-
-
-def test_param_blocks_count_from_the_first(net_of: MakeNet) -> None:
-    """One block leaves the bias at lr_mult 1, decay_mult 1."""
-    net = net_of(X + ip("a", "x", "a", "param { lr_mult: 5 decay_mult: 0 }"))
-    assert [(p.spec.lr_mult, p.spec.decay_mult) for p in net.learnable] == [(5, 0), (1, 1)]
 
 
 # ---------------------------------------------------------------------------------------------- weights
@@ -536,117 +221,11 @@ def test_shared_weights_are_saved_and_loaded(net_of: MakeNet, tmp_path: Path) ->
 # ---------------------------------------------------------------------------------------------- mistakes
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (ip("a", "nothing", "a"), r"net.prototxt:1:\d+: error: layer 'a': unknown bottom blob 'nothing'; known here"),
-        (ip("a", "xx", "a"), r"unknown bottom blob 'xx' \(did you mean 'x'\?\)"),
-        (ip("a", "x", "a") + ip("b", "x", "a"), "layer 'b': top blob 'a' is already written by layer 'a'"),
-        (
-            'layer { name: "g" type: "Input" top: "g" input_param { shape { dim: 2 dim: 3 } } }'
-            'layer { name: "s" type: "Scale" bottom: "x" bottom: "g" top: "g" }',
-            r"top blob 'g' is already written by layer 'g'; .* of the bottom in the same place \(0\) to run in place",
-        ),
-        (ip("a", "x", "x"), "InnerProduct cannot run in place, but 'x' is both bottom and top"),
-        (ip("a", "x", "a", 'bottom: "x"'), "layer 'a': has 2 bottoms, InnerProduct takes 1"),
-        (ip("a", "x", "a", 'top: "b"'), "layer 'a': has 2 tops, InnerProduct takes 1"),
-        ('layer { name: "c" type: "Concat" top: "c" }', "has 0 bottoms, Concat takes at least 1"),
-        (ip("a", "x", "a", "loss_weight: 1 loss_weight: 2"), "has 1 tops, but 2 loss_weight"),
-        (ip("a", "x", "a", "propagate_down: true propagate_down: true"), "has 1 bottoms, but 2 propagate_down"),
-        (loss("x").replace("dim: 2 dim: 3", "dim: 2 dim: 4"),
-         r"layer 'loss': bottoms 'x' \(2, 3\) and 't' \(2, 4\) must have the same number"),
-    ],
-)  # fmt: skip
-def test_mistakes_name_layer_blob_and_shapes(net_of: MakeNet, text: str, message: str) -> None:
-    """One line, with the place in the file."""
-    with pytest.raises(netlib.LayerError, match=message) as error:
-        net_of(X + text)
-    assert str(error.value).startswith("net.prototxt:1:")
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('layer { name: "a" type: "Convolutoin" }', r"type 'Convolutoin' \(did you mean 'Convolution'\?\); known"),
-        ('layer { name: "a" }', "layer 'a' has no type"),
-        ("", "no layer in this file; expected a net"),
-        ('layers { name: "a" }', "layer 'a' has no type"),
-        ('layers { name: "a" type: "RELU" }', "'type' expects .*, found \"RELU\""),
-        ('layers { name: "a" type: RELUU }', r"unknown value RELUU of 'type' \(did you mean 'RELU'\?\)"),
-        ('layers { type: RELU } layer { type: "ReLU" }', "both 'layer' and 'layers'"),
-        ('layer { name: "x" type: "Power" power_parm { } }', "unknown field 'power_parm'"),
-        ('layer { name: "x" type: "Power" powwer_param { } }', r"'powwer_param' \(did you mean 'power_param'\?\)"),
-        ('layer { name: "x" type: "Power" bottom: "x" top: "y" power_param { scael: 2 } }',
-         r"unknown field 'scael' \(did you mean 'scale'\?\)"),
-    ],
-)  # fmt: skip
-def test_mistakes_in_the_text_of_a_net(net_of: MakeNet, text: str, message: str) -> None:
-    """Unknown types and fields come with the nearest known one."""
-    with pytest.raises(netlib.PrototxtError, match=message):
-        net_of(text)
-
-
-def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """As in Caffe both run; here, unlike there, both also keep their weights, under names of their own."""
-    text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
-    net = net_of(text + 'layer { name: "r" type: "ReLU" bottom: "b" top: "b" }')
-    assert list(net.layer_dict) == ["x", "a", "r", "a (2)", "r (2)"]
-    assert [message.split(": a second")[1] for message in caplog.messages] == [
-        " layer is called 'a'; its parameters are those of 'a (2)' here, in Caffe those of the first are loaded twice"
-    ]
-    net.params["a (2)"][0].data[...] = 7
-    for name in ("w.caffemodel", "w.caffemodel.h5"):
-        net.save(tmp_path / name)
-        again = net_of(text)
-        again.copy_from(tmp_path / name, strict=True)
-        assert (again.params["a (2)"][0].data == 7).all()
-        assert np.array_equal(again.params["a"][0].data, net.params["a"][0].data)
-
-
-def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
-    """No layer takes the place of another."""
-    names = ["a", "a (2)", "a", "a (3)", "a"]
-    net = net_of(X + "".join(ip(name, "x", f"y{i}") for i, name in enumerate(names)))
-    assert [layer.name for layer in net.layers if layer.blobs] == ["a", "a (2)", "a (4)", "a (3)", "a (5)"]
-    assert len(net.params) == len(names)
-
-
 def test_a_phase_that_is_none(net_of: MakeNet) -> None:
     """Only 0 and 1 are phases."""
     for phase in (-1, 2):
         with pytest.raises(netlib.NetlibError, match=rf"phase {phase} is unknown; expected 0 \(TRAIN\) or 1 \(TEST\)"):
             net_of(X, phase=phase)
-
-
-@pytest.mark.parametrize(("below", "notes"), [("Sigmoid", 1), ("TanH", 1), ("ReLU", 0), ("BNLL", 0)])
-def test_a_gradient_that_will_be_wrong_is_said(
-    net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, notes: int
-) -> None:
-    """Sigmoid needs its top backwards; a layer in place behind it overwrites that. Caffe computes it and is silent."""
-    text = X + ip("a", "x", "a") + f'layer {{ name: "s" type: "{below}" bottom: "a" top: "s" }} '
-    text += 'layer { name: "p" type: "Power" bottom: "s" top: "s" power_param { scale: 3 } } '
-    net_of(text)  # nothing runs backwards: nothing to say
-    assert caplog.messages == []
-    net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "s" bottom: "x" top: "l" }')
-    assert len(caplog.messages) == notes
-    if notes:
-        assert "layer 'p' overwrites blob 's', which the gradient of layer 's' needs: it will be wrong" in caplog.text
-
-
-def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
-    """Caffe calls it "(automatic)"; it counts, and is no output."""
-    net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
-    named = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }')
-    for one in (net, named):
-        one.blobs["x"].data[...] = 1
-        one.params["a"][0].data[...] = 2
-        one.run_forward()
-        one.run_backward()
-    assert net.loss() == named.loss() > 0
-    assert np.array_equal(net.params["a"][0].diff, named.params["a"][0].diff)
-    assert (net.outputs, named.outputs) == ([], ["l"])
-    assert [name for _, _, name in net.losses] == ["(automatic)"]
 
 
 def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -660,23 +239,11 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
     assert caplog.messages == [f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"]
 
 
-def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
-    """As in Caffe; also if they make no sense."""
-    net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
-    assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
-
-
 def test_a_reshape_that_no_longer_fits_the_weights(net_of: MakeNet) -> None:
     """The layer says what it has and what it expects."""
     net = net_of(X + ip("fc2", "x", "y"))
     with pytest.raises(netlib.LayerError, match=r"layer 'fc2': bottom 'x' has 4 features \(4,\), its weights expect 3"):
         net.forward(x=np.ones((2, 4)))
-
-
-def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
-    """Parsed again from its own print."""
-    text = str(prototxt.parse(RULES))
-    assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,204 @@
+"""Graph: layers connected by blobs, in file order.
+
+Who writes a blob and who reads it, which parameters are one, which tops are losses, and who runs backwards.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from netlib import create, schema
+from netlib.blob import Blob, Blobs
+from netlib.errors import LayerError, did_you_mean
+from netlib.layer import Layer
+from netlib.messages import LayerParameter, NetParameter
+from netlib.net_parameter import distinct
+from netlib.plain import Connection, Engine, guarded
+from netlib.share import EVERY_ROW, Share
+from netlib.sharing import Parameters
+from netlib.splits import insert_splits
+
+log = logging.getLogger("netlib")
+AUTOMATIC = "(automatic)"  # Caffe's name for the top that a loss layer has without a name
+
+
+class Graph:
+    """The layers of a net, made and connected.
+
+    ``param`` holds the layers of one phase and no others; ``seed`` is that of their random numbers, None for a new one
+    each run. ``share`` says which rows of the data they read (share.py). What it has is explained in net.py: blobs,
+    params, inputs, outputs, layer_dict, connections, losses, learnable. Raises LayerError.
+    """
+
+    def __init__(
+        self,
+        param: NetParameter,
+        phase: schema.Phase,
+        engine: Engine,
+        dtype: np.dtype[Any],
+        seed: int | None = None,
+        share: Share = EVERY_ROW,
+    ) -> None:
+        self.phase, self.engine, self.dtype, self.share = phase, engine, dtype, share
+        self.blobs: dict[str, Blob] = {}
+        self.params: dict[str, Blobs] = {}
+        self.layer_dict: dict[str, Layer] = {}
+        self.connections: list[Connection] = []
+        self.losses: list[tuple[Blob, float, str]] = []
+        self.inputs: list[str] = []
+        self._parameters = Parameters()
+        self._writers: dict[str, str] = {}  # blob name -> the layer that made it
+        self._unread: dict[str, None] = {}  # names of blobs
+        self._needs: dict[int, bool] = {}  # blob id -> does somebody below want its gradient
+        specs = insert_splits(param.layer)
+        seeds = np.random.SeedSequence(seed).spawn(len(specs))
+        with np.errstate(all="ignore"):  # options may be any numbers; what comes of them is looked at when it runs
+            for spec, name, own_seed in zip(specs, distinct([spec.name for spec in specs]), seeds):
+                self._add(spec, name, own_seed)
+        self.learnable = self._parameters.learnable
+        self.outputs = sorted(self._unread)  # Caffe's order
+        self._decide_backward(param.force_backward)
+        self._note_overwritten_tops()
+
+    # ------------------------------------------------------------------------------------------ layer by layer
+
+    def _add(self, spec: LayerParameter, name: str, seed: np.random.SeedSequence) -> None:
+        """Make a layer and its tops; its bottoms are there already."""
+        rng = np.random.Generator(np.random.SFC64(seed))
+        layer = create.create(spec, spec.phase or self.phase, rng, self.dtype, self.engine.twin)
+        layer.name, layer.share = name, self.share
+        _check_counts(layer)
+        bottom = self._bottoms(layer)
+        top = self._tops(layer)
+        layer.blobs.others = self._parameters.bytes
+        guarded(layer, "setup", bottom, top)
+        guarded(layer, "reshape", bottom, top)
+        self._connect(layer, bottom, top)
+        self._weigh(layer, top)
+        self.layer_dict[name] = layer
+        if layer.blobs:
+            self.params[name] = layer.blobs
+        if layer.blobs and name != spec.name:
+            log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
+                        "of the first are loaded twice", schema.position_of(spec), spec.name, name)  # fmt: skip
+        if self.share.rank:  # parameters and the order of the data are those of rank 0; what else is random is not
+            layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.share.rank)[-1]).state
+
+    def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
+        """Enter the layer and its parameters. It runs backwards if it, or a layer below, learns: so far."""
+        trains = any(p.spec.lr_mult != 0 for p in self._parameters.enter(layer))
+        down = _propagate_down(layer, [self._needs.get(id(blob), False) for blob in bottom])
+        at = Connection(layer, bottom, top, down, any(down) or trains)
+        for blob in top:
+            self._needs[id(blob)] = self._needs.get(id(blob), False) or at.needs_backward
+        self.connections.append(at)
+
+    def _bottoms(self, layer: Layer) -> Blobs:
+        """The blobs that the layer reads, from the layers before it."""
+        for index, name in enumerate(layer.spec.bottom):
+            if name not in self.blobs:
+                known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
+                where = schema.position_of(layer.spec, "bottom", index)
+                raise LayerError(f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
+                                 f"{did_you_mean(name, self.blobs) or known}")  # fmt: skip
+            self._unread.pop(name, None)
+        return Blobs(self.blobs[name] for name in layer.spec.bottom)
+
+    def _tops(self, layer: Layer) -> Blobs:
+        """The blobs that the layer writes: new ones, or that of the bottom in the same place."""
+        tops = Blobs(self._top(layer, index) for index in range(len(layer.spec.top)))
+        tops += [self.engine.blob(self.dtype) for _ in range(_automatic_tops(layer))]
+        self._unread.update(dict.fromkeys(layer.spec.top))
+        return tops
+
+    def _top(self, layer: Layer, index: int) -> Blob:
+        name, bottom = layer.spec.top[index], layer.spec.bottom
+        if name in self.blobs and name != (bottom[index] if index < len(bottom) else None):
+            raise layer.fail(
+                f"top blob {name!r} is already written by layer {self._writers[name]!r}; give it another name, or that "
+                f"of the bottom in the same place ({index}) to run in place"
+            )
+        if name not in self.blobs:
+            self.blobs[name] = self.engine.blob(self.dtype)
+            self._writers[name] = layer.name
+            if layer.is_input:
+                self.inputs.append(name)
+        return self.blobs[name]
+
+    def _weigh(self, layer: Layer, top: Blobs) -> None:
+        """Enter the layer's losses."""
+        weights = layer.spec.loss_weight
+        if weights and len(weights) != len(top):
+            raise layer.fail(f"has {len(top)} tops, but {len(weights)} loss_weight")
+        for i, blob in enumerate(top):
+            weight = weights[i] if weights else (layer.loss_weight if i == 0 else 0.0)
+            if weight:
+                self.losses.append((blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC))
+
+    # ------------------------------------------------------------------------------------------ gradients
+
+    def _decide_backward(self, force: bool) -> None:
+        """Caffe's rules: gradients flow only where something below learns and something above is a loss.
+
+        Each layer's output has one reader by now (splits.py); layers in place count one after the other.
+        """
+        under_loss, skipped = {id(blob) for blob, _, _ in self.losses}, set()
+        for at in reversed(self.connections):
+            contributes = any(id(t) in under_loss for t in at.top)
+            wanted = any(id(t) not in skipped for t in at.top)
+            if not (contributes and wanted):
+                at.needs_backward, at.propagate_down = False, [False] * len(at.bottom)
+            for blob, down in zip(at.bottom, at.propagate_down):
+                if contributes:
+                    under_loss.add(id(blob))
+                if not down:
+                    skipped.add(id(blob))
+        if force:
+            for at in self.connections:
+                at.needs_backward = True
+                at.propagate_down = [
+                    down or at.layer.allow_force_backward(i) for i, down in enumerate(at.propagate_down)
+                ]
+
+    def _note_overwritten_tops(self) -> None:
+        """Say where a gradient will be wrong, as it is in Caffe, which says nothing."""
+        writers: dict[int, Connection] = {}
+        for at in self.connections:
+            for blob, name in zip(at.top, at.layer.spec.top):
+                below = writers.get(id(blob))
+                if below is not None and below.needs_backward and below.layer.reads_top:
+                    log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
+                                "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
+                                at.layer.name, name, below.layer.name)  # fmt: skip
+                writers[id(blob)] = at
+
+
+def _automatic_tops(layer: Layer) -> int:
+    """How many tops a loss layer has that the prototxt does not name."""
+    return max(0, layer.tops[0] - len(layer.spec.top)) if layer.loss_weight else 0
+
+
+def _propagate_down(layer: Layer, wanted: list[bool]) -> list[bool]:
+    """Which bottoms get a gradient: those for which it is wanted, unless the prototxt says. Raises LayerError."""
+    given = list(layer.spec.propagate_down)
+    if given and len(given) != len(wanted):
+        raise layer.fail(f"has {len(wanted)} bottoms, but {len(given)} propagate_down")
+    return given or wanted
+
+
+def _check_counts(layer: Layer) -> None:
+    """Numbers of bottoms and tops that the type takes. Raises LayerError."""
+    for what, names, (least, most) in (
+        ("bottom", layer.spec.bottom, layer.bottoms),
+        ("top", layer.spec.top, layer.tops),
+    ):
+        given = len(names) + (_automatic_tops(layer) if what == "top" else 0)
+        if given < least or (most is not None and len(names) > most):
+            wanted = f"{least}" if most == least else f"at least {least}" if most is None else f"{least} to {most}"
+            raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
+    if not layer.in_place:
+        for name in set(layer.spec.bottom) & set(layer.spec.top):
+            raise layer.fail(f"{layer.type} cannot run in place, but {name!r} is both bottom and top")

@@ -1,0 +1,201 @@
+"""Graph: how blobs connect layers, where gradients flow, which tops are losses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from tests.netlib.net_texts import X, ip, loss, rng
+
+MakeNet = Callable[..., netlib.Net]
+
+
+def backwards(net: netlib.Net) -> dict[str, list[bool]]:
+    """Layers that run backwards, and for which bottoms."""
+    return {at.layer.name: at.propagate_down for at in net.connections if at.needs_backward}
+
+
+def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
+    """By a Split, which is Caffe's; a loss weight on the blob is one more reader."""
+    text = "force_backward: true " + X + ip("a", "x", "a", "loss_weight: 2") + ip("b", "a", "b") + ip("c", "a", "c")
+    net = net_of(text)
+    net.forward(x=np.ones((2, 3)))
+    db, dc = rng().normal(size=(2, 2, 3)).astype(np.float32)
+    net.backward(b=db, c=dc)
+    want = db @ net.params["b"][0].data + dc @ net.params["c"][0].data + 2
+    assert np.allclose(net.blobs["a"].diff, want, rtol=1e-5)
+    assert "a_a_0_split" in net.layer_dict
+
+
+def test_layers_in_place_run_in_file_order(net_of: MakeNet) -> None:
+    """Forwards and backwards: -2 x, then ReLU, on one blob."""
+    net = net_of(
+        "force_backward: true "
+        + X
+        + 'layer { name: "p" type: "Power" bottom: "x" top: "y" power_param { scale: -2 } } '
+        'layer { name: "r" type: "ReLU" bottom: "y" top: "y" } layer { name: "q" type: "TanH" bottom: "y" top: "y" }'
+    )
+    x = np.array([[1, -1, 0.5], [-0.25, 0, 2]])
+    net.forward(x=x)
+    y = np.tanh(np.maximum(-2 * x, 0))
+    assert np.allclose(net.blobs["y"].data, y, atol=1e-6)
+    net.backward(y=np.ones((2, 3)))
+    assert np.allclose(net.blobs["x"].diff, np.where(x < 0, -2 * (1 - y**2), 0), atol=1e-6)
+
+
+def test_gradients_flow_only_where_something_learns_below_a_loss(net_of: MakeNet) -> None:
+    """Frozen layers below and layers that lead to no loss do not run backwards."""
+    net = net_of(
+        X
+        + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }")
+        + ip("a", "f", "a")
+        + ip("side", "a", "side")
+        + ip("b", "a", "b")
+        + loss("b")
+    )
+    splits = {name for name in backwards(net) if "split" in name}
+    assert set(backwards(net)) - splits == {"a", "b", "loss"}
+    assert backwards(net)["a"] == [False]
+    assert backwards(net)["loss"] == [True, False]
+
+
+def test_force_backward_runs_everything(net_of: MakeNet) -> None:
+    """Down to the inputs, where a layer allows it: not to labels."""
+    text = X + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }") + loss("f")
+    net = net_of("force_backward: true " + text)
+    net.forward(x=np.ones((2, 3)), t=np.zeros((2, 3)))
+    net.backward()
+    assert net.blobs["x"].diff.any()
+    assert not backwards(net_of(text))
+    text = text.replace('"EuclideanLoss"', '"SoftmaxWithLoss"').replace(
+        'dim: 2 dim: 3 } } } layer { name: "loss"', 'dim: 2 } } } layer { name: "loss"'
+    )
+    assert backwards(net_of("force_backward: true " + text))["loss"] == [True, False]
+
+
+def test_propagate_down_cuts_the_gradient(net_of: MakeNet) -> None:
+    """``propagate_down: false`` stops it; below, nothing runs backwards."""
+    net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b", "propagate_down: false") + loss("b"))
+    assert backwards(net) == {"b": [False], "loss": [True, False]}
+
+
+def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
+    """Of an input, which otherwise gets none."""
+    net = net_of(X + ip("a", "x", "a", "propagate_down: true") + loss("a"))
+    net.forward(x=np.ones((2, 3)))
+    net.backward()
+    assert net.blobs["x"].diff.any()
+
+
+@pytest.mark.parametrize(
+    ("weight", "layer"), [(3, "loss_weight: 3"), (1, ""), (0.5, "loss_weight: 0.5"), (-1, "loss_weight: -1")]
+)
+def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
+    """The top shows the plain loss; the net's loss and the gradients are weighted."""
+    net = net_of(X + ip("a", "x", "a") + loss("a", layer))
+    net.params["a"][0].data[...] = np.eye(3)
+    total = None
+    net.forward(x=np.ones((2, 3)), t=np.zeros((2, 3)))
+    total = net.loss()
+    net.backward()
+    assert float(net.blobs["loss"].data) == pytest.approx(1.5)
+    assert total == pytest.approx(1.5 * weight)
+    assert np.allclose(net.blobs["a"].diff, weight / 2)
+
+
+def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
+    """The loss is the sum of its values, the gradient the weight everywhere; 0 switches a loss layer off."""
+    net = net_of(X + ip("a", "x", "a", "loss_weight: 0.5"))
+    net.forward(x=np.ones((2, 3)))
+    net.backward()
+    assert net.loss() == pytest.approx(0.5 * net.blobs["a"].data.sum(), rel=1e-5)
+    assert np.allclose(net.params["a"][1].diff, 2 * 0.5)
+    assert not backwards(net_of(X + ip("a", "x", "a") + loss("a", "loss_weight: 0")))
+
+
+def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
+    """Caffe calls it "(automatic)"; it counts, and is no output."""
+    net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
+    named = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }')
+    for one in (net, named):
+        one.blobs["x"].data[...] = 1
+        one.params["a"][0].data[...] = 2
+        one.run_forward()
+        one.run_backward()
+    assert net.loss() == named.loss() > 0
+    assert np.array_equal(net.params["a"][0].diff, named.params["a"][0].diff)
+    assert (net.outputs, named.outputs) == ([], ["l"])
+    assert [name for _, _, name in net.losses] == ["(automatic)"]
+
+
+@pytest.mark.parametrize(("below", "notes"), [("Sigmoid", 1), ("TanH", 1), ("ReLU", 0), ("BNLL", 0)])
+def test_a_gradient_that_will_be_wrong_is_said(
+    net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, notes: int
+) -> None:
+    """Sigmoid needs its top backwards; a layer in place behind it overwrites that. Caffe computes it and is silent."""
+    text = X + ip("a", "x", "a") + f'layer {{ name: "s" type: "{below}" bottom: "a" top: "s" }} '
+    text += 'layer { name: "p" type: "Power" bottom: "s" top: "s" power_param { scale: 3 } } '
+    net_of(text)  # nothing runs backwards: nothing to say
+    assert caplog.messages == []
+    net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "s" bottom: "x" top: "l" }')
+    assert len(caplog.messages) == notes
+    if notes:
+        assert "layer 'p' overwrites blob 's', which the gradient of layer 's' needs: it will be wrong" in caplog.text
+
+
+def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """As in Caffe both run; here, unlike there, both also keep their weights, under names of their own."""
+    text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
+    net = net_of(text + 'layer { name: "r" type: "ReLU" bottom: "b" top: "b" }')
+    assert list(net.layer_dict) == ["x", "a", "r", "a (2)", "r (2)"]
+    assert [message.split(": a second")[1] for message in caplog.messages] == [
+        " layer is called 'a'; its parameters are those of 'a (2)' here, in Caffe those of the first are loaded twice"
+    ]
+    net.params["a (2)"][0].data[...] = 7
+    for name in ("w.caffemodel", "w.caffemodel.h5"):
+        net.save(tmp_path / name)
+        again = net_of(text)
+        again.copy_from(tmp_path / name, strict=True)
+        assert (again.params["a (2)"][0].data == 7).all()
+        assert np.array_equal(again.params["a"][0].data, net.params["a"][0].data)
+
+
+def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
+    """No layer takes the place of another."""
+    names = ["a", "a (2)", "a", "a (3)", "a"]
+    net = net_of(X + "".join(ip(name, "x", f"y{i}") for i, name in enumerate(names)))
+    assert [layer.name for layer in net.layers if layer.blobs] == ["a", "a (2)", "a (4)", "a (3)", "a (5)"]
+    assert len(net.params) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ip("a", "nothing", "a"), r"net.prototxt:1:\d+: error: layer 'a': unknown bottom blob 'nothing'; known here"),
+        (ip("a", "xx", "a"), r"unknown bottom blob 'xx' \(did you mean 'x'\?\)"),
+        (ip("a", "x", "a") + ip("b", "x", "a"), "layer 'b': top blob 'a' is already written by layer 'a'"),
+        (
+            'layer { name: "g" type: "Input" top: "g" input_param { shape { dim: 2 dim: 3 } } }'
+            'layer { name: "s" type: "Scale" bottom: "x" bottom: "g" top: "g" }',
+            r"top blob 'g' is already written by layer 'g'; .* of the bottom in the same place \(0\) to run in place",
+        ),
+        (ip("a", "x", "x"), "InnerProduct cannot run in place, but 'x' is both bottom and top"),
+        (ip("a", "x", "a", 'bottom: "x"'), "layer 'a': has 2 bottoms, InnerProduct takes 1"),
+        (ip("a", "x", "a", 'top: "b"'), "layer 'a': has 2 tops, InnerProduct takes 1"),
+        ('layer { name: "c" type: "Concat" top: "c" }', "has 0 bottoms, Concat takes at least 1"),
+        (ip("a", "x", "a", "loss_weight: 1 loss_weight: 2"), "has 1 tops, but 2 loss_weight"),
+        (ip("a", "x", "a", "propagate_down: true propagate_down: true"), "has 1 bottoms, but 2 propagate_down"),
+        (loss("x").replace("dim: 2 dim: 3", "dim: 2 dim: 4"),
+         r"layer 'loss': bottoms 'x' \(2, 3\) and 't' \(2, 4\) must have the same number"),
+    ],
+)  # fmt: skip
+def test_mistakes_name_layer_blob_and_shapes(net_of: MakeNet, text: str, message: str) -> None:
+    """One line, with the place in the file."""
+    with pytest.raises(netlib.LayerError, match=message) as error:
+        net_of(X + text)
+    assert str(error.value).startswith("net.prototxt:1:")
+    assert "\n" not in str(error.value)

@@ -1,0 +1,97 @@
+"""Parameters of one name are one parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import netlib
+from tests.netlib.net_texts import X, ip, loss, rng, shared
+
+MakeNet = Callable[..., netlib.Net]
+
+
+def test_shared_parameters_are_one(net_of: MakeNet) -> None:
+    """One blob, one entry to learn, the gradients of both layers in it."""
+    net = net_of(shared() + loss("b"), dtype=np.float64)
+    assert np.shares_memory(net.params["a"][0].data, net.params["b"][0].data)
+    assert np.shares_memory(net.params["a"][0].diff, net.params["b"][0].diff)
+    assert [p.label for p in net.learnable] == ["a/0", "a/1", "b/1"]
+    x = rng().normal(size=(2, 3))
+    net.forward(x=x)
+    net.backward()
+    da, db = net.blobs["a"].diff, net.blobs["b"].diff
+    both = da.T @ x + db.T @ net.blobs["a"].data
+    assert np.allclose(net.params["a"][0].diff, both)
+    net.params["b"][0].diff[...] = np.nan
+    net.clear_param_diffs()
+    net.backward()
+    assert np.allclose(net.params["a"][0].diff, both)
+
+
+def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
+    """A (2, 6) and a (3, 4) weight in one memory, seen in two shapes."""
+    shapes = "shape { dim: 2 dim: 6 } shape { dim: 2 dim: 4 }"
+    text = f'layer {{ name: "x" type: "Input" top: "x" top: "y" input_param {{ {shapes} }} }} '
+    text += ip("a", "x", "a", 'param { name: "w" }', 2) + ip(
+        "b", "y", "b", 'param { name: "w" share_mode: PERMISSIVE }', 3
+    )
+    net = net_of("force_backward: true " + text)
+    assert [p.data.shape for p in (net.params["a"][0], net.params["b"][0])] == [(2, 6), (3, 4)]
+    net.params["a"][0].data[0, 5] = 9
+    assert net.params["b"][0].data[1, 1] == 9
+    net.forward(x=np.ones((2, 6)), y=np.ones((2, 4)))
+    net.backward(a=np.ones((2, 2)), b=np.zeros((2, 3)))
+    assert (net.params["b"][0].diff == 2).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (X + ip("a", "x", "a", 'param { name: "w" }', 4) + ip("b", "a", "b", 'param { name: "w" }', 3),
+         r"layer 'b': parameter 0 \(3, 4\) cannot share 'w' with layer 'a' parameter 0 \(4, 3\)"),
+        (shared("lr_mult: 3"), "shared parameter 'w' has lr_mult 3, but 2 in layer 'a'"),
+        (shared("decay_mult: 0"), "shared parameter 'w' has decay_mult 0, but 1 in layer 'a'"),
+        (X + ip("a", "x", "a", "param { } param { } param { }"), "layer 'a': has 2 parameters, but 3 param blocks"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_shared(net_of: MakeNet, text: str, message: str) -> None:
+    """Other shapes, other multipliers, more param blocks than parameters."""
+    with pytest.raises(netlib.LayerError, match=message):
+        net_of(text)
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        (["lr_mult: 1 decay_mult: 1", "lr_mult: 1 decay_mult: 2"], "has decay_mult 2, but 1 in layer 'b0'"),
+        (["", "lr_mult: 3", "lr_mult: 2"], "has lr_mult 2, but 3 in layer 'b1'"),
+        (["lr_mult: 3", "", "decay_mult: 0", "lr_mult: 3 decay_mult: 1"], "has decay_mult 1, but 0 in layer 'b2'"),
+    ],
+)
+def test_no_layer_may_contradict_another_about_a_shared_parameter(
+    net_of: MakeNet, params: list[str], message: str
+) -> None:
+    """Whichever layers say it, and whatever else they agree on."""
+    text = X
+    for i, param in enumerate(params):
+        text += ip(f"b{i}", f"b{i - 1}" if i else "x", f"b{i}", f'param {{ name: "w" {param} }}')
+    with pytest.raises(netlib.LayerError, match=f"layer 'b{len(params) - 1}': shared parameter 'w' {message}"):
+        net_of(text)
+
+
+def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
+    """What only one of them says holds for both."""
+    text = (
+        X + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 }') + ip("b", "a", "b", 'param { name: "w" decay_mult: 0 }')
+    )
+    owner = net_of(text).learnable[0].spec
+    assert (owner.lr_mult, owner.decay_mult) == (2, 0)
+
+
+def test_param_blocks_count_from_the_first(net_of: MakeNet) -> None:
+    """One block leaves the bias at lr_mult 1, decay_mult 1."""
+    net = net_of(X + ip("a", "x", "a", "param { lr_mult: 5 decay_mult: 0 }"))
+    assert [(p.spec.lr_mult, p.spec.decay_mult) for p in net.learnable] == [(5, 0), (1, 1)]
