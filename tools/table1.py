@@ -55,8 +55,8 @@ def main(argv: list[str] | None = None) -> int:
     what.add_argument("--page", action="store_true", help="train nothing, write the page from what is done")
     what.add_argument("--speed", action="store_true", help="train nothing, measure frames per second on this machine")
     parser.add_argument("--setting", choices=SETTINGS, help="only this one (default: all, NYU if it is there)")
-    parser.add_argument("--networks", nargs="+", choices=names, default=names, metavar="NAME",
-                        help=f"only these of {', '.join(names)}")  # fmt: skip
+    parser.add_argument("--networks", nargs="+", choices=names, metavar="NAME",
+                        help=f"only these of {', '.join(names)} (default: those that a question hangs on)")  # fmt: skip
     parser.add_argument("--recipe", choices=RECIPES, help="only this one (default: both)")
     parser.add_argument("--seeds", type=natural, nargs="+", default=[1, 2], metavar="N", help="default: 1 2")
     parser.add_argument("--hours", type=weight, metavar="H", help="end after about so many hours")
@@ -115,7 +115,7 @@ def _write(args: argparse.Namespace) -> None:
 def _lambdas(args: argparse.Namespace, sitting: Sitting) -> list[Job]:
     """The trainings by weights of PhysLimit, if all networks are asked for, or it is said how long they are."""
     first = _first(args)
-    asked = args.lambda_length or (len(args.networks) == len(NETWORKS) and first is not MANY_HANDS)
+    asked = args.lambda_length or (args.networks is None and first is not MANY_HANDS)
     recipe = RECIPES[args.recipe] if args.recipe else ADAM
     return lambdas(sitting.ledger_of(first), first, args.lambda_length, recipe) if asked and 1 in args.seeds else []
 
@@ -128,7 +128,7 @@ def _first(args: argparse.Namespace) -> Setting:
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """The trainings that are asked for."""
     recipes = [RECIPES[args.recipe]] if args.recipe else list(RECIPES.values())
-    networks = [network for network in NETWORKS if network.name in args.networks]
+    networks = args.networks and [network for network in NETWORKS if network.name in args.networks]
     return list(
         order(_first(args), None if args.setting else MANY_HANDS, networks, recipes, list(dict.fromkeys(args.seeds)))
     )

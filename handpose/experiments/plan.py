@@ -84,28 +84,40 @@ def next_length(ledger: Iterable[Entry], job: Job, longest: int | None = None) -
     return None if longest and length > longest else length
 
 
+def is_asked(network: Network, setting: Setting, recipe: Recipe) -> bool:
+    """Does a question of the page hang on this training?
+
+    Hands of many people are there for what the model costs, and what gives it back. Direct parameter on exact angles is
+    beyond the paper: our recipe, which takes less time, answers for both.
+    """
+    if setting.has_many_people:
+        return network.name in ASKED_OF_MANY
+    return recipe is ADAM or network.labels != "exact"
+
+
 def order(
     setting: Setting,
     many: Setting | None = MANY_HANDS,
-    networks: Sequence[Network] = NETWORKS,
+    networks: Sequence[Network] | None = None,
     recipes: Sequence[Recipe] = tuple(RECIPES.values()),
     seeds: Sequence[int] = (1, 2),
 ) -> Iterator[Job]:
     """All trainings in the order in which they answer most.
 
-    The paper's setting comes first, then hands of many people: these by our recipe alone, which takes less time, and
-    first the networks that say what the model costs there, and what gives it back.
+    Without ``networks`` those that are asked. The paper's setting comes first, then hands of many people: these by our
+    recipe alone.
     """
 
     def of(where: Setting, recipe: Recipe, seed: int) -> Iterator[Job]:
-        return (Job(where, network, recipe, seed) for network in networks if network.is_for(where))
+        chosen = networks or [network for network in NETWORKS if is_asked(network, where, recipe)]
+        return (Job(where, network, recipe, seed) for network in chosen if network.is_for(where))
 
     for seed in seeds:
         for recipe in recipes:
             yield from of(setting, recipe, seed)
     if many is not None and ADAM in recipes:
         for seed in seeds:
-            yield from sorted(of(many, ADAM, seed), key=lambda job: job.network.name not in ASKED_OF_MANY)
+            yield from of(many, ADAM, seed)
 
 
 def lambdas(ledger: Sequence[Entry], setting: Setting, length: int | None = None, recipe: Recipe = ADAM) -> list[Job]:

@@ -9,7 +9,7 @@ from handpose.experiments import true_angles
 from handpose.experiments.findings import FINDINGS, decide
 from handpose.experiments.ledger import Entry
 from handpose.experiments.networks import LAMBDAS, NETWORKS
-from handpose.experiments.plan import ASKED_OF_MANY, MATTERS, End, of_job, order, verdict
+from handpose.experiments.plan import ASKED_OF_MANY, MATTERS, is_asked, lambdas, next_length, of_job, order, verdict
 from handpose.experiments.recipes import ADAM, RECIPES, Recipe
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, SETTINGS, Setting
 from handpose.experiments.speed import Speed
@@ -93,7 +93,7 @@ def page_of(ledger: Ledger, speed: Speed | None = None) -> str:
                 lines += ["", f"## {setting.title}: {recipe.title}", "", *_table(setting, found)]
                 lines += _pictures(recipe, setting) if setting is done[0] else []
                 if setting is not MANY_HANDS:
-                    lines += ["", *_findings(found, setting)]
+                    lines += ["", *_findings(found, setting, recipe)]
                 else:
                     lines += ["", *_people(found, lines_of(ledger, done[0], recipe))]
         for recipe in RECIPES.values():
@@ -103,12 +103,16 @@ def page_of(ledger: Ledger, speed: Speed | None = None) -> str:
 
 
 def _left(ledger: Ledger, setting: Setting) -> list[str]:
-    """How many trainings are not long enough yet, by setting and recipe."""
-    ends: dict[str, list[End]] = {}
-    for job in order(setting):
-        found = verdict(of_job(ledger.get(job.setting.name, ()), job), job.recipe.lengths)
-        ends.setdefault(f"{job.setting.title}, {job.recipe.title}", []).append(found.end)
-    left = [f"{where}: {some.count('not yet')} of {len(some)}" for where, some in ends.items() if "not yet" in some]
+    """How many trainings are missing, or not long enough yet, by setting and recipe, and by weight of PhysLimit."""
+    due: dict[str, list[bool]] = {}
+    for job in [*order(setting), *lambdas(ledger.get(setting.name, ()), setting)]:
+        entries = ledger.get(job.setting.name, ())
+        if job.only:
+            what, is_due = "the weight of PhysLimit", next_length(entries, job) is not None
+        else:
+            what, is_due = job.recipe.title, verdict(of_job(entries, job), job.recipe.lengths).end == "not yet"
+        due.setdefault(f"{job.setting.title}, {what}", []).append(is_due)
+    left = [f"{where}: {sum(some)} of {len(some)}" for where, some in due.items() if any(some)]
     return ["", f"**Trainings that are still to be done:** {'; '.join(left)}."] if left else []
 
 
@@ -142,11 +146,11 @@ def _cell(line: Line, figure: str, subject: str | None = None, form: str = "{:.2
     return spread_text(line.values(figure, subject).values(), form, unit)
 
 
-def _findings(lines: Mapping[str, Line], setting: Setting) -> list[str]:
+def _findings(lines: Mapping[str, Line], setting: Setting, recipe: Recipe) -> list[str]:
     rows = ["What the paper found:", "", "| finding | here | difference by seed | the paper's |", "|---|---|---|---|"]
-    there = {network.name for network in NETWORKS if network.is_for(setting)}
+    there = {network.name for network in NETWORKS if network.is_for(setting) and is_asked(network, setting, recipe)}
     for finding in FINDINGS:
-        if not set(finding.networks) <= there:
+        if not set(finding.networks) <= there | set(lines):
             continue
         found = decide(finding, lines)
         differences = ", ".join(map(finding.form.format, found.differences)) or "–"

@@ -49,13 +49,15 @@ def test_the_next_length() -> None:
 
 
 def test_the_order() -> None:
-    """Seed by seed in the paper's setting, then many hands, by our recipe, first those that are asked about them."""
+    """Seed by seed in the paper's setting, then many hands, by our recipe; what nobody asks only if it is named."""
     jobs = list(order(ONE_HAND))
     blocks = list(dict.fromkeys((job.setting.name, job.recipe.name, job.seed) for job in jobs))
     one = [("one_hand", recipe, seed) for seed in (1, 2) for recipe in ("adam", "paper")]
     assert blocks == [*one, *(("many_hands", "adam", seed) for seed in (1, 2))]
-    assert [job.network.name for job in jobs[24:28]] == ["direct_joint", "ours", "ours_scale", "ours_bones"]
-    assert len(jobs) == 4 * 6 + 2 * 8 and len(list(order(MANY_HANDS, None, [NO_LIMIT], [ADAM], [3]))) == 1
+    assert [job.network.name for job in jobs[22:26]] == ["direct_joint", "ours", "ours_scale", "ours_bones"]
+    exact = [job for job in jobs if job.network.labels == "exact"]
+    assert {job.recipe.name for job in exact} == {"adam"} and len(jobs) == 2 * (6 + 5) + 2 * 4
+    assert len(list(order(MANY_HANDS, None, [NO_LIMIT], [ADAM], [3]))) == 1
 
 
 def test_lambdas_are_as_long_as_ours() -> None:
