@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from netlib.create import layer_types
+from netlib.paths import ROOT
 from tools.onnx_export.net import differences, load, onnx_image
 from tools.onnx_export.table import LAYERS
 
-ROOT = Path(__file__).resolve().parents[2]
 NYU = ROOT / "prototxt" / "nyu_deploy.prototxt"
 SYNTHETIC = ROOT / "models" / "synthetic_hand"
 IMAGE = [(1, 3, 7, 6)]  # the shape of an input x that is an image

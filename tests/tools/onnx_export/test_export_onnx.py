@@ -10,10 +10,11 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from onnx_nets import NYU, ROOT, SYNTHETIC, run_onnx
+from onnx_nets import NYU, SYNTHETIC, run_onnx
 
 import netlib
 from layers.hand.skeleton import load
+from netlib.paths import ROOT
 from tools import export_onnx
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from onnx_nets import ROOT, types_of
+from onnx_nets import types_of
 
 from netlib.create import layer_types
+from netlib.paths import ROOT
 from tools.onnx_export.table import LAYERS
 
 
