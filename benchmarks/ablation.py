@@ -27,7 +27,7 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.data import parts
-from handpose.experiments.solver_text import with_fields
+from handpose.experiments.derived_solvers import with_fields
 from handpose.predicting import nets
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import prior_file, recipes, workers
@@ -36,7 +36,7 @@ from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.many import generate
 from handpose.synthetic.prior_file import BetaParameter
 from layers.hand import skeleton
-from netlib import atomic, engine, schema
+from netlib import atomic, engine, prototxt, schema
 from tools import training
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded
@@ -217,12 +217,13 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own = {"net": net, "max_iter": args.iterations, "display": 500, "random_seed": seed}
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
-    solver, solver_text = Path(f"{prefix}.prototxt"), with_fields(study.solver(SOLVER), own)
-    if weights.is_file() and (atomic.text_of(net), atomic.text_of(solver)) == (net_text, solver_text):
+    solver, tree = Path(f"{prefix}.prototxt"), with_fields(prototxt.parse(study.solver(SOLVER)), own)
+    there = prototxt.parse(atomic.text_of(solver) or "", str(solver))
+    if weights.is_file() and (atomic.text_of(net), there) == (net_text, tree):
         return DONE, weights, net
     weights.unlink(missing_ok=True)
     atomic.replace_text(net, net_text)
-    atomic.replace_text(solver, solver_text)
+    atomic.replace_text(solver, str(tree))
     return training.train(solver), weights, net
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 import netlib
 from netlib.net import Net
+from netlib.paths import ROOT
 from netlib.solver import Solver
 
-ROOT = Path(__file__).resolve().parent.parent
 FRAMES = 1024
 WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
 

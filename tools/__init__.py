@@ -2,7 +2,7 @@
 
 All share arguments, console, progress, stopper and advice. Trainings share training and caffe_log, importers of data
 sets preparing. Pictures and plots are in pictures and plots, what a net costs is in costs. The exercises of
-docs/exercises are a package of their own.
+docs/exercises and nets as ONNX are packages of their own.
 
 A command calls ``begin`` before it imports anything large, and runs in console.guarded.
 """

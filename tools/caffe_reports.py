@@ -1,8 +1,9 @@
-"""What ``caffe test`` and ``caffe time`` log about a net, line for line."""
+"""What ``caffe test`` and ``caffe time`` say about a net, line for line."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -42,13 +43,24 @@ def report_time(net: Net, iterations: int) -> None:
     for i in range(iterations):
         passes.append(time_passes(net, 1))
         log.info("Iteration: %d forward-backward time: %.6g ms.", i + 1, sum(passes[-1]) * 1e3)
+    for cells in [*layer_lines(net, iterations, width=10), *pass_lines(np.mean(passes, axis=0), iterations)]:
+        log.info("\t".join(["%s"] * len(cells)), *cells)
+
+
+def layer_lines(net: Net, iterations: int, width: int) -> Iterator[Sequence[str]]:
+    """Time the layers, and say what each costs: the cells of each line. Names are of this width at least."""
     forward, backward = time_layers(net, iterations)
-    log.info("Average time per layer: ")
+    yield ["Average time per layer: "]
     for layer in net.layers:
-        log.info("%10s\tforward: %.6g ms.", layer.name, forward[layer.name] * 1e3)
-        log.info("%10s\tbackward: %.6g ms.", layer.name, backward[layer.name] * 1e3)
-    for what, seconds in zip(("Forward pass", "Backward pass"), np.mean(passes, axis=0)):
-        log.info("Average %s: %.6g ms.", what, seconds * 1e3)
-    log.info("Average Forward-Backward: %.6g ms.", np.sum(passes) / iterations * 1e3)
-    log.info("Total Time: %.6g ms.", np.sum(passes) * 1e3)
-    log.info("*** Benchmark ends ***")
+        for what, seconds in (("forward", forward), ("backward", backward)):
+            yield f"{layer.name:>{width}}", f"{what}: {seconds[layer.name] * 1e3:.6g} ms."
+
+
+def pass_lines(passes: Iterable[float], iterations: int) -> Iterator[Sequence[str]]:
+    """What a pass forwards and one backwards cost, in seconds, of so many iterations: one cell a line, to the last."""
+    forward, backward = passes
+    costs = {"Forward pass": forward, "Backward pass": backward, "Forward-Backward": forward + backward}
+    for what, seconds in costs.items():
+        yield [f"Average {what}: {seconds * 1e3:.6g} ms."]
+    yield [f"Total Time: {(forward + backward) * iterations * 1e3:.6g} ms."]
+    yield ["*** Benchmark ends ***"]

@@ -27,9 +27,10 @@ tools.begin(__name__)
 from handpose.facts.nyu import CUBE_MM
 from netlib import atomic
 from netlib.errors import NetlibError, reason_of
-from tools import onnx_net, outputs
+from tools import outputs
 from tools.arguments import cube, parser_of
 from tools.console import DONE, FAILED, guarded, say
+from tools.onnx_export.net import differences, load, onnx_image
 
 BATCHES = (1, 3)  # of --check
 TOLERANCE = 1e-5
@@ -53,8 +54,8 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Write, and check, as the parsed arguments say. Raises NetlibError."""
     outputs.refuse_inputs(args.out, [args.net, args.weights])
-    net = onnx_net.load(args.net, args.weights)
-    image = onnx_net.onnx_image(net, args.blob, args.cube)
+    net = load(args.net, args.weights)
+    image = onnx_image(net, args.blob, args.cube)
     try:
         atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
     except OSError as error:
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB")
     if not args.check:
         return DONE
-    worst = onnx_net.differences(args.out.read_bytes(), net, BATCHES, args.blob)
+    worst = differences(args.out.read_bytes(), net, BATCHES, args.blob)
     for name, difference in worst.items():
         say(f"{name}: largest difference {difference:.1e} of its largest value, batches of "
             f"{' and '.join(map(str, BATCHES))}")  # fmt: skip

@@ -37,13 +37,14 @@ from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, 
 from layers.hand import skeleton as skeletons
 from netlib import atomic
 from netlib.errors import NetlibError
+from netlib.paths import ROOT
 from tools.arguments import natural, parser_of, positive, weight
 from tools.console import DONE, aligned, guarded, say
 from tools.pictures import make_folder
 from tools.sitting import Sitting
 from tools.table1_pictures import write_pictures
 
-RESULTS = Path(__file__).resolve().parent.parent / "docs" / "results"
+RESULTS = ROOT / "docs" / "results"
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -40,13 +40,13 @@ from handpose.scoring.held_out_fits import fit_all
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.net import Net
+from netlib.paths import ROOT
 from tools import pictures
 from tools.advice import on_missing_data
 from tools.arguments import add_engine, parser_of
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
-ROOT = Path(__file__).resolve().parent.parent
 DRAWN = 12  # frames in a picture
 COLUMNS = {  # figure -> heading, format
     "error_mm": ("all joints mm", "{:.2f}"),

@@ -28,8 +28,9 @@ from netlib import engine
 from netlib.net import Net
 from tools.advice import on_missing_data
 from tools.arguments import add_engine, parser_of, positive
+from tools.caffe_reports import layer_lines, pass_lines
 from tools.console import DONE, guarded, say
-from tools.costs import memory_of, time_layers, time_passes
+from tools.costs import memory_of, time_passes
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -66,17 +67,10 @@ def run(args: argparse.Namespace) -> int:
     say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
     print("*** Benchmark begins ***")
     say(f"Testing for {args.iterations} iterations.")
-    forward, backward = time_layers(net, args.iterations)
-    print("Average time per layer:")
-    for layer in net.layers:
-        say(f"{layer.name:>16}", f"forward: {forward[layer.name] * 1e3:.6g} ms.", sep="\t")
-        say(f"{layer.name:>16}", f"backward: {backward[layer.name] * 1e3:.6g} ms.", sep="\t")
-    passes = time_passes(net, args.iterations)
-    for what, seconds in zip(("Forward pass", "Backward pass"), passes):
-        say(f"Average {what}: {seconds * 1e3:.6g} ms.")
-    say(f"Average Forward-Backward: {sum(passes) * 1e3:.6g} ms.")
-    say(f"Total Time: {sum(passes) * args.iterations * 1e3:.6g} ms.")
-    print("*** Benchmark ends ***")
+    for cells in layer_lines(net, args.iterations, width=16):
+        say(*cells, sep="\t")
+    for cells in pass_lines(time_passes(net, args.iterations), args.iterations):
+        say(*cells)
     return DONE
 
 

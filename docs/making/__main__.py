@@ -10,8 +10,9 @@ import sys
 from collections.abc import Callable, Iterator
 
 from docs.making import documents, exercises, figures, hand_page, pictures
-from docs.making.made import ROOT, Made
+from docs.making.made import Made
 from netlib.errors import NetlibError
+from netlib.paths import ROOT
 
 PIECES: tuple[Callable[[], Iterator[Made]], ...] = (
     documents.made, figures.made, pictures.made, exercises.made, hand_page.made,

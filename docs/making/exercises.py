@@ -11,8 +11,9 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from docs.making.made import ROOT, Made, place_of
+from docs.making.made import Made, place_of
 from docs.making.markdown import title_of
+from netlib.paths import ROOT
 from tools.exercises.checking import steps
 from tools.exercises.exercise import Exercise
 from tools.exercises.relu import OneAtZero

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from docs.making.made import ROOT, Made
+from docs.making.made import Made
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content
 from handpose.synthetic.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
+from netlib.paths import ROOT
 
 PLACE = ROOT / "docs" / "hand.html"
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from docs.making.chromium import chromium
 from docs.making.hand_page import PLACE
-from docs.making.made import ROOT
 from netlib import atomic
 from netlib.errors import NetlibError
+from netlib.paths import ROOT
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

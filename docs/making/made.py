@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from netlib import atomic
-
-ROOT = Path(__file__).resolve().parents[2]
+from netlib.paths import ROOT
 
 
 def place_of(document: Path, text: str, offset: int) -> str:

@@ -12,7 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from docs.making.made import ROOT, Made
+from docs.making.made import Made
+from netlib.paths import ROOT
 
 # Of each picture in docs/images the commands, in an empty folder, and what the last of them writes.
 PICTURES: dict[str, tuple[tuple[str, ...], str]] = {

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from handpose.experiments.settings import Setting
+from netlib.paths import ROOT
 
-PROTOTXT = Path(__file__).resolve().parents[2] / "prototxt"
+PROTOTXT = ROOT / "prototxt"
 
 
 class Published(NamedTuple):

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+from handpose.experiments.derived_solvers import with_fields
 from handpose.experiments.networks import PROTOTXT
-from handpose.experiments.solver_text import with_fields
-from netlib import solver_parameter
+from netlib import prototxt, solver_parameter
+from netlib.prototxt import Message
 
 GROWTH = Fraction(3, 2)  # of one length to the next
 
@@ -48,21 +49,18 @@ class Recipe:
         """The iteration at which the end of a training begins; an end has one iteration at least."""
         return iterations - max(1, int(iterations * self.end))
 
-    def trunk(self, own: Mapping[str, object]) -> str:
-        """The text of the trunk's solver, with the fields ``own``."""
-        return with_fields(self._text(), {"lr_policy": '"fixed"', **own})
+    def trunk(self, own: Mapping[str, object]) -> Message:
+        """The tree of the trunk's solver, with the fields ``own``."""
+        return with_fields(prototxt.parse_file(self.solver), {"lr_policy": '"fixed"', **own})
 
-    def ending(self, iterations: int, own: Mapping[str, object]) -> str:
-        """The text of the solver of the end of a training."""
+    def ending(self, iterations: int, own: Mapping[str, object]) -> Message:
+        """The tree of the solver of the end of a training."""
         begin = self.branch(iterations)
         if not self.robust:
-            return with_fields(self._text(), {"stepvalue": begin, **own})
+            return with_fields(prototxt.parse_file(self.solver), {"stepvalue": begin, **own})
         # poly falls from base_lr at iteration 0 to 0 at max_iter: where the end begins, it is at the trunk's rate
         rate = solver_parameter.read(self.solver).base_lr / (1 - begin / iterations)
-        return with_fields(self._text(), {"base_lr": rate, "rampup_interval": 0, **own})
-
-    def _text(self) -> str:
-        return self.solver.read_text(encoding="utf-8")
+        return with_fields(prototxt.parse_file(self.solver), {"base_lr": rate, "rampup_interval": 0, **own})
 
 
 def lengths(base: int, count: int) -> tuple[int, ...]:

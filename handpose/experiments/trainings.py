@@ -25,7 +25,7 @@ from handpose.experiments.networks import Network
 from handpose.experiments.principal_components import write_components
 from handpose.experiments.recipes import Recipe
 from handpose.experiments.settings import Setting
-from netlib import atomic, prototxt
+from netlib import atomic
 
 STATE, WEIGHTS = ".solverstate.h5", ".caffemodel.h5"
 
@@ -98,9 +98,9 @@ class Training:
         first = iteration_of(snapshot) if snapshot else 0
         own = {"net": self.net, "max_iter": last, "display": 100, "snapshot": self.recipe.every,
                "snapshot_format": "HDF5", "snapshot_prefix": prefix, "random_seed": self.seed}  # fmt: skip
-        text = self.recipe.trunk(own) if prefix == self._trunk else self.recipe.ending(last, own)
+        tree = self.recipe.trunk(own) if prefix == self._trunk else self.recipe.ending(last, own)
         solver = Path(f"{prefix}_solver.prototxt")
-        atomic.replace_text(solver, str(prototxt.parse(text, str(self.recipe.solver))))
+        atomic.replace_text(solver, str(tree))
         return Step(solver, Path(f"{prefix}_from_{first}.log"), prefix, first, last, snapshot, weights)
 
     @property

@@ -27,10 +27,10 @@ from layers.hand.skeleton_file import Axis, DofParameter, SkeletonParameter
 from netlib import prototxt, schema
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
-from netlib.paths import find
+from netlib.paths import ROOT, find
 
 LARGEST = 1e9  # length or angle: its square is a float32
-NYU_HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
+NYU_HAND = ROOT / "prototxt" / "hand" / "nyu.prototxt"
 
 
 @dataclass(frozen=True)

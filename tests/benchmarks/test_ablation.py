@@ -50,6 +50,10 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
         assert (status, weights.is_file(), net.is_file()) == (0, True, True)
     assert len(trained) == 1
     assert "rampup_interval: 10\n" in trained[0]
+    solver = tmp_path / "recipe_100_seed1.prototxt"
+    solver.write_text(f"# written otherwise\n\n{solver.read_text()}")
+    ablation.trained(ablation.OF_NYU[0], *data, 1, args)
+    assert len(trained) == 1
     monkeypatch.setattr(ablation, "SOLVER", ablation.SOLVER.replace("base_lr: 0.002", "base_lr: 0.1"))
     ablation.trained(ablation.OF_NYU[0], *data, 1, args)
     assert len(trained) == 2

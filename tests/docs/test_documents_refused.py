@@ -9,7 +9,7 @@ import pytest
 
 from docs.making import __main__ as making
 from docs.making import documents
-from docs.making.made import ROOT
+from netlib.paths import ROOT
 
 RELU = "<!-- code: layers/activation/relu.py ReLU.reshape -->\n"
 F = "```"

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from docs.making import __main__ as making
-from docs.making.made import ROOT, Made
+from docs.making.made import Made
+from netlib.paths import ROOT
 
 FILES = [made for piece in making.PIECES for made in piece()]
 

@@ -17,7 +17,6 @@ SOURCES = [
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
     "handpose/experiments/machine.py": "reads what Linux says of the processor",
-    "handpose/experiments/recipes.py": "reads the solvers that come with the project, to change them",
     "handpose/experiments/results.py": "asks netlib/hdf5.py for rows, and looks at their shape",
     "handpose/drawing/page/assembly.py": "reads the page that comes with the project",
     "netlib/memory.py": "reads what Linux says of the memory that there is",

@@ -18,10 +18,10 @@ from tests.tools.conftest import ROOT
 # Modules that tools and other programs may import; all other files in tools/ are commands, which nobody imports.
 SHARED = {
     "advice", "arguments", "caffe_log", "caffe_reports", "console", "costs", "databases", "findings", "hand_pages",
-    "onnx_graph", "onnx_hand", "onnx_layers", "onnx_net", "outputs", "pictures", "plots", "preparing", "progress",
-    "ranks", "sitting", "skeletons", "sources", "stopper", "table1_pictures", "track_outputs", "training",
+    "outputs", "pictures", "plots", "preparing", "progress", "ranks", "sitting", "skeletons", "sources", "stopper",
+    "table1_pictures", "track_outputs", "training",
 }  # fmt: skip
-PACKAGES = {"exercises"}  # the same: folders in tools/
+PACKAGES = {"exercises", "onnx_export"}  # the same: folders in tools/
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES if path.stem not in SHARED]
 LONGEST = 160  # lines; what is longer has logic that belongs elsewhere

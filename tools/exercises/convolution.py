@@ -9,7 +9,8 @@ import numpy as np
 from layers.vision.convolution import Convolution
 from netlib.blob import Array, Blob, Blobs
 from tools.exercises.exercise import known
-from tools.exercises.layers import Example, Letters, layer_exercise, numbers
+from tools.exercises.layer_examples import Example, Letters, numbers
+from tools.exercises.layers import layer_exercise
 
 
 class RoundsUp(Convolution):

@@ -8,7 +8,8 @@ from layers.common.dropout import Dropout
 from netlib.blob import Array, Blobs
 from netlib.layer import TEST, TRAIN
 from tools.exercises.exercise import known
-from tools.exercises.layers import Example, Letters, layer_exercise, numbers
+from tools.exercises.layer_examples import Example, Letters, numbers
+from tools.exercises.layers import layer_exercise
 
 
 class _Drawn(Dropout):

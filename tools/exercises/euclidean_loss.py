@@ -7,7 +7,8 @@ import numpy as np
 from layers.loss.euclidean_loss import EuclideanLoss
 from netlib.blob import Blobs
 from tools.exercises.exercise import known
-from tools.exercises.layers import Example, Letters, layer_exercise, numbers
+from tools.exercises.layer_examples import Example, Letters, numbers
+from tools.exercises.layers import layer_exercise
 
 
 class NoHalf(EuclideanLoss):

@@ -7,7 +7,8 @@ import numpy as np
 from layers.hand.phys_limit import PhysLimit
 from netlib.blob import Array, Blobs
 from tools.exercises.exercise import known
-from tools.exercises.layers import Example, Letters, layer_exercise
+from tools.exercises.layer_examples import Example, Letters
+from tools.exercises.layers import layer_exercise
 
 
 class _Forward(PhysLimit):

@@ -7,7 +7,8 @@ import numpy as np
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blobs
 from tools.exercises.exercise import known
-from tools.exercises.layers import Example, Letters, layer_exercise
+from tools.exercises.layer_examples import Example, Letters
+from tools.exercises.layers import layer_exercise
 
 
 def _extent(layer: Pooling, i: int, size: int) -> int:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from layers.common.split import Split
 from netlib.blob import Blobs
 from tools.exercises.exercise import known
-from tools.exercises.layers import Example, Letters, layer_exercise, numbers
+from tools.exercises.layer_examples import Example, Letters, numbers
+from tools.exercises.layers import layer_exercise
 
 
 class ShapesOne(Split):

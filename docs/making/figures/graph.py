@@ -7,10 +7,10 @@ from typing import Any
 
 import netlib
 from docs.making.figures.drawn import new_figure
-from docs.making.made import ROOT
 from netlib import prototxt, schema
 from netlib.messages import LayerParameter
 from netlib.net_parameter import load_parameter
+from netlib.paths import ROOT
 from netlib.plain import Connection
 
 WIDTH, HEIGHT, STEP, COLUMN = 2.3, 0.62, 1.15, 4.6  # of a box; from row to row, from column to column

@@ -14,6 +14,7 @@ from netlib.blob import Array
 
 SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)  # they lead the arm to (3, 4) and (3, 6)
 BONES = (5.0, 2.0)
+# Not those of handpose/drawing/hands.py: white numbers stand on them, and names are written with them on white.
 FINGERS = {"thumb": "#882255", "index": "#332288", "middle": "#117733", "ring": "#aa7700", "little": "#0077bb"}
 PALM = "#555555"
 HALF_CUBE = 150.0

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from docs.making.made import ROOT
 from docs.making.site.check import faults
 from netlib import engine
+from netlib.paths import ROOT
 
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")

@@ -8,13 +8,14 @@ from typing import Any
 import pytest
 
 from handpose.experiments.recipes import ADAM, PAPER
-from netlib import messages, prototxt, schema, solver_parameter
+from netlib import messages, schema, solver_parameter
+from netlib.prototxt import Message
 from netlib.updates import learning_rate
 
 
-def read(text: str) -> Any:
-    """The solver in a text."""
-    return schema.read(prototxt.parse(text), messages.SolverParameter, "solver")
+def read(tree: Message) -> Any:
+    """The solver in a tree."""
+    return schema.read(tree, messages.SolverParameter, "solver")
 
 
 def test_lengths_grow_by_half() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from docs.making import hand_page
+from handpose.drawing.hands import COLOURS
 from handpose.drawing.page import assembly
 from handpose.drawing.page.assembly import escaped, page, script_of
 from handpose.drawing.page.content import content
@@ -91,3 +92,9 @@ def test_pages_are_the_same_every_time() -> None:
     (made,) = hand_page.made()
     packaged = made.make()
     assert b'"fist":{' in packaged and packaged.startswith(b"<!DOCTYPE html>")
+
+
+def test_fingers_have_the_colours_of_other_pictures() -> None:
+    """In the modules of the page, too."""
+    found = re.findall(r"(\w+): \[(\d+), (\d+), (\d+)\]", (assembly.FOLDER / "shading.js").read_text(encoding="utf-8"))
+    assert {name: tuple(map(int, rgb[::-1])) for name, *rgb in found} == COLOURS

@@ -27,7 +27,7 @@ from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
-from tools.onnx_graph import Graph, Place, Shape
+from tools.onnx_export.graph import Graph, Place, Shape
 
 PARTS = ("one", "cosine", "sine", "angle")  # what the four matrices of a step are multiplied by
 

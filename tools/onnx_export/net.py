@@ -19,8 +19,8 @@ from netlib.messages import LayerParameter, NetState
 from netlib.net import Net
 from netlib.net_parameter import load_parameter, select_layers
 from netlib.schema import position_of
-from tools.onnx_graph import PRODUCER, Graph, Place, Shape, package, symbolic
-from tools.onnx_layers import LAYERS, Translation
+from tools.onnx_export.graph import PRODUCER, Graph, Place, Shape, Translation, package, symbolic
+from tools.onnx_export.table import LAYERS
 
 Shapes = list[tuple[list[Shape], list[Shape]]]  # of each layer's bottoms and tops
 

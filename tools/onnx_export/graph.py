@@ -8,7 +8,7 @@ reductions have another form.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,6 +100,21 @@ class Graph:
             value = self.op("Mul", value, self.constant(float(scale), "scale"))
         return self.op("Add", value, self.constant(float(shift), "shift")) if shift != 0 else value
 
+    def widened(self, value: str, axes: int, first: int, all_axes: int) -> str:
+        """A value with ``axes`` axes, and axes of size 1 behind them: they meet those of x from ``first`` on."""
+        behind = all_axes - first - axes
+        if not behind:
+            return value
+        return self.op("Unsqueeze", value, self.constant(list(range(axes, axes + behind)), "axes"))
+
+    def floats(self, value: str) -> str:
+        """The value as float32."""
+        return self.op("Cast", value, to=1)  # FLOAT
+
+    def whole(self, value: str) -> str:
+        """The value as int64."""
+        return self.op("Cast", value, to=7)  # INT64
+
     def _fresh(self, what: str) -> str:
         name, i = f"{self.layer}/{what}", 1
         while name in self._taken:
@@ -144,6 +159,9 @@ class Graph:
             raise NetlibError(f"net {name!r}: what was made of it is not valid ONNX: {reason_of(error)}") from error
         made: bytes = model.SerializeToString()
         return made
+
+
+Translation = Callable[[Graph, Place], list[str]]  # adds a layer's operators; returns the values that its tops are
 
 
 def package(name: str) -> Any:

@@ -1,0 +1,39 @@
+"""Nets and weights in a folder of their own; all is skipped without the packages onnx and onnxruntime."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from onnx_nets import net_text
+
+import netlib
+
+
+@pytest.fixture(autouse=True, scope="session")
+def onnx():
+    """The package."""
+    pytest.importorskip("onnxruntime")
+    return pytest.importorskip("onnx")
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """``files(layers, shapes ...)``: net.prototxt and net.caffemodel.h5 with random parameters, in an own folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def make(layers: str, *shapes: tuple[int, ...]) -> tuple[str, str]:
+        Path("net.prototxt").write_text(net_text(layers, *shapes))
+        net, rng = netlib.Net("net.prototxt", netlib.TEST, seed=1), np.random.default_rng(1)
+        for blobs in net.params.values():
+            for blob in blobs:
+                blob.data[...] = rng.uniform(0.2, 1, blob.shape) * rng.choice([-1, 1], blob.shape)
+        for layer in net.layers:
+            if layer.type == "BatchNorm":
+                layer.blobs[1].data[...] = abs(layer.blobs[1].data)
+                layer.blobs[2].data[...] = 3
+        net.save("net.caffemodel.h5")
+        return "net.prototxt", "net.caffemodel.h5"
+
+    return make
