@@ -46,6 +46,7 @@ from handpose.data.depth_images import UnitError
 from handpose.data.images import read_crop, read_frame
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import SOUGHT_SIDES
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import best_fit
 from handpose.predicting.packaged import load_predictor, predictor_of
@@ -69,8 +70,7 @@ def main(argv: list[str] | None = None) -> int:
                              "packaged, with --weights nyu_deploy.prototxt)")  # fmt: skip
     parser.add_argument("--fit", choices=("no", *PLANS), help="move the predicted hand until it explains the depth "
                         "(default: accurate; fast for other bodies, no for those without flesh)")  # fmt: skip
-    parser.add_argument("--hand", choices=("right", "left", "either"),
-                        help="(default: either, with --fit no right)")  # fmt: skip
+    parser.add_argument("--hand", choices=SOUGHT_SIDES, help="(default: either, with --fit no right)")
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
     parser.add_argument("--cube", type=cube, default=CUBE_MM, metavar="MM",

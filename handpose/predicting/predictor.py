@@ -21,6 +21,7 @@ from handpose.data.depth_images import check_unit, depth_image, numbers
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.cubes import CUBES_MM
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide, as_right, mirror_of, seen_as_right
 from handpose.fitting.depth.body import GIRTH, FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors
@@ -35,7 +36,6 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
 
-Hand = Literal["right", "left", "either"]
 Fit = Literal["no", "fast", "accurate"]
 
 # A crop is moved no farther than this from where it was first. Even if the nearest thing is taken for the hand, nine of
@@ -44,7 +44,6 @@ LARGEST_MOVE_MM = 60.0
 KEEP = 3  # of the places that were fitted fast, so many are fitted by the plan
 ODDS_MM = 4.0  # of strangeness, that the logarithm of the locator's odds is worth
 ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away; larger ones farther
-_MIRROR = (-1, 1, 1)
 MOST_REFINE = 100  # a crop that has not come to rest after so many moves goes round in a circle
 
 
@@ -53,7 +52,7 @@ class Place(NamedTuple):
 
     crop: NDArray[np.float32]
     center_uvd: Array
-    side: str
+    side: Side
     odds: float = 0.0  # logarithm, that there is a hand, says the locator
 
 
@@ -80,7 +79,7 @@ class Predictor:
     """
 
     def __init__(
-        self, net: Net, camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: Hand = "right", refine: int = 3,
+        self, net: Net, camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: SoughtSide = "right", refine: int = 3,
         fit: Fit = "no", errors: NetworkErrors | None = None, locator: Locator | None = None,
     ) -> None:  # fmt: skip
         check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
@@ -99,7 +98,7 @@ class Predictor:
         if hand == "left" and not self.is_hand:
             raise NetlibError(f"skeleton {self.skeleton.name!r} is no hand, so there is no left one")
         self.cube_mm, self.refine, self.fit, self.locator = cube_mm, refine if self.is_hand else 0, fit, locator
-        self.sides = (("right", "left") if self.is_hand else ("right",)) if hand == "either" else (hand,)
+        self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
         self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, cube_mm / 2), errors)
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
@@ -234,7 +233,7 @@ class Predictor:
         start, side = place.center_uvd, place.side
         for _ in range(self.refine):
             joints = self._network(place.crop, side)
-            there = finding.recenter(joints, self.skeleton, place.center_uvd, self.cube_mm, camera, side == "left")
+            there = finding.recenter(joints, self.skeleton, place.center_uvd, self.cube_mm, camera, side)
             if np.array_equal(there, place.center_uvd):
                 break  # it would stay
             far = np.linalg.norm(camera.unproject(there) - camera.unproject(start))
@@ -246,13 +245,13 @@ class Predictor:
                 break
         return place
 
-    def _network(self, seen: NDArray[np.float32], side: str) -> Array:
+    def _network(self, seen: NDArray[np.float32], side: Side) -> Array:
         """The joints (K, 3) in half-cubes that the net alone predicts in a crop."""
-        shown = np.ascontiguousarray(seen[:, ::-1]) if side == "left" else seen
+        shown = np.ascontiguousarray(as_right(seen, side))
         joints = self.net.forward(blobs=["pred"], depth=shown[None, None])["pred"].reshape(-1, 3).astype(np.float64)
         if not np.isfinite(joints).all():
             raise NetlibError(f"{self.net.source}: predicts joints that are not finite; check its weights")
-        return np.asarray(joints * _MIRROR if side == "left" else joints)
+        return np.asarray(joints * mirror_of(side))
 
     def _hands(self, places: Sequence[Place], camera: Camera, plan: Fit) -> list[FramePrediction]:
         """The hands at some places, fitted by the plan."""
@@ -263,27 +262,24 @@ class Predictor:
                 found |= dict(zip(own, self._hands_of(side, [places[i] for i in own], camera, plan)))
         return [found[i] for i in range(len(places))]
 
-    def _hands_of(self, side: str, places: Sequence[Place], camera: Camera, plan: Fit) -> list[FramePrediction]:
+    def _hands_of(self, side: Side, places: Sequence[Place], camera: Camera, plan: Fit) -> list[FramePrediction]:
         """The same, all of one side."""
-        flip, half = np.array(_MIRROR if side == "left" else (1, 1, 1)), self.cube_mm / 2
+        mirror, half = mirror_of(side), self.cube_mm / 2
         if self.fitter is None or plan == "no":
             network = [self._network(place.crop, side) for place in places]
             return [
                 FramePrediction(joints, joints, place.crop, self.cube_mm, side, None, camera, place.center_uvd)
                 for joints, place in zip(network, places)
             ]
-        model, left, own = self.fitter.model, side == "left", camera
+        model = self.fitter.model
         crops, uvd = np.stack([place.crop for place in places]), np.stack([place.center_uvd for place in places])
-        fit = fit_crops(self.net, self.fitter, crops, uvd, camera, plan, left=left)
+        fit = fit_crops(self.net, self.fitter, crops, uvd, camera, plan, side=side)
         flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
-        if left:  # as the mirror shows it
-            crops, uvd = crops[:, :, ::-1], np.array([camera.width - 1, 0, 0]) + uvd * flip
-            camera = camera.mirrored()
         whole, girth = model.whole_inputs_of(fit.x), np.exp(fit.x[:, GIRTH])
-        strange = strangeness(model, fit, crops, uvd, camera)
+        strange = strangeness(model, fit, *seen_as_right(crops, uvd, camera, side))
         hands = []
         for n, place in enumerate(places):
-            capsules = Capsules(flesh.a[[n]] * flip, flesh.b[[n]] * flip, flesh.radius_a[[n]], flesh.radius_b[[n]])
+            capsules = Capsules(flesh.a[[n]] * mirror, flesh.b[[n]] * mirror, flesh.radius_a[[n]], flesh.radius_b[[n]])
             hand = FittedHand(
                 inputs=fit.inputs[n],
                 whole=whole[n],
@@ -296,8 +292,8 @@ class Predictor:
                 confidence=float(fit.confidence[n]),
                 capsules=capsules,
             )
-            joints, network_joints = fit.joints[n] * flip / half, fit.network[n] * flip / half
-            hands.append(FramePrediction(joints, network_joints, place.crop, self.cube_mm, side, hand, own,
+            joints, network_joints = fit.joints[n] * mirror / half, fit.network[n] * mirror / half
+            hands.append(FramePrediction(joints, network_joints, place.crop, self.cube_mm, side, hand, camera,
                                          place.center_uvd))  # fmt: skip
         return hands
 
@@ -310,7 +306,7 @@ class Predictor:
 
 def check_options(*, cube_mm: float, hand: str, refine: int, fit: str) -> None:
     """Raise NetlibError for options of a ``Predictor`` that are none."""
-    for name, word, known in (("hand", hand, get_args(Hand)), ("fit", fit, get_args(Fit))):
+    for name, word, known in (("hand", hand, SOUGHT_SIDES), ("fit", fit, get_args(Fit))):
         if word not in known:
             raise NetlibError(f"{name}={word!r}{did_you_mean(str(word), known)}; expected {', '.join(known)}")
     least, most = CUBES_MM

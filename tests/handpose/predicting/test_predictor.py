@@ -14,11 +14,12 @@ from handpose.data.crops import crop
 from handpose.data.depth_images import UnitError
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
+from handpose.facts.sides import Side, mirror_of
 from handpose.predicting import finding
 from handpose.predicting.locator import Located, Locator
 from handpose.predicting.nets import best_fit, skeleton_to_fit
 from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import LARGEST_MOVE_MM, Hand, Predictor
+from handpose.predicting.predictor import LARGEST_MOVE_MM, Predictor
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import draw_scenes
@@ -287,10 +288,10 @@ def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
 @pytest.mark.parametrize("hand", ["right", "left"])
 @pytest.mark.parametrize("refine", [0, 1, 2, 3])
 def test_the_crop_goes_to_the_palm(
-    fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, hand: Hand
+    fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, hand: Side
 ) -> None:
     """Each time by as much as the hand is beside; then the joints are those of the last crop."""
-    beside = np.array([10.0, -5.0, 4.0]) * ((-1, 1, 1) if hand == "left" else 1)
+    beside = np.array([10.0, -5.0, 4.0]) * mirror_of(hand)
     predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, hand=hand)
     start = np.array([260.0, 210.0, 690.0])
     found = predictor.in_frame(frame, start)
@@ -385,7 +386,7 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> No
     for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
         camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
         predictor = load_predictor(camera, fit="fast", hand=hand)  # type: ignore[arg-type]
-        center = camera.project(np.array([30.0, -20, 700]) * ((1, 1, 1) if hand == "right" else (-1, 1, 1)))
+        center = camera.project(np.array([30.0, -20, 700]) * mirror_of(hand))
         found = predictor.in_frame(np.ascontiguousarray(depth), center)
         assert found.fit is not None and found.camera == camera
         strange.append(found.fit.strangeness)
