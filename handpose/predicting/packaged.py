@@ -18,7 +18,8 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.locator import Locator
 from handpose.predicting.nets import hand_layer, trained
-from handpose.predicting.predictor import Fit, Predictor, check_options
+from handpose.predicting.options import Fit, check_options
+from handpose.predicting.predictor import Predictor
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
 from netlib.paths import ROOT

@@ -23,8 +23,9 @@ from handpose.data.depth_images import check_unit, depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.predicting.nets import refuse_other_bodies
+from handpose.predicting.options import Fit, check_whole
 from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Fit, Predictor, check_whole
+from handpose.predicting.predictor import Predictor
 from handpose.recordings.recording import DepthFrame
 from handpose.tracking.following import COAST, ENOUGH, Follower
 from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
