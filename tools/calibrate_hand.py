@@ -35,6 +35,7 @@ import numpy as np
 
 from handpose.data.images import read_frame
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import SOUGHT_SIDES, is_mirrored
 from handpose.fitting import calibration_report
 from handpose.fitting.calibration import calibrate
 from handpose.fitting.calibration_problem import FEWEST_FRAMES
@@ -65,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--unit", type=positive_number, metavar="MM", help="of the depth frames (default: 1, of sr305 0.125)"
     )
-    parser.add_argument("--hand", choices=("right", "left", "either"), default="either",
+    parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="in the depth frames (default: %(default)s, the one that most of them show)")  # fmt: skip
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the skeleton file to write")
     parser.add_argument("--template", metavar="SKELETON", help="a skeleton file to start from (default: the NYU hand)")
@@ -135,7 +136,7 @@ def run_on_depth(args: argparse.Namespace) -> int:
         hand, size = hand_of(predictor, frames, progress)
     words = (f"A {hand} hand of {size.size:.3f} +- {size.deviation:.3f} times the size of {predictor.skeleton.name}, "
              f"its flesh {size.girth:.2f} times as thick, from the depth of {len(frames)} frames.")  # fmt: skip
-    mirrored = " The file is its mirror image, a right hand." if hand == "left" else ""
+    mirrored = " The file is its mirror image, a right hand." if is_mirrored(hand) else ""
     write_skeleton(args.out, sized(predictor.skeleton, size), words + mirrored)
     say(words)
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")

@@ -8,6 +8,7 @@ from typing import Any
 
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content, hand
+from handpose.facts.sides import as_right
 from handpose.predicting.nets import hand_inputs
 from handpose.predicting.prediction import FramePrediction, Prediction
 from handpose.predicting.predictor import Predictor
@@ -34,8 +35,7 @@ def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]
     if found.fit:
         inputs, size, girth = found.fit.whole, found.fit.size, found.fit.girth
     else:
-        seen = found.crop[:, ::-1] if found.hand == "left" else found.crop
-        inputs, size, girth = hand_inputs(predictor.net, seen[None])[0], 1.0, 1.0
+        inputs, size, girth = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
     words = findings.in_words(found, predictor).partition(";")[0]
     return hand(Path(image).name, words, inputs, camera=camera, center_uvd=middle,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip

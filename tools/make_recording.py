@@ -34,6 +34,7 @@ import tools
 tools.begin(__name__)
 
 from handpose.facts.cameras import CAMERAS, NYU
+from handpose.facts.sides import SIDES
 from handpose.recordings.writing import RecordingWriter
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
@@ -57,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
     parser.add_argument("--seconds", type=positive_number, metavar="S", help="how long (default: the script's)")
-    parser.add_argument("--hand", choices=("right", "left"), help="the first hand; a second one is then the other")
+    parser.add_argument("--hand", choices=SIDES, help="the first hand; a second one is then the other")
     parser.add_argument("--clean", action="store_true", help="without the faults of a camera")
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
     parser.add_argument("--force", action="store_true", help="replace what --out names, and its truth")

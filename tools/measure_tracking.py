@@ -32,6 +32,7 @@ tools.begin(__name__)
 
 from handpose.experiments.tracking_figures import Alone, HandFigures, Tracked, follow, summary
 from handpose.facts.cameras import CAMERAS, Camera
+from handpose.facts.sides import SIDES
 from handpose.predicting.packaged import load_predictor
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
@@ -104,9 +105,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _alone(camera: Camera, args: argparse.Namespace) -> Alone:
     """What looks at frames of a camera alone, by the tracker's plan."""
-    right, left = (
-        load_predictor(camera, hand=side, refine=0, fit=args.fit, engine=args.engine) for side in ("right", "left")
-    )
+    right, left = (load_predictor(camera, hand=side, refine=0, fit=args.fit, engine=args.engine) for side in SIDES)
     return Alone(right, left)
 
 

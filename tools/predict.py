@@ -46,11 +46,13 @@ from handpose.data.depth_images import UnitError
 from handpose.data.images import read_crop, read_frame
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import SOUGHT_SIDES
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import best_fit
+from handpose.predicting.options import MOST_REFINE
 from handpose.predicting.packaged import load_predictor, predictor_of
 from handpose.predicting.prediction import FramePrediction
-from handpose.predicting.predictor import MOST_REFINE, Predictor
+from handpose.predicting.predictor import Predictor
 from netlib.errors import DataError
 from netlib.paths import ROOT
 from tools import findings, hand_pages, outputs, pictures
@@ -69,8 +71,7 @@ def main(argv: list[str] | None = None) -> int:
                              "packaged, with --weights nyu_deploy.prototxt)")  # fmt: skip
     parser.add_argument("--fit", choices=("no", *PLANS), help="move the predicted hand until it explains the depth "
                         "(default: accurate; fast for other bodies, no for those without flesh)")  # fmt: skip
-    parser.add_argument("--hand", choices=("right", "left", "either"),
-                        help="(default: either, with --fit no right)")  # fmt: skip
+    parser.add_argument("--hand", choices=SOUGHT_SIDES, help="(default: either, with --fit no right)")
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
     parser.add_argument("--cube", type=cube, default=CUBE_MM, metavar="MM",
@@ -118,12 +119,11 @@ def run(args: argparse.Namespace) -> int:
             say_doubts(image, depth, found.camera, args.unit)
         hands.append((image, found))
         findings.draw(places[image], found, predictor)
-        facts = findings.facts(found, predictor)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
-            results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube, **facts,
-                            "joints_mm": rounded})  # fmt: skip
+            results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube,
+                            **findings.facts(found, predictor), "joints_mm": rounded})  # fmt: skip
         else:
             say(f"{image}: {findings.in_words(found, predictor)}, cube {args.cube:g} mm; picture {places[image]}")
             for name, (x, y, z) in joints.items():

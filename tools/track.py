@@ -37,6 +37,7 @@ import tools
 tools.begin(__name__)
 
 from handpose.drawing.tracks import Painter
+from handpose.facts.sides import SOUGHT_SIDES
 from handpose.predicting.packaged import load_predictor
 from handpose.recordings.first_look import FirstLook, look
 from handpose.recordings.recording import Recording
@@ -60,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     add_source_options(parser)
     add_output_options(parser)
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
-    parser.add_argument("--hand", choices=("either", "left", "right"), default="either",
+    parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="which there are, where that is known (default: either, told from the depth)")  # fmt: skip
     parser.add_argument("--hands", type=positive, default=2, metavar="N", help="at most so many at once (default: 2)")
     parser.add_argument("--size", type=_size, metavar="S",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from handpose.drawing.strokes import Colour
+from handpose.facts.sides import Side
 from handpose.tracks.track import LostHand
 
 # Blue, green, red: dark enough for white letters on them, and for curves on white.
@@ -23,7 +24,7 @@ def colour_of(id: int) -> Colour:
     return _COLOURS[id % len(_COLOURS)]
 
 
-def spoken(hand: str, confidence: float) -> str:
+def spoken(hand: Side, confidence: float) -> str:
     """``right 93%``; without the number where nobody has measured it."""
     return f"{hand} {percent(confidence)}" if math.isfinite(confidence) else hand
 

@@ -86,7 +86,7 @@ def measure(
             fit = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan)
             part |= {f"{name} {plan}": values for name, values in _of(fit, block).items()}
             if hands:
-                mirrored = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan, left=True)
+                mirrored = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan, side="left")
                 part[f"right {plan}"] = fit.doubt < mirrored.doubt
         parts.append(part)
         progress(len(block.crops))

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.facts.sides import Side
 from handpose.predicting.predictor import Predictor
 from handpose.scoring.matching import BOUND_MM, Seen, match
 from handpose.scoring.tracks import HandScores, score
@@ -71,7 +72,7 @@ class Alone:
     """
 
     def __init__(self, right: Predictor, left: Predictor) -> None:
-        self._predictors = {"right": right, "left": left}
+        self._predictors: dict[Side, Predictor] = {"right": right, "left": left}
         for side, own in self._predictors.items():
             if own.sides != (side,) or own.refine:
                 raise NetlibError(f"a predictor for {' or '.join(own.sides)} hands that moves its crop {own.refine} "

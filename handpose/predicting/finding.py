@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.depth_images import depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM
+from handpose.facts.sides import Side, mirror_of
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -77,23 +78,23 @@ def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8)
 
 
 def recenter(
-    joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, mirrored: bool = False
+    joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, side: Side = "right"
 ) -> Array:
     """The crop centre (3,) at which training has the hand whose joints were predicted in the crop at ``center_uvd``.
 
-    joints    (K, 3) half-cubes from the crop centre
-    mirrored  the hand is the mirror image of the skeleton's
+    joints  (K, 3) half-cubes from the crop centre
+    side    of the hand, if the skeleton is a right one
 
     Training with NYU's centres, that is: those of other data sets lie elsewhere in the palm (ICVL's at its joint).
     Raises DataError if the skeleton has no palm.
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")
-    side = (-1, 1, 1) if mirrored else (1, 1, 1)
-    hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3) * side
+    mirror = mirror_of(side)
+    hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3) * mirror
     palm = hand[skeleton.joint_names.index("palm")]
     move = palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM
-    return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * side)
+    return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror)
 
 
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:

@@ -13,11 +13,13 @@ from pathlib import Path
 
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import SoughtSide
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.locator import Locator
 from handpose.predicting.nets import hand_layer, trained
-from handpose.predicting.predictor import Fit, Hand, Predictor, check_options
+from handpose.predicting.options import Fit, check_options
+from handpose.predicting.predictor import Predictor
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
 from netlib.paths import ROOT
@@ -68,8 +70,8 @@ def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> L
 
 
 def load_predictor(
-    camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: Hand = "either", refine: int = 3, fit: Fit = "accurate",
-    folder: Path = SYNTHETIC_HAND, engine: str | None = None,
+    camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: SoughtSide = "either", refine: int = 3,
+    fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with a packaged model; the options are those of ``Predictor``. Raises NetlibError."""
     weights = checked_weights(read_card(folder))
@@ -78,7 +80,7 @@ def load_predictor(
 
 
 def predictor_of(
-    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float, hand: Hand, refine: int, fit: Fit,
+    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float, hand: SoughtSide, refine: int, fit: Fit,
     engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with any net and its weights. Raises NetlibError."""

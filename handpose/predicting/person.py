@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.facts.sides import Side, is_mirrored
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.size_calibration import HandSize, calibrate_size
@@ -19,7 +20,7 @@ def hand_of(
     predictor: Predictor,
     frames: Iterable[tuple[str, NDArray[np.generic]]],
     progress: Callable[[int], None] = lambda done: None,
-) -> tuple[str, HandSize]:
+) -> tuple[Side, HandSize]:
     """Right or left, as most frames say, and its size. Raises DataError, NetlibError.
 
     predictor  one that fits
@@ -34,10 +35,10 @@ def hand_of(
         except DataError as error:
             raise DataError(f"{name}: {error}") from None
         progress(1)
-    left = sum(frame.hand == "left" for frame in found) * 2 > len(found)
+    side: Side = "left" if sum(frame.hand == "left" for frame in found) * 2 > len(found) else "right"
     camera = found[0].camera
     crops, uvd = np.stack([frame.crop for frame in found]), np.stack([frame.center_uvd for frame in found])
-    fit = fit_crops(predictor.net, predictor.fitter, crops, uvd, camera, predictor.fit, left=left)
+    fit = fit_crops(predictor.net, predictor.fitter, crops, uvd, camera, predictor.fit, side=side)
     seen = observe(crops, uvd, camera, predictor.cube_mm, PLANS["fast"].points)
-    size = calibrate_size(predictor.fitter, seen.mirrored() if left else seen, fit.x, progress)
-    return ("left" if left else "right"), size
+    size = calibrate_size(predictor.fitter, seen.mirrored() if is_mirrored(side) else seen, fit.x, progress)
+    return side, size

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
+from handpose.facts.sides import Side
 from handpose.flesh.render import Capsules
 from netlib.blob import Array
 
@@ -56,7 +57,7 @@ class Prediction:
     network: Array
     crop: NDArray[np.float32]
     cube_mm: float
-    hand: str
+    hand: Side
     fit: FittedHand | None
 
     @property

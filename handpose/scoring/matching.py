@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from handpose.facts.sides import Side
 from handpose.tracks.reasons import PARTLY
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
@@ -43,7 +44,7 @@ class Followed:
     """What a track makes of one true hand."""
 
     id: int
-    hand: str
+    hand: Side
     seen: list[Seen] = field(default_factory=list)
     gone: list[Gone] = field(default_factory=list)
 

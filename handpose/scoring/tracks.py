@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
+from handpose.facts.sides import Side
 from handpose.scoring.matching import BOUND_MM, Followed, match
 from handpose.scoring.motion import bone_changes, jitter, lag_s
 from handpose.tracks.track import TrackedFrame, TrackHeader
@@ -53,7 +54,7 @@ class HandScores:
     """
 
     id: int
-    hand: str
+    hand: Side
     in_sight: int
     found: int
     said_lost: int

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handpose.facts.sides import Side
 from handpose.synthetic.choices import Choices
 from handpose.synthetic.gestures import fingers_of
 from handpose.synthetic.movements import OVERLAP, TOP_SPEED, Movement, Strokes
@@ -50,7 +51,7 @@ class Actor:
     """
 
     def __init__(
-        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: str, volume: Volume, outward: float
+        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, volume: Volume, outward: float
     ) -> None:  # fmt: skip
         self.rng, self.sampler, self.person, self.volume = rng, sampler, person, volume
         self.choices = Choices(rng, sampler, person, side, outward)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handpose.facts.sides import Side, mirror_of
 from handpose.synthetic.movements import posed
 from handpose.synthetic.person import Person
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 
 MOST_TURN = np.deg2rad(80)  # of a palm in one stroke
@@ -26,7 +26,7 @@ class Choices:
     """
 
     def __init__(
-        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: str, outward: float
+        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, outward: float
     ) -> None:  # fmt: skip
         self.rng, self.sampler, self.person, self.side, self.outward = rng, sampler, person, side, outward
 

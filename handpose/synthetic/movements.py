@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handpose.facts.sides import Side
 from handpose.flesh.render import Capsules
 from handpose.synthetic.person import Person
 from handpose.synthetic.pose_prior import BodySampler
@@ -125,7 +126,7 @@ class Movement:
     """
 
     def __init__(
-        self, sampler: BodySampler, person: Person, side: str, fingers: Array, palm: Rotation, arm: Array, place: Array
+        self, sampler: BodySampler, person: Person, side: Side, fingers: Array, palm: Rotation, arm: Array, place: Array
     ) -> None:  # fmt: skip
         self.sampler, self.person, self.side = sampler, person, side
         self.fingers, self.palm = Values(fingers), Turns(palm)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from handpose.facts.sides import Side, mirror_of
 from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import Capsules
 from handpose.synthetic.flesh_prior import ANYBODY, FleshPrior
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
-from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 
 WHOLE_ARM = replace(ANYBODY, cut=0.0)  # nobody's arm ends in thin air
@@ -66,10 +66,9 @@ class Person:
         radii = np.broadcast_to(self.radii, (len(inputs), *self.radii.shape))
         return self.flesh.penetration(self.ends(inputs), radii) * self.unit_mm
 
-    def capsules(self, inputs: Array, origin_mm: Array, hand: str) -> Capsules:
+    def capsules(self, inputs: Array, origin_mm: Array, side: Side) -> Capsules:
         """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their origin at (3,)."""
-        side = mirror_of(hand)
-        ends = self.ends(inputs[None]) * self.unit_mm * side + origin_mm
+        ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
         radii = self.radii[None] * self.unit_mm
         return Capsules(ends[:, self.flesh.start], ends[:, self.flesh.end], radii[..., 0], radii[..., 1])
 

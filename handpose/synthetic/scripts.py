@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from handpose.facts.sides import Side, other_side
 from handpose.synthetic.acts import Act
 
 
@@ -16,7 +17,7 @@ class Role:
     person  whose it is: hands of one person have the same bones and flesh
     """
 
-    side: str
+    side: Side
     acts: tuple[Act, ...]
     person: int = 0
 
@@ -38,8 +39,7 @@ class Script:
 
     def mirrored(self) -> Script:
         """The same with the other hands."""
-        other = {"right": "left", "left": "right"}
-        return replace(self, roles=tuple(replace(role, side=other[role.side]) for role in self.roles))
+        return replace(self, roles=tuple(replace(role, side=other_side(role.side)) for role in self.roles))
 
 
 _LIVELY = (Act("moving", 6), Act("rest", 1.5), Act("gestures", 6), Act("wave", 2.5), Act("rest", 1.5))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.facts.cameras import Camera
+from handpose.facts.sides import Side
 from handpose.flesh.render import Capsules, Floats, in_front
 from handpose.synthetic.scenes import BODY, render_image
 from netlib.blob import Array
@@ -27,7 +28,7 @@ class Surroundings(NamedTuple):
     image: Floats
     middle: Array
 
-    def upper_arm(self, elbow: Array, side: str, person: int) -> Capsules:
+    def upper_arm(self, elbow: Array, side: Side, person: int) -> Capsules:
         """The capsule (1, 1) from an elbow (3,) to the shoulder of a person who looks at the camera."""
         right = -1.0 if side == "right" else 1.0
         shoulder = self.middle + (right * SHOULDER_MM + person * BESIDE_MM, -20.0, 0.0)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.facts.sides import SIDES, Side
 from handpose.tracking.body_pose import Motion, Placed, motion_between, moved
 from handpose.tracking.looking import Aim, Looker, Sight
 from handpose.tracking.smoothing import PoseFilter
@@ -81,7 +82,7 @@ class Follower:
         self._weigh(sights)
 
     @property
-    def hand(self) -> str:
+    def hand(self) -> Side:
         """Which hand it most likely is."""
         if self.is_decided:
             return next(iter(self.sides))
@@ -126,7 +127,7 @@ class Follower:
         for sight in sights:
             if sight is not None:
                 center = self._looker.hand_near(depth, sight)
-                sides = ("right", "left") if self.is_decided else (sight.aim.side,)
+                sides = SIDES if self.is_decided else (sight.aim.side,)
                 aims += [Aim(center, side, None, self._size) for side in sides if side in self._looker.sides]
         return aims
 
@@ -156,14 +157,14 @@ class Follower:
         """Was it lost for too long?"""
         return time - self.time > COAST
 
-    def _aim(self, side: str, body: Placed) -> Aim:
+    def _aim(self, side: Side, body: Placed) -> Aim:
         return Aim(self._looker.center_of(body, side), side, body, self._size)
 
     @property
     def _size(self) -> float | None:
         return self.likely if self.size is None else self.size
 
-    def _moved(self, side: str) -> float:
+    def _moved(self, side: Side) -> float:
         """How far the last fit is said to be from the network's joints, mm."""
         return float(self.sides[side].sight.fit.signs[0, -1])
 
@@ -174,7 +175,7 @@ class Follower:
         known = np.array(list(doubt.values()))
         if len(doubt) < 2 or np.isnan(known).any() or np.isinf(known).all():  # where nothing is seen, nothing is said
             return
-        left, right = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in ("left", "right"))
+        right, left = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in SIDES)
         says = float(np.clip(left - right, -MOST, MOST))
         if self.is_decided:
             self._reconsider(says, sights)
@@ -195,9 +196,9 @@ class Follower:
             self._evidence = 0.0
 
 
-def _best(sights: Sequence[Sight | None]) -> dict[str, Sight]:
+def _best(sights: Sequence[Sight | None]) -> dict[Side, Sight]:
     """The best of each side."""
-    best: dict[str, Sight] = {}
+    best: dict[Side, Sight] = {}
     for sight in sights:
         if sight is not None and (sight.aim.side not in best or sight.badness < best[sight.aim.side].badness):
             best[sight.aim.side] = sight

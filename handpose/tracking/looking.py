@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import crop
 from handpose.facts.cameras import Camera
+from handpose.facts.sides import Side, is_mirrored, mirror_of, seen_as_right
 from handpose.fitting.depth.fit import DepthFit
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
@@ -22,7 +23,6 @@ from handpose.predicting.finding import recenter
 from handpose.predicting.nets import turned_inputs
 from handpose.predicting.predictor import Predictor
 from handpose.tracking.body_pose import Placed, Placer
-from handpose.tracks.track import mirror_of
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -41,7 +41,7 @@ class Aim(NamedTuple):
     """
 
     center_uvd: Array
-    side: str
+    side: Side
     before: Placed | None = None
     size: float | None = None
     moved_mm: float | None = None
@@ -121,7 +121,7 @@ class Looker:
                 found[i] = sight
         return found
 
-    def center_of(self, body: Placed, side: str) -> Array:
+    def center_of(self, body: Placed, side: Side) -> Array:
         """Where a crop of a body has its centre (3,), px, px, mm."""
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * mirror_of(side))
@@ -138,16 +138,12 @@ class Looker:
         if sight.aim.moved_mm is not None:
             return sight.aim.center_uvd
         joints = sight.fit.network[0] * mirror_of(side) / (self.cube_mm / 2)
-        return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera,
-                        side == "left")  # fmt: skip
+        return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera, side)
 
     def strangeness(self, sight: Sight) -> float:
         """How little there is a hand, in mm."""
-        camera, uvd, seen = self.camera, sight.aim.center_uvd, sight.crop
-        if sight.aim.side == "left":
-            camera = camera.mirrored()
-            uvd, seen = np.array([self.camera.width - 1 - uvd[0], *uvd[1:]]), seen[:, ::-1]
-        return float(strangeness(self.fitter.model, sight.fit, seen[None], uvd[None], camera)[0])
+        seen = seen_as_right(sight.crop[None], sight.aim.center_uvd[None], self.camera, sight.aim.side)
+        return float(strangeness(self.fitter.model, sight.fit, *seen)[0])
 
     def _middle_of_crops(self) -> Array:
         """Where a crop has its centre (3,) in mm, from the root's place and along its axes."""
@@ -160,10 +156,10 @@ class Looker:
 
     def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: str) -> list[Sight]:
         """The same for places of which the same things are known."""
-        left, uvd = np.array([aim.side == "left" for aim in aims]), np.stack([aim.center_uvd for aim in aims])
+        mirrored, uvd = np.array([is_mirrored(aim.side) for aim in aims]), np.stack([aim.center_uvd for aim in aims])
         seen = observe(crops, uvd, self.camera, self.cube_mm, PLANS[plan].points)
-        if left.any():
-            seen = seen.mirrored(left)
+        if mirrored.any():
+            seen = seen.mirrored(mirrored)
         centers = self.camera.unproject(uvd) * np.stack([mirror_of(aim.side) for aim in aims])
         placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]
         before, model = None, self.fitter.model
@@ -174,7 +170,7 @@ class Looker:
         if before is not None and aims[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)
         else:
-            fit = self.fitter.fit(seen, self._predictions(crops, left, plan), plan, size=sizes, before=before)
+            fit = self.fitter.fit(seen, self._predictions(crops, mirrored, plan), plan, size=sizes, before=before)
             goes_on &= fit.start == len(PLANS[plan].quarters)
         sights = []
         for i, (aim, center) in enumerate(zip(aims, centers)):
@@ -182,8 +178,8 @@ class Looker:
             sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center), bool(goes_on[i])))
         return sights
 
-    def _predictions(self, crops: NDArray[np.float32], left: NDArray[np.bool_], plan: str) -> list[Array]:
-        """The network's inputs (N, D) for crops (N, S, S), turned by each quarter of the plan; left hands mirrored."""
+    def _predictions(self, crops: NDArray[np.float32], mirrored: NDArray[np.bool_], plan: str) -> list[Array]:
+        """The network's inputs (N, D) for crops (N, S, S), turned by each quarter of the plan; some mirrored."""
         shown = crops.copy()
-        shown[left] = crops[left][:, :, ::-1]
+        shown[mirrored] = crops[mirrored][:, :, ::-1]
         return turned_inputs(self.net, shown, PLANS[plan].quarters)

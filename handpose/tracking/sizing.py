@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from handpose.facts.sides import is_mirrored
 from handpose.fitting.depth.body import SIZE, SIZE_LIMIT
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
@@ -47,7 +48,7 @@ class SizeKeeper:
         self._sights = []
         crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.aim.center_uvd) for s in sights)))
         seen = observe(crops, uvd, looker.camera, looker.cube_mm, PLANS["fast"].points)
-        seen = seen.mirrored() if sight.aim.side == "left" else seen
+        seen = seen.mirrored() if is_mirrored(sight.aim.side) else seen
         x = np.concatenate([s.fit.x for s in sights])
         size = float(np.exp(np.median(x[:, SIZE])))
         for _ in range(TIMES):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.facts.sides import Side
 from handpose.tracks.track import TrackedFrame
 from layers.hand.skeleton import Skeleton
 
@@ -23,7 +24,7 @@ class HandSummary:
     confidences  how often each whole per cent was told
     """
 
-    hand: str
+    hand: Side
     frames: int = 0
     size: float = 1.0
     losses: int = 0

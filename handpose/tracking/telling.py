@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from handpose.facts.sides import mirror_of
 from handpose.fitting.depth.body import SIZE
 from handpose.flesh.render import Capsules
 from handpose.tracking.following import Follower
 from handpose.tracking.looking import Looker
-from handpose.tracks.track import TrackedHand, mirror_of
+from handpose.tracks.track import TrackedHand
 
 
 def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> TrackedHand:

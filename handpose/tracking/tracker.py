@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from handpose.data.crops import check_size
 from handpose.data.depth_images import check_unit, depth_image
 from handpose.facts.cameras import Camera
+from handpose.facts.sides import Side, mirror_of
 from handpose.predicting.nets import refuse_other_bodies
+from handpose.predicting.options import Fit, check_whole
 from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Fit, Predictor, check_whole
+from handpose.predicting.predictor import Predictor
 from handpose.recordings.recording import DepthFrame
 from handpose.tracking.following import COAST, ENOUGH, Follower
 from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
@@ -31,7 +33,7 @@ from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import Scout
 from handpose.tracking.sizing import SizeKeeper, checked
 from handpose.tracking.telling import told
-from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader, mirror_of
+from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
@@ -51,7 +53,7 @@ def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tra
 class Known:
     """What is kept of a hand, even while it is lost."""
 
-    hand: str
+    hand: Side
     since: float
     reason: str
     sizes: SizeKeeper
@@ -222,7 +224,7 @@ class Tracker:
         sides = [self.known[id].hand for id in self._missing(time)]
         return float("right" in sides) - float("left" in sides)
 
-    def _id_of(self, side: str, time: float) -> int:
+    def _id_of(self, side: Side, time: float) -> int:
         """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
         lost = [id for id in self._missing(time) if self.known[id].hand == side]
         return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)

@@ -22,8 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from handpose.facts.sides import Side, mirror_of
 from handpose.tracks.bvh_joints import AXES, BvhJoint, bone_of, bvh_joints, channels_of, offset_of
-from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader, mirror_of
+from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from netlib import atomic
 from netlib.blob import Array
@@ -106,7 +107,7 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
 
 
 def bvh_text(
-    header: TrackHeader, hand: str, inputs: Array, origins_mm: Array, bones: Array, rate: float, unit_mm: float = METRE
+    header: TrackHeader, hand: Side, inputs: Array, origins_mm: Array, bones: Array, rate: float, unit_mm: float = METRE
 ) -> str:
     """A BVH file of one hand.
 

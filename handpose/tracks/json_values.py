@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from handpose.data.json_fields import Fields
 from handpose.facts.cameras import Camera
+from handpose.facts.sides import Side, side_of
 from handpose.tracks import angles
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
@@ -21,7 +22,6 @@ from netlib.errors import DataError
 FORMAT, VERSION = "handpose track", 1
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
 AXES = {"x": "right", "y": "up", "z": "away from the camera"}
-HANDS = ("right", "left")
 
 
 def rounded(numbers: ArrayLike, decimals: int) -> Any:
@@ -144,8 +144,8 @@ class FrameValues:
         return np.array(self._bones[hand]) / self._unit_mm
 
 
-def _side(fields: Fields) -> str:
-    side = fields.text("hand")
-    if side not in HANDS:
-        raise DataError(f"{fields.where}: 'hand' is {side!r}, expected 'right' or 'left'")
-    return side
+def _side(fields: Fields) -> Side:
+    try:
+        return side_of(fields.text("hand"))
+    except ValueError as error:
+        raise DataError(f"{fields.where}: 'hand' is {error}") from None

@@ -14,17 +14,11 @@ from numpy.typing import ArrayLike
 
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import Side, mirror_of
 from handpose.flesh.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-
-MIRROR = np.array([-1.0, 1.0, 1.0])
-
-
-def mirror_of(hand: str) -> Array:
-    """What (3,) turns places of a hand's own space, where it is a right one, to those of the camera, and back."""
-    return MIRROR if hand == "left" else np.ones(3)
 
 
 @dataclass(frozen=True)
@@ -63,7 +57,7 @@ class TrackedHand:
     """
 
     id: int
-    hand: str
+    hand: Side
     confidence: float
     error_mm: float
     inputs: Array
@@ -83,7 +77,7 @@ class LostHand(NamedTuple):
     """
 
     id: int
-    hand: str
+    hand: Side
     since: float
     reason: str
 
@@ -104,7 +98,7 @@ class TrackedFrame(NamedTuple):
 
 
 def joints_of(
-    skeleton: Skeleton, unit_mm: float, hand: str, inputs: ArrayLike, bones: ArrayLike, origin_mm: ArrayLike
+    skeleton: Skeleton, unit_mm: float, hand: Side, inputs: ArrayLike, bones: ArrayLike, origin_mm: ArrayLike
 ) -> Array:
     """Joints (K, 3) in mm, camera axes, of a hand with the fields of ``TrackedHand``."""
     posed = kinematics_of(skeleton).joints(np.asarray(inputs, np.float64)[None], np.asarray(bones, np.float64)[None])[0]

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import Side, mirror_of
 from handpose.fitting.depth.body import FleshModel
 from handpose.flesh.render import Capsules, render
-from handpose.tracks.track import MIRROR, TrackedHand, TrackHeader, joints_of
+from handpose.tracks.track import TrackedHand, TrackHeader, joints_of
 from layers.hand import skeleton
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
@@ -20,11 +21,11 @@ _MODEL = FleshModel(HEADER.skeleton, HEADER.unit_mm)
 
 
 def tracked(
-    hand: str = "right", at: ArrayLike = (0.0, 0.0, 600.0), id: int = 1, confidence: float = 0.93
+    hand: Side = "right", at: ArrayLike = (0.0, 0.0, 600.0), id: int = 1, confidence: float = 0.93
 ) -> TrackedHand:
     """An open hand at a place in mm, camera axes."""
     sk, origin = HEADER.skeleton, np.array(at, dtype=np.float64)
-    x, side = np.zeros((1, _MODEL.variables)), MIRROR if hand == "left" else np.ones(3)
+    x, side = np.zeros((1, _MODEL.variables)), mirror_of(hand)
     a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
     inputs = _MODEL.inputs_of(x)[0, : len(sk.initial)]
     return TrackedHand(

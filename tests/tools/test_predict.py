@@ -251,7 +251,7 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypat
     monkeypatch.setattr(finding, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
     predicted(capsys, "frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
     predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "1")
-    assert told == [True, False]
+    assert told == ["left", "right"]
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.crops import SIZE, window
 from handpose.facts.cameras import CAMERAS, NYU, Camera
 from handpose.facts.nyu import CUBE_MM
+from handpose.facts.sides import Side
 from layers.hand.skeleton import Skeleton
 from netlib import schema
 from netlib.blob import Array
@@ -53,7 +54,7 @@ def content(
 
 def hand(
     name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
-    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: str = "right",
+    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: Side = "right",
 ) -> dict[str, Any]:  # fmt: skip
     """A hand that was found in a crop (S, S) in [-1, 1], with the depth points of the crop.
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.data.crops import crop_scale, window
 from handpose.facts.cameras import Camera
+from handpose.facts.sides import MIRROR
 from netlib.errors import DataError
 
 Floats = NDArray[np.float32]
@@ -63,7 +64,7 @@ class Observation:
         which  (N,) of the frames, each of which then has a crop of its own; all if nothing is said
         """
         turned = np.ones(len(self), bool) if which is None else which
-        flip = np.where(turned[:, None], np.array([-1, 1, 1], np.float32), np.float32(1))
+        flip = np.where(turned[:, None], MIRROR.astype(np.float32), np.float32(1))
         offset = self.offset.copy()
         offset[turned, 0] = self.outside.shape[-1] - 1 - offset[turned, 0]
         changed = {name: getattr(self, name) * flip[:, :, None] for name in ("points", "rays")}

@@ -8,6 +8,7 @@ import pytest
 from handpose.data.nyu_files import read_nyu_depth
 from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
+from handpose.facts.sides import SIDES, mirror_of
 from handpose.predicting import finding
 from handpose.predicting.finding import PALM_MM, depth_around, find_hand, palm_frame, recenter
 from handpose.synthetic import prior_file
@@ -144,14 +145,14 @@ def test_a_crop_as_in_training_stays(hands):
         assert recenter(joints, sampler.skeleton, uvd, CUBE_MM, NYU) == pytest.approx(uvd, abs=1e-9)
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_a_crop_beside_moves_to_the_place_of_training(hands, mirrored):
+@pytest.mark.parametrize("side", SIDES)
+def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
     """By as much as it is off; the mirror image of a hand too, whose joints are mirrored and whose centre is beside."""
     inputs, centers, sampler = hands
-    side = np.array([-1, 1, 1]) if mirrored else np.ones(3)
+    mirror = mirror_of(side)
     off = np.array([25.0, -40.0, 30.0])
-    for joints, center in zip(moved(inputs, sampler, off * side), centers):
-        found = recenter(joints * side, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, mirrored)
+    for joints, center in zip(moved(inputs, sampler, off * mirror), centers):
+        found = recenter(joints * mirror, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, side)
         assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
 
 

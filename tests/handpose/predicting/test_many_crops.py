@@ -42,7 +42,7 @@ def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
     fitter = predictor.fitter
     right = fit_crops(predictor.net, fitter, scene.depth[:8], scene.center_uvd[:8], NYU, "fast")
     uvd = scene.center_uvd[:8] * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
-    left = fit_crops(predictor.net, fitter, scene.depth[:8, :, ::-1], uvd, NYU, "fast", left=True)
+    left = fit_crops(predictor.net, fitter, scene.depth[:8, :, ::-1], uvd, NYU, "fast", side="left")
     apart = np.linalg.norm(left.joints - right.joints, axis=2).mean(axis=1)
     assert np.median(apart) < 8
 

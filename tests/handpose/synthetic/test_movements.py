@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from handpose.facts.sides import MIRROR
 from handpose.synthetic.movements import OVERLAP, TOP_SPEED, Movement, Turns, Values, eased, posed
 from handpose.synthetic.person import Person
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.tracks.track import MIRROR
 
 SAMPLER = BodySampler()
 PERSON = Person.draw(np.random.default_rng(3), SAMPLER)

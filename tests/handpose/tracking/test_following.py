@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.facts.sides import SIDES
 from handpose.fitting.depth.fit import DepthFit
 from handpose.tracking.body_pose import Placed
 from handpose.tracking.following import Follower
 from handpose.tracking.looking import Aim, Sight
 
 FRAME = 1 / 30
-SIDES = ("right", "left")
 
 
 class FakeLooker:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.facts.cameras import ICVL, Camera
+from handpose.facts.sides import MIRROR, mirror_of
 from handpose.predicting.packaged import load_predictor
 from handpose.predicting.predictor import Predictor
 from handpose.synthetic.acts import Act
@@ -18,7 +19,6 @@ from handpose.synthetic.scripts import Role, Script
 from handpose.tracking import looking
 from handpose.tracking.body_pose import Placed
 from handpose.tracking.looking import Aim, Looker, Sight
-from handpose.tracks.track import MIRROR
 from tests.handpose.tracking.conftest import Take
 
 FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: nothing of its cube is in the image
@@ -46,7 +46,7 @@ def center(shown: Take) -> np.ndarray:
 def joints(looker: Looker, sight: Sight | None) -> np.ndarray:
     """(K, 3) in mm, camera axes."""
     assert sight is not None
-    mirror = MIRROR if sight.aim.side == "left" else 1.0
+    mirror = mirror_of(sight.aim.side)
     return (looker.fitter.model.joints(sight.fit.x)[0] + sight.center_mm) * mirror
 
 
@@ -178,7 +178,7 @@ def test_where_the_locator_sees_no_hand(
     monkeypatch.setattr(looker.locator, "look", lambda crops: (np.zeros(len(crops)), np.ones((len(crops), 3))))
     beside = dataclasses.replace(sight.fit, network=sight.fit.network + (10, 20, 30))
     first, second = (ICVL.unproject(looker.hand_near(depth, sight._replace(fit=fit))) for fit in (sight.fit, beside))
-    np.testing.assert_allclose(second - first, np.array((10, 20, 30)) * (MIRROR if side == "left" else 1), atol=1e-3)
+    np.testing.assert_allclose(second - first, np.array((10, 20, 30)) * mirror_of(side), atol=1e-3)
 
 
 def test_what_nobody_measured(looker: Looker, depth: np.ndarray, center: np.ndarray) -> None:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
+from handpose.facts.sides import mirror_of
 from handpose.fitting.depth.body import SIZE, FleshModel
 from handpose.tracking.body_pose import Placer
 from handpose.tracking.looking import Aim, Sight
 from handpose.tracking.telling import told
-from handpose.tracks.track import MIRROR, joints_of
+from handpose.tracks.track import joints_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
 
@@ -33,7 +34,7 @@ def variables(model: FleshModel) -> np.ndarray:
 
 def follower(model: FleshModel, looker: Any, side: str = "right", size: float | None = None) -> Any:
     """That saw this pose, and smoothed it to one 6 mm farther along x."""
-    center = NYU.unproject(CENTER) * (MIRROR if side == "left" else 1)
+    center = NYU.unproject(CENTER) * mirror_of(side)
     body = looker.placer.placed(variables(model), center)
     fit: Any = SimpleNamespace(confidence=np.array([0.9]), error_mm=np.array([7.0]))
     seen = Sight(Aim(CENTER, side), center, np.zeros((128, 128), np.float32), fit, body)
@@ -45,7 +46,7 @@ def follower(model: FleshModel, looker: Any, side: str = "right", size: float | 
 def test_a_hand(model: FleshModel, looker: Any, side: str) -> None:
     """Its joints are where the body was found, and those of the inputs that are told; all else is as it was seen."""
     hand = told(follower(model, looker, side), looker, smooth=False, flesh=False)
-    mirror = MIRROR if side == "left" else np.ones(3)
+    mirror = mirror_of(side)
     expected = model.joints(variables(model)[None])[0] * mirror + NYU.unproject(CENTER)
     np.testing.assert_allclose(hand.xyz, expected, atol=1e-4)
     again = joints_of(model.skeleton, 150.0, side, hand.inputs, hand.bones, hand.origin_mm)

@@ -1,0 +1,76 @@
+"""handpose/facts/sides.py"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import KINECT2
+from handpose.facts.sides import (
+    MIRROR,
+    SIDES,
+    SOUGHT_SIDES,
+    Side,
+    SoughtSide,
+    as_right,
+    is_mirrored,
+    mirror_of,
+    other_side,
+    seen_as_right,
+    side_of,
+)
+
+
+def test_names() -> None:
+    """The types and the values agree; "either" can be sought and is no side."""
+    assert get_args(Side) == SIDES and get_args(SoughtSide) == SOUGHT_SIDES == (*SIDES, "either")
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_word_from_outside(side: Side) -> None:
+    """Is the side that it names."""
+    assert side_of(str(side)) == side
+
+
+@pytest.mark.parametrize("word", ["either", "Left", "l", ""])
+def test_another_word(word: str) -> None:
+    """Names none, and the message says which there are."""
+    with pytest.raises(ValueError, match=f"^'{word}', expected 'right' or 'left'$"):
+        side_of(word)
+
+
+def test_the_other_side() -> None:
+    """Each is the other's, and one of them is the mirror image of the skeleton's."""
+    assert [other_side(side) for side in SIDES] == ["left", "right"]
+    assert [is_mirrored(side) for side in SIDES] == [False, True]
+
+
+def test_mirror() -> None:
+    """Turns x round for left hands alone, and undoes itself."""
+    assert mirror_of("left") is MIRROR and MIRROR.tolist() == [-1, 1, 1]
+    for side in SIDES:
+        np.testing.assert_array_equal(mirror_of(side) ** 2, np.ones(3))
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4)])
+def test_images(shape: tuple[int, ...]) -> None:
+    """Their columns change places for left hands, in one image and in several."""
+    images = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    np.testing.assert_array_equal(as_right(images, "right"), images)
+    np.testing.assert_array_equal(as_right(images, "left"), np.flip(images, -1))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_what_is_seen(side: Side) -> None:
+    """A place that is seen in the mirror is the mirror image of the place; what is seen so twice is as it was."""
+    xyz = np.array([[30.0, -20.0, 700.0], [-80.0, 10.0, 900.0]])
+    crops = np.random.default_rng(0).uniform(-1, 1, (2, 5, 5))
+    shown, uvd, camera = seen_as_right(crops, KINECT2.project(xyz), KINECT2, side)
+    np.testing.assert_array_equal(shown, as_right(crops, side))
+    np.testing.assert_allclose(camera.unproject(uvd), xyz * mirror_of(side), atol=1e-9)
+    again, back, own = seen_as_right(shown, uvd, camera, side)
+    np.testing.assert_array_equal(again, crops)
+    np.testing.assert_allclose(back, KINECT2.project(xyz))
+    assert own.u0 == pytest.approx(KINECT2.u0)
