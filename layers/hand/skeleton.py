@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from layers.hand.skeleton_file import Axis, DofParameter, SkeletonParameter
+from layers.hand.skeleton_file import LENGTHS, LONGEST, Axis, DofParameter, SkeletonParameter
 from netlib import prototxt, schema
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
@@ -134,8 +134,9 @@ class Skeleton:
 
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
-            if joint.bone and not abs(joint.bone.length) <= LARGEST:
-                raise PrototxtError(schema.position_of(joint.bone), f"{joint.bone.length} is not a length or an angle")
+            if joint.bone and not abs(joint.bone.length) <= LONGEST:
+                found = f"a bone of length {joint.bone.length:g}; expected {LENGTHS}"
+                raise PrototxtError(schema.position_of(joint.bone), found)
         for d in self.param.dof:
             if not abs(d.initial) <= LARGEST:
                 raise PrototxtError(schema.position_of(d), f"{d.initial} is not a length or an angle")

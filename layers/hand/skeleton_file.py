@@ -1,7 +1,7 @@
 """The skeleton file: an articulated body as text, its messages, and how one is written.
 
-``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in the unit of the
-bones (the hand: half-cubes), angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in half-cubes,
+angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
 
 ``flesh`` is the body around the bones: capsules, which are round cones with a sphere at either end, from one joint to
 another. Who only computes joints does not need it.
@@ -23,6 +23,8 @@ from netlib.prototxt import Position, Scalar
 from netlib.schema import Double
 
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+LONGEST = 10.0  # of a body's parts; it is in its cube, which is 2 wide
+LENGTHS = f"half-cubes, at most {LONGEST:g} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
 DECIMALS = 6  # of the numbers in a file, as in the packaged hand
 
 
