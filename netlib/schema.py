@@ -3,7 +3,7 @@
 A message is a frozen dataclass; each field is one line with its type, its number in binary files, its default (none:
 required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
 
-    str, int, bool          as they are          UInt              an int of 32 bits without a sign
+    str, bool               as they are          int, UInt, Int64  of 32 bits, those without a sign, of 64 bits
     float                   rounded to 32 bits, as protobuf's are    Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
     OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
@@ -32,6 +32,8 @@ from netlib.prototxt import Field, Message, Numbers, Place, Position, Scalar
 
 T = TypeVar("T")
 UInt = Annotated[int, "unsigned"]
+Int64 = Annotated[int, "64 bits"]
+INTEGERS: dict[Any, range] = {int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63)}
 Double = Annotated[float, "64 bits"]
 Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]
@@ -214,11 +216,11 @@ def expected(kind: Any) -> str:
     """What a value of this kind is, in words."""
     if names := enum_of(kind):
         return " or ".join(names)
-    if kind is UInt:
-        return "an integer from 0 to 4294967295"
+    if kind in INTEGERS:
+        return f"an integer from {INTEGERS[kind][0]} to {INTEGERS[kind][-1]}"
     return {
         str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
-        int: "an integer", float: "a number", Double: "a number",
+        float: "a number", Double: "a number",
     }[kind]  # fmt: skip
 
 
@@ -244,7 +246,7 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
         double = _float(value)
         return None if double is None else round_to_32_bits(double)
     number = _integer(value)
-    return None if kind is UInt and number is not None and not 0 <= number < 2**32 else number
+    return number if number is not None and number in INTEGERS[kind] else None
 
 
 def round_to_32_bits(number: float) -> float:

@@ -236,7 +236,10 @@ class _Decoder:
             value = self.varint(start, stop)[0]
             if spec.kind is bool:
                 return Scalar("word", "true" if value else "false", place)
-            return Scalar("number", str(value - 2**64 if value >= 2**63 else value), place)
+            value -= 2**64 if value >= 2**63 else 0
+            if value not in schema.INTEGERS.get(spec.kind, (value,)):
+                raise self.fail(start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}")
+            return Scalar("number", str(value), place)
         [number] = np.frombuffer(self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, start)
         return Scalar("number" if np.isfinite(number) else "word", str(number), place)
 

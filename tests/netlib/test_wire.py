@@ -133,6 +133,19 @@ def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
     assert str(error.value) == message
 
 
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"\x28\x80\x80\x80\x80\x08", "'label' expects an integer from -2147483648 to 2147483647, found 2147483648"),
+        (b"\x28\xff\xff\xff\xff\xf7" + b"\xff" * 4 + b"\x01", "'label' expects an integer .*, found -2147483649"),
+    ],
+)
+def test_a_number_that_does_not_fit_into_its_field(data: bytes, message: str) -> None:
+    """Protobuf would cut off its upper bits: another number than the one that was written."""
+    with pytest.raises(WireError, match=f"x: byte 1: {message}"):
+        wire.decode(data, messages.Datum, "x")
+
+
 def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bytes of a file could otherwise cost hundreds of memory; a packed row counts as well."""
     monkeypatch.setattr(wire, "MAX_FIELDS", 100)
@@ -198,8 +211,9 @@ def protobuf_class(root: Any) -> Any:
                 field.type_name = add(NetParameter if known.kind is prototxt.Message else known.kind)
             else:
                 kinds = {str: Type.TYPE_STRING, bytes: Type.TYPE_BYTES, bool: Type.TYPE_BOOL, float: Type.TYPE_FLOAT,
-                         int: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32, schema.Double: Type.TYPE_DOUBLE,
-                         schema.Floats: Type.TYPE_FLOAT, schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
+                         int: Type.TYPE_INT32, schema.Int64: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32,
+                         schema.Floats: Type.TYPE_FLOAT, schema.Double: Type.TYPE_DOUBLE,
+                         schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
                 field.type = kinds[known.kind]
                 field.options.packed = known.packed
         return f".x.{name}"
