@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netlib.errors import PrototxtError, did_you_mean
-from netlib.prototxt import Field, Message, Numbers, Place, Position, Scalar
+from netlib.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar
 
 T = TypeVar("T")
 UInt = Annotated[int, "unsigned"]
@@ -145,6 +145,7 @@ def enum_of(kind: Any) -> dict[str, int]:
     return {str(name): number for number, name in enumerate(names, first)}
 
 
+@functools.cache
 def kind_of(hint: Any) -> tuple[Any, bool]:
     """The kind of one value of a field, and is the field repeated."""
     if hint in ARRAYS:
@@ -156,6 +157,7 @@ def kind_of(hint: Any) -> tuple[Any, bool]:
     return hint, False
 
 
+@functools.cache
 def is_message(kind: Any) -> bool:
     """Is it a dataclass, or a tree that is left as it is?"""
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
@@ -227,6 +229,8 @@ def expected(kind: Any) -> str:
 def scalar_value(value: Scalar, kind: Any) -> Any:
     """The Python value of a scalar, or None if it is not of that kind."""
     if kind is bytes:
+        if isinstance(value, Bytes):
+            return value.content
         return value.text.encode("utf-8", "surrogateescape") if value.kind == "string" else None
     if kind is str:
         return value.text if value.kind == "string" else None

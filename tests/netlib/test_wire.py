@@ -76,6 +76,15 @@ def test_an_array_is_a_view_of_the_bytes() -> None:
     assert not blob.data.flags.owndata
 
 
+def test_bytes_are_a_text_where_one_looks() -> None:
+    """The same as in a text file."""
+    content = bytes(range(256))
+    tree = wire.decode(b"\x22\x80\x02" + content, messages.Datum)
+    assert schema.read(tree, messages.Datum).data == content
+    assert schema.read(prototxt.parse(str(tree)), messages.Datum).data == content
+    assert wire.encode(tree, messages.Datum) == b"\x22\x80\x02" + content
+
+
 def test_unknown_fields_are_skipped() -> None:
     """Of every wire type, groups in groups too; and known fields of another type, as protobuf does."""
     unknown = b"\x98\x4e\x05" + b"\x99\x4e" + b"8 bytes." + b"\x9a\x4e\x03abc" + b"\x9d\x4e4 by"
