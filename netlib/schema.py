@@ -27,7 +27,7 @@ from typing import Annotated, Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.errors import PrototxtError, did_you_mean
+from netlib.errors import PrototxtError, option_advice
 from netlib.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar
 
 T = TypeVar("T")
@@ -85,7 +85,7 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
 def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
     """The error for a field that nobody knows."""
     known = list(known)
-    advice = did_you_mean(item.name, known) or f"; known fields: {', '.join(known)}"
+    advice = option_advice(item.name, known) or f"; known fields: {', '.join(known)}"
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
@@ -208,7 +208,7 @@ def value_of(item: Field, kind: Any) -> Any:
         where = value.position
         names = list(enum_of(kind))
         if names and value.kind != "string":
-            advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
+            advice = option_advice(value.text, names) or f"; known values: {', '.join(names)}"
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
     return result

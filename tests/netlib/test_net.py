@@ -587,6 +587,24 @@ def test_mistakes_in_the_text_of_a_net(net_of: MakeNet, text: str, message: str)
         net_of(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ('layer { name: "b" type: "BN" bn_param { bn_mode: LEARN } }', "1:19: error: unknown layer type 'BN'"),
+        ('layer { name: "b" type: "BatchNorm" bn_param { } }', "1:37: error: unknown field 'bn_param'"),
+        ('layers { name: "b" type: BN bn_param { } }', "1:26: error: unknown value BN of 'type'"),
+        ('layers { name: "b" type: RELU bn_param { } }', "1:31: error: unknown field 'bn_param'"),
+    ],
+)
+def test_a_layer_of_a_fork_of_caffe(net_of: MakeNet, text: str, found: str) -> None:
+    """By its type or by its options: what there is instead. A blob may have its name."""
+    advice = r" \(the layer BN and its bn_param are of forks of Caffe.*; expected two layers, BatchNorm and Scale with"
+    with pytest.raises(netlib.PrototxtError, match=found + advice):
+        net_of(text)
+    with pytest.raises(netlib.LayerError, match="unknown bottom blob 'BN'; known"):
+        net_of(X + ip("a", "BN", "a"))
+
+
 def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """As in Caffe both run; here, unlike there, both also keep their weights, under names of their own."""
     text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
