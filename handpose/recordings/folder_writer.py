@@ -74,8 +74,8 @@ class FolderWriter:
 
 def put_back(path: Path) -> None:
     """Give an old recording its name back, if its writer was killed before the new one had it. Raises DataError."""
-    with contextlib.suppress(OSError, ValueError):  # of names that no file can have
-        path = path.resolve()
+    with contextlib.suppress(ValueError):  # of names that no file can have
+        path = Path(os.path.realpath(path))
     for old in atomic.kept(path):
         with contextlib.suppress(OSError), locks.held(old) as locked:
             if locked and not path.exists():

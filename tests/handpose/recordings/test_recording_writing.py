@@ -188,9 +188,11 @@ def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_pat
     assert contents(tmp_path / "take") == before
 
 
-@pytest.mark.parametrize("name", ["a\0b", "x" * 5000])
-def test_a_name_that_no_recording_can_have(name: str) -> None:
+@pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "loop"])
+def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """None was killed under it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
     with pytest.raises(DataError, match="no such file or folder"):
         open_recording(name)
 
