@@ -7,9 +7,12 @@ solver = netlib.get_solver("prototxt/nyu_solver.prototxt")
 solver.step(10)
 """
 
+import os
+
 from netlib import engine
 
 BLAS_NOTE = engine.prepare()  # before anything imports NumPy
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # before anything imports OpenCV: netlib/pictures.py
 
 from netlib import gradcheck, notes  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402

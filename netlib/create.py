@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib import python_layer, schema
-from netlib.errors import NetlibError, PrototxtError, did_you_mean
+from netlib.errors import NetlibError, PrototxtError, option_advice
 from netlib.layer import Layer, NoParameter, PythonParameter, block_name
 from netlib.messages import LayerParameter, LossParameter
 from netlib.paths import own_package
@@ -66,7 +66,7 @@ def create(
     elif spec.type in types:
         cls = twin(types[spec.type])
     else:
-        advice = did_you_mean(spec.type, types)
+        advice = option_advice(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))
         raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
     _check_blocks(spec, own=block_name(cls, spec.type))

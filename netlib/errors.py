@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable
 
 LONGEST = 2000  # characters of a message
+OF_FORKS = ("BN", "bn_param")  # a layer type that Caffe does not have, and its options
 
 
 class NetlibError(RuntimeError):  # which is what pycaffe raises
@@ -62,6 +63,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """``" (did you mean 'x'?)"`` for the nearest of ``known``, or an empty string."""
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def option_advice(name: str, known: Iterable[str]) -> str:
+    """The same for what a prototxt says: a field, a layer type, a value. Names of Caffe's forks are known as such."""
+    if name in OF_FORKS:
+        return (" (the layer BN and its bn_param are of forks of Caffe, as SegNet's; "
+                "expected two layers, BatchNorm and Scale with bias_term: true)")  # fmt: skip
+    return did_you_mean(name, known)
 
 
 def reason_of(error: BaseException | None) -> str:

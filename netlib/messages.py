@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from netlib.prototxt import Message
-from netlib.schema import Doubles, Floats, Phase, UInt, numbered
+from netlib.schema import Doubles, Floats, Int64, Phase, UInt, numbered
 
 
 @dataclass(frozen=True)
 class BlobShape:
     """The shape of a blob, one ``dim`` per axis."""
 
-    dim: tuple[int, ...] = numbered(1, (), packed=True)
+    dim: tuple[Int64, ...] = numbered(1, (), packed=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ class SolverParameter:
     snapshot_diff: bool = numbered(16, False)  # also the gradients, in the binary format
     snapshot_format: Literal["HDF5", "BINARYPROTO"] = numbered(37, "BINARYPROTO")
     weights: tuple[str, ...] = numbered(42, ())  # start from these; commas separate several in one string
-    random_seed: int = numbered(20, -1)  # negative: a new one each run
+    random_seed: Int64 = numbered(20, -1)  # negative: a new one each run
     solver_mode: Literal["CPU", "GPU"] = numbered(17, "CPU")
     device_id: int = numbered(18, 0)
     debug_info: bool = numbered(23, False)

@@ -1,4 +1,9 @@
-"""Picture files to arrays, by OpenCV: every picture that anybody names is decoded here."""
+"""Picture files to arrays, by OpenCV: every picture that anybody names is decoded here.
+
+A small file can claim to hold a picture larger than the memory. OpenCV looks at its size before it decodes it, and
+refuses what is beyond OPENCV_IO_MAX_IMAGE_PIXELS, which netlib/__init__.py sets to MOST_PIXELS, and which counts if
+netlib is imported before cv2 is; else OpenCV's own limit is four times as many.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
 PNG = b"\x89PNG\r\n\x1a\n"  # the first bytes of such a file
-MOST_PIXELS = 1 << 28  # more than any camera has; a small file can claim to hold many more
+MOST_PIXELS = 1 << 28  # more than any camera has
 
 
 def decode(content: bytes, flag: int, what: str) -> Array:
@@ -25,6 +30,8 @@ def decode(content: bytes, flag: int, what: str) -> Array:
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flag) if content else None
     except (cv2.error, MemoryError) as error:
+        if "CV_IO_MAX_IMAGE" in str(error):
+            raise DataError(f"{what}: a picture of too many pixels; expected at most {MOST_PIXELS}") from error
         raise DataError(f"{what}: not an image that OpenCV can decode: {reason_of(error)}") from error
     if image is None:
         raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")

@@ -12,6 +12,7 @@ Reference: "Text Format Language Specification" of Protocol Buffers.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -54,6 +55,20 @@ class Scalar:
 
     def __str__(self) -> str:
         return _quote(self.text) if self.kind == "string" else self.text
+
+
+class Bytes(Scalar):
+    """A string of a binary file that need not be a text, as a picture; decoded only where somebody looks at it."""
+
+    content: bytes
+
+    def __init__(self, content: bytes, position: Place) -> None:
+        vars(self).update(kind="string", content=content, position=position)
+
+    @functools.cached_property
+    def text(self) -> str:
+        """As a text's own bytes are."""
+        return self.content.decode("utf-8", "surrogateescape")
 
 
 @dataclass(frozen=True, eq=False)

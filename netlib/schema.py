@@ -3,7 +3,7 @@
 A message is a frozen dataclass; each field is one line with its type, its number in binary files, its default (none:
 required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
 
-    str, int, bool          as they are          UInt              an int of 32 bits without a sign
+    str, bool               as they are          int, UInt, Int64  of 32 bits, those without a sign, of 64 bits
     float                   rounded to 32 bits, as protobuf's are    Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
     OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
@@ -27,11 +27,13 @@ from typing import Annotated, Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.errors import PrototxtError, did_you_mean
-from netlib.prototxt import Field, Message, Numbers, Place, Position, Scalar
+from netlib.errors import PrototxtError, option_advice
+from netlib.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar
 
 T = TypeVar("T")
 UInt = Annotated[int, "unsigned"]
+Int64 = Annotated[int, "64 bits"]
+INTEGERS: dict[Any, range] = {int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63)}
 Double = Annotated[float, "64 bits"]
 Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]
@@ -83,7 +85,7 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
 def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
     """The error for a field that nobody knows."""
     known = list(known)
-    advice = did_you_mean(item.name, known) or f"; known fields: {', '.join(known)}"
+    advice = option_advice(item.name, known) or f"; known fields: {', '.join(known)}"
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
@@ -143,6 +145,7 @@ def enum_of(kind: Any) -> dict[str, int]:
     return {str(name): number for number, name in enumerate(names, first)}
 
 
+@functools.cache
 def kind_of(hint: Any) -> tuple[Any, bool]:
     """The kind of one value of a field, and is the field repeated."""
     if hint in ARRAYS:
@@ -154,6 +157,7 @@ def kind_of(hint: Any) -> tuple[Any, bool]:
     return hint, False
 
 
+@functools.cache
 def is_message(kind: Any) -> bool:
     """Is it a dataclass, or a tree that is left as it is?"""
     return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
@@ -204,7 +208,7 @@ def value_of(item: Field, kind: Any) -> Any:
         where = value.position
         names = list(enum_of(kind))
         if names and value.kind != "string":
-            advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
+            advice = option_advice(value.text, names) or f"; known values: {', '.join(names)}"
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
     return result
@@ -214,17 +218,19 @@ def expected(kind: Any) -> str:
     """What a value of this kind is, in words."""
     if names := enum_of(kind):
         return " or ".join(names)
-    if kind is UInt:
-        return "an integer from 0 to 4294967295"
+    if kind in INTEGERS:
+        return f"an integer from {INTEGERS[kind][0]} to {INTEGERS[kind][-1]}"
     return {
         str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
-        int: "an integer", float: "a number", Double: "a number",
+        float: "a number", Double: "a number",
     }[kind]  # fmt: skip
 
 
 def scalar_value(value: Scalar, kind: Any) -> Any:
     """The Python value of a scalar, or None if it is not of that kind."""
     if kind is bytes:
+        if isinstance(value, Bytes):
+            return value.content
         return value.text.encode("utf-8", "surrogateescape") if value.kind == "string" else None
     if kind is str:
         return value.text if value.kind == "string" else None
@@ -244,7 +250,7 @@ def scalar_value(value: Scalar, kind: Any) -> Any:
         double = _float(value)
         return None if double is None else round_to_32_bits(double)
     number = _integer(value)
-    return None if kind is UInt and number is not None and not 0 <= number < 2**32 else number
+    return number if number is not None and number in INTEGERS[kind] else None
 
 
 def round_to_32_bits(number: float) -> float:

@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 
 from netlib import create, schema
 from netlib.errors import WireError
-from netlib.prototxt import Field, Message, Numbers, Place, Scalar
+from netlib.prototxt import Bytes, Field, Message, Numbers, Place, Scalar
 from netlib.schema import ARRAYS, Double
 from netlib.upgrade import AnyNetParameter
 
 VARINT, EIGHT_BYTES, LENGTH, BEGIN_GROUP, END_GROUP, FOUR_BYTES = range(6)
 MAX_FIELDS = 1_000_000  # of a whole file; the largest nets have some ten thousand
 MAX_GROUPS = 100  # one in another
-Bytes = bytes | memoryview  # large arrays are not copied before they are written
+Piece = bytes | memoryview  # large arrays are not copied before they are written
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Known:
     repeated: bool
     packed: bool
 
-    @property
+    @functools.cached_property
     def wire_type(self) -> int:
         """Of one value."""
         if self.kind in (str, bytes) or schema.is_message(self.kind):
@@ -219,8 +219,9 @@ class _Decoder:
             elif schema.is_message(spec.kind):
                 yield Field(spec.name, self.message(spec.kind, start, stop), place)
             elif spec.wire_type == LENGTH:
-                text = self.data[start:stop].decode("utf-8", "surrogateescape")
-                yield Field(spec.name, Scalar("string", text, place), place)
+                content = Bytes(self.data[start:stop], place)
+                text = content if spec.kind is bytes else Scalar("string", content.text, place)
+                yield Field(spec.name, text, place)
             else:
                 while start < stop:
                     self.one_more(at)
@@ -236,7 +237,10 @@ class _Decoder:
             value = self.varint(start, stop)[0]
             if spec.kind is bool:
                 return Scalar("word", "true" if value else "false", place)
-            return Scalar("number", str(value - 2**64 if value >= 2**63 else value), place)
+            value -= 2**64 if value >= 2**63 else 0
+            if value not in schema.INTEGERS.get(spec.kind, (value,)):
+                raise self.fail(start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}")
+            return Scalar("number", str(value), place)
         [number] = np.frombuffer(self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, start)
         return Scalar("number" if np.isfinite(number) else "word", str(number), place)
 
@@ -262,14 +266,14 @@ def encode(message: Message, cls: type) -> bytes:
     return b"".join(_parts(message, cls))
 
 
-def _parts(message: Message, cls: type) -> list[Bytes]:
+def _parts(message: Message, cls: type) -> list[Piece]:
     known = _by_name(cls)
     found: dict[str, list[Field]] = {}
     for field in message.fields:
         if field.name not in known:
             raise schema.unknown_field(field, known)
         found.setdefault(field.name, []).append(field)
-    parts: list[Bytes] = []
+    parts: list[Piece] = []
     for name in sorted(found, key=lambda name: known[name].number):
         spec = known[name]
         if spec.kind in ARRAYS:
@@ -286,7 +290,7 @@ def _parts(message: Message, cls: type) -> list[Bytes]:
     return parts
 
 
-def _with_key(spec: Known, field: Field) -> list[Bytes]:
+def _with_key(spec: Known, field: Field) -> list[Piece]:
     """One value of a field that is not packed."""
     if schema.is_message(spec.kind):
         return _with_length(spec.number, _parts(schema.message_of(field), spec.kind))
@@ -295,7 +299,7 @@ def _with_key(spec: Known, field: Field) -> list[Bytes]:
     return [_key(spec.number, spec.wire_type) + _one(spec, field)]
 
 
-def _with_length(number: int, parts: list[Bytes]) -> list[Bytes]:
+def _with_length(number: int, parts: list[Piece]) -> list[Piece]:
     """Key and length, then the parts."""
     return [_key(number, LENGTH) + _varint(sum(map(len, parts))), *parts]
 
@@ -318,7 +322,7 @@ def _one(spec: Known, field: Field) -> bytes:
     return struct.pack("<f" if spec.wire_type == FOUR_BYTES else "<d", value)
 
 
-def _bytes(array: NDArray[Any]) -> Bytes:
+def _bytes(array: NDArray[Any]) -> Piece:
     return memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""  # type: ignore[arg-type]
 
 

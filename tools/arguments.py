@@ -99,13 +99,18 @@ def positive_number(text: str, most: float = math.inf) -> float:
     return number
 
 
-def cube(text: str) -> float:
-    """The edge of a cube around a body, in mm."""
-    least, most = CUBES_MM
+def cube(text: str, part: float = 1.0) -> float:
+    """The edge of a cube around a body, or so large a part of it, in mm."""
+    least, most = (part * edge for edge in CUBES_MM)
     number = _number(text)
     if not least <= number <= most:
         raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g} mm, found {text!r}")
     return number
+
+
+def half_cube(text: str) -> float:
+    """Half that edge."""
+    return cube(text, 0.5)
 
 
 def named_file(text: str) -> tuple[str, str]:

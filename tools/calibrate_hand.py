@@ -46,7 +46,7 @@ from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
 from netlib import files
 from tools import outputs
-from tools.arguments import camera, natural, parser_of, positive, positive_number, refuse_given
+from tools.arguments import camera, half_cube, natural, parser_of, positive, positive_number, refuse_given
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
 from tools.skeletons import check_out, write_skeleton
@@ -75,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--joints", type=int, choices=(31, 14), help="how many of NYU's joints to use (default: all that are there)"
     )
-    parser.add_argument("--half-cube", type=positive_number, metavar="MM",
+    parser.add_argument("--half-cube", type=half_cube, metavar="MM",
                         help="unit of the skeleton, and of frames without half_cube (default: "
                              f"that of most frames, else {CUBE_MM / 2:g})")  # fmt: skip
     parser.add_argument("--percentile", type=float, default=0.5, metavar="P",

@@ -19,6 +19,7 @@ from handpose.data.images import read_picture, unpack_depth
 from handpose.facts.cameras import NYU
 from handpose.recordings import camera_file
 from handpose.recordings.data_sets import MSRA_FRAME, DataSet, read_msra, recognised
+from handpose.recordings.folder_writer import put_back
 from handpose.recordings.frame_names import NamedFrames, in_order
 from handpose.recordings.given import NOTHING, Given
 from handpose.recordings.raw import Settled, settle
@@ -88,6 +89,9 @@ class FolderRecording(Recording):
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
     """The folder, and the names of all pictures in it, of those that fit a pattern, or of a single one."""
+    for place in (source, source.parent):
+        if not exists(place):
+            put_back(place)
     if exists(source) and source.is_dir():
         names = [name for name in names_in(source) if _is_frame(name)]
         if not names:

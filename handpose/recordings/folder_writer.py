@@ -72,11 +72,24 @@ class FolderWriter:
                     _take_place(self._fresh, self._old)
 
 
+def put_back(path: Path) -> None:
+    """Give an old recording its name back, if its writer was killed before the new one had it. Raises DataError."""
+    with contextlib.suppress(ValueError):  # of names that no file can have
+        path = Path(os.path.realpath(path))
+    for old in atomic.kept(path):
+        with contextlib.suppress(OSError), locks.held(old) as locked:
+            if locked and not path.exists():
+                old.rename(path)
+        if not path.exists():
+            raise DataError(f"{path}: is being replaced, or who did that was killed; the old recording is {old}: "
+                            "give it its name back")  # fmt: skip
+
+
 def _take_place(fresh: Path, path: Path) -> None:
     """Put a folder where a recording is; of that, what is no part of it moves into the new one. Raises OSError."""
     old = atomic.beside(path, "old")
-    path.rename(old)
-    with locks.held(old):
+    with locks.held(path):  # before it has a name by which others would put it back
+        path.rename(old)
         try:
             fresh.rename(path)
         except BaseException:
@@ -98,9 +111,9 @@ def _empty(old: Path, path: Path) -> None:
 
 def _end_what_was_killed(path: Path) -> None:
     """A writer that was killed while the new recording took the place left the old one beside it. Raises OSError."""
+    if not path.exists():
+        put_back(path)
     for old in atomic.kept(path):
         with atomic.naming(path), locks.held(old) as locked:
-            if locked and path.exists():
+            if locked:
                 _empty(old, path)
-            elif locked:
-                old.rename(path)

@@ -23,13 +23,12 @@ from typing import Literal
 
 import numpy as np
 
-from layers.hand.skeleton_file import Axis, DofParameter, SkeletonParameter
+from layers.hand.skeleton_file import LARGEST, LENGTHS, Axis, DofParameter, SkeletonParameter, longest
 from netlib import prototxt, schema
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
 from netlib.paths import ROOT, find
 
-LARGEST = 1e9  # length or angle: its square is a float32
 NYU_HAND = ROOT / "prototxt" / "hand" / "nyu.prototxt"
 
 
@@ -134,8 +133,9 @@ class Skeleton:
 
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
-            if joint.bone and not abs(joint.bone.length) <= LARGEST:
-                raise PrototxtError(schema.position_of(joint.bone), f"{joint.bone.length} is not a length or an angle")
+            if joint.bone and not abs(joint.bone.length) <= longest(joint.bone):
+                found = f"a bone of length {joint.bone.length:g}; expected {LENGTHS}"
+                raise PrototxtError(schema.position_of(joint.bone), found)
         for d in self.param.dof:
             if not abs(d.initial) <= LARGEST:
                 raise PrototxtError(schema.position_of(d), f"{d.initial} is not a length or an angle")

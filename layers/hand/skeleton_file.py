@@ -1,7 +1,7 @@
 """The skeleton file: an articulated body as text, its messages, and how one is written.
 
-``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in the unit of the
-bones (the hand: half-cubes), angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
+``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in half-cubes,
+angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
 
 ``flesh`` is the body around the bones: capsules, which are round cones with a sphere at either end, from one joint to
 another. Who only computes joints does not need it.
@@ -19,10 +19,14 @@ from typing import Literal
 
 import numpy as np
 
+from netlib import schema
 from netlib.prototxt import Position, Scalar
 from netlib.schema import Double
 
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
+LARGEST = 1e9  # length or angle: its square is a float32
+LONGEST = 10.0  # half-cubes, of a part of a body, which is in its cube
+LENGTHS = f"half-cubes, at most {LONGEST:g} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
 DECIMALS = 6  # of the numbers in a file, as in the packaged hand
 
 
@@ -117,6 +121,11 @@ class SkeletonParameter:
     dof: tuple[DofParameter, ...] = ()
     joint: tuple[JointParameter, ...] = ()  # in output order
     flesh: FleshParameter | None = None
+
+
+def longest(part: object) -> float:
+    """The bound of the lengths of a part of a body: in a file they are half-cubes, computed ones may be mm."""
+    return LARGEST if schema.tree_of(part) is None else LONGEST
 
 
 def text_of(param: SkeletonParameter, name: str, comment: str) -> str:

@@ -11,7 +11,7 @@ import netlib
 from netlib import prototxt
 from netlib.messages import NetState, NetStateRule
 from netlib.net_parameter import load_parameter, meets
-from tests.netlib.net_texts import X
+from tests.netlib.net_texts import X, ip
 
 MakeNet = Callable[..., netlib.Net]
 
@@ -141,3 +141,21 @@ def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
     """As in Caffe; also if they make no sense."""
     net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
     assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ('layer { name: "b" type: "BN" bn_param { bn_mode: LEARN } }', "1:19: error: unknown layer type 'BN'"),
+        ('layer { name: "b" type: "BatchNorm" bn_param { } }', "1:37: error: unknown field 'bn_param'"),
+        ('layers { name: "b" type: BN bn_param { } }', "1:26: error: unknown value BN of 'type'"),
+        ('layers { name: "b" type: RELU bn_param { } }', "1:31: error: unknown field 'bn_param'"),
+    ],
+)
+def test_a_layer_of_a_fork_of_caffe(net_of: MakeNet, text: str, found: str) -> None:
+    """By its type or by its options: what there is instead. A blob may have its name."""
+    advice = r" \(the layer BN and its bn_param are of forks of Caffe.*; expected two layers, BatchNorm and Scale with"
+    with pytest.raises(netlib.PrototxtError, match=found + advice):
+        net_of(text)
+    with pytest.raises(netlib.LayerError, match="unknown bottom blob 'BN'; known"):
+        net_of(X + ip("a", "BN", "a"))

@@ -12,7 +12,7 @@ import netlib
 from netlib import prototxt, schema
 from netlib.messages import LayerParameter, NetParameter, SolverParameter
 from netlib.prototxt import Message
-from netlib.schema import Double, UInt
+from netlib.schema import Double, Int64, UInt
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Outer:
     text: str = "default"
     flag: bool = False
     count: UInt = 0
+    whole: int = 0
+    long: Int64 = 0
     ratio: float = 0.1
     exact: Double = 0.1
     pool: Literal["MAX", "AVE"] = "MAX"
@@ -60,6 +62,11 @@ def read(text: str) -> Outer:
         ("flag: 0", "flag", False),
         ("count: 0x10", "count", 16),
         ("count: 010", "count", 8),
+        ("count: 4294967295", "count", 2**32 - 1),
+        ("whole: -2147483648", "whole", -(2**31)),
+        ("whole: 0x7fffffff", "whole", 2**31 - 1),
+        ("long: -9223372036854775808", "long", -(2**63)),
+        ("long: 9223372036854775807", "long", 2**63 - 1),
         ("ratio: 1.f", "ratio", 1.0),
         ("ratio: 2", "ratio", 2.0),
         ("ratio: -1e-2", "ratio", -0.009999999776482582),
@@ -112,6 +119,14 @@ def test_default_floats_have_32_bits_too() -> None:
         ("pool { }", "'pool' is not a message: expected 'pool: MAX or AVE'"),
         ("inner {\n y: 1 }", "f:2:2: error: unknown field 'y'; known fields: x, names"),
         ("needed: 99999999999999999999", "given twice"),
+        ("count: 4294967296", "'count' expects an integer from 0 to 4294967295, found 4294967296"),
+        (
+            "whole: 2147483648",
+            "f:1:18: error: 'whole' expects an integer from -2147483648 to 2147483647, found 214748364",
+        ),
+        ("whole: -2147483649", "'whole' expects an integer from -2147483648 to 2147483647, found -2147483649"),
+        ("long: 9223372036854775808", "'long' expects an integer from -9223372036854775808 to 9223372036854775807, f"),
+        ("long: -9223372036854775809", "'long' expects an integer from -9223372036854775808 to 922337203685477580"),
         ("many: 99999999999999999999", "'many' expects an integer"),
         ("tree: 1", "'tree' is a message"),
     ],

@@ -76,6 +76,15 @@ def test_an_array_is_a_view_of_the_bytes() -> None:
     assert not blob.data.flags.owndata
 
 
+def test_bytes_are_a_text_where_one_looks() -> None:
+    """The same as in a text file."""
+    content = bytes(range(256))
+    tree = wire.decode(b"\x22\x80\x02" + content, messages.Datum)
+    assert schema.read(tree, messages.Datum).data == content
+    assert schema.read(prototxt.parse(str(tree)), messages.Datum).data == content
+    assert wire.encode(tree, messages.Datum) == b"\x22\x80\x02" + content
+
+
 def test_unknown_fields_are_skipped() -> None:
     """Of every wire type, groups in groups too; and known fields of another type, as protobuf does."""
     unknown = b"\x98\x4e\x05" + b"\x99\x4e" + b"8 bytes." + b"\x9a\x4e\x03abc" + b"\x9d\x4e4 by"
@@ -131,6 +140,19 @@ def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
     with pytest.raises(WireError) as error:
         tree_of(data)
     assert str(error.value) == message
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"\x28\x80\x80\x80\x80\x08", "'label' expects an integer from -2147483648 to 2147483647, found 2147483648"),
+        (b"\x28\xff\xff\xff\xff\xf7" + b"\xff" * 4 + b"\x01", "'label' expects an integer .*, found -2147483649"),
+    ],
+)
+def test_a_number_that_does_not_fit_into_its_field(data: bytes, message: str) -> None:
+    """Protobuf would cut off its upper bits: another number than the one that was written."""
+    with pytest.raises(WireError, match=f"x: byte 1: {message}"):
+        wire.decode(data, messages.Datum, "x")
 
 
 def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,8 +220,9 @@ def protobuf_class(root: Any) -> Any:
                 field.type_name = add(NetParameter if known.kind is prototxt.Message else known.kind)
             else:
                 kinds = {str: Type.TYPE_STRING, bytes: Type.TYPE_BYTES, bool: Type.TYPE_BOOL, float: Type.TYPE_FLOAT,
-                         int: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32, schema.Double: Type.TYPE_DOUBLE,
-                         schema.Floats: Type.TYPE_FLOAT, schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
+                         int: Type.TYPE_INT32, schema.Int64: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32,
+                         schema.Floats: Type.TYPE_FLOAT, schema.Double: Type.TYPE_DOUBLE,
+                         schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
                 field.type = kinds[known.kind]
                 field.options.packed = known.packed
         return f".x.{name}"

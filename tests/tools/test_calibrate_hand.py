@@ -141,6 +141,8 @@ def test_mistakes(work, frames, capsys, more, message):
         ["--joints", "13"],
         ["--half-cube", "0"],
         ["--half-cube", "nan"],
+        ["--half-cube", "1e-9"],
+        ["--half-cube", "1e12"],
         ["--percentile", "50"],
         ["--percentile", "nan"],
         ["--seed", "-1"],

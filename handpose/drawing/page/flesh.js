@@ -5,7 +5,7 @@
 
 import { PrototxtError } from "./prototxt.js";
 import { placeOf } from "./messages.js";
-import { indexOf, MOST } from "./skeleton.js";
+import { indexOf, LENGTHS, LONGEST, MOST, said } from "./skeleton.js";
 import { toWorld } from "./kinematics.js";
 import { add, times } from "./vectors.js";
 
@@ -22,11 +22,18 @@ export class Flesh {
     }
     this.capsules = flesh.capsule.map((c) => {
       const [from, to, radii] = [joint(c, "from"), joint(c, "to"), c.radius];
-      if (![1, 2].includes(radii.length) || !radii.every((r) => r > 0 && r < Infinity)) {
-        throw new PrototxtError(placeOf(c), `radius ${radii.join(", ")}; expected one or two > 0`);
+      if (![1, 2].includes(radii.length) || !radii.every((r) => r > 0 && r <= LONGEST)) {
+        const found = `radius ${radii.map(said).join(", ")}`;
+        throw new PrototxtError(placeOf(c), `${found}; expected one or two > 0, in ${LENGTHS}`);
       }
       return { from, to, radii: [...radii, ...radii].slice(0, 2), limb: to >= skeleton.joints.length };
     });
+    for (const o of flesh.offset) {
+      if (![o.x, o.y, o.z].every((length) => Math.abs(length) <= LONGEST)) {
+        const found = `offset ${[o.x, o.y, o.z].map(said).join(", ")}`;
+        throw new PrototxtError(placeOf(o), `${found}; expected lengths in ${LENGTHS}`);
+      }
+    }
     this.offsets = flesh.offset.map((o) => (
       { axes: joint(o, "axes"), joint: joint(o, "joint"), vector: [o.x, o.y, o.z] }
     ));

@@ -6,6 +6,8 @@ import { parse, PrototxtError } from "./prototxt.js";
 import { placeOf, read } from "./messages.js";
 
 const FAR = 1000; // a limit that is farther away is none
+export const LONGEST = 10;
+export const LENGTHS = `half-cubes, at most ${LONGEST} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)`;
 export const MOST = 1000; // joints, and DoFs: of more there would be no end of sliders
 
 export class Skeleton {
@@ -68,8 +70,8 @@ export class Skeleton {
 
   checkNumbers() {
     for (const { bone } of this.param.joint) {
-      if (bone && !Number.isFinite(bone.length)) {
-        throw new PrototxtError(placeOf(bone), `${said(bone.length)} is not a length or an angle`);
+      if (bone && !(Math.abs(bone.length) <= LONGEST)) {
+        throw new PrototxtError(placeOf(bone), `a bone of length ${said(bone.length)}; expected ${LENGTHS}`);
       }
     }
     for (const dof of this.param.dof) {

@@ -14,7 +14,7 @@ import numpy as np
 
 from netlib import schema
 from netlib.caffe.proto.descriptor import FieldDescriptor
-from netlib.schema import ARRAYS, UInt
+from netlib.schema import ARRAYS, INTEGERS
 
 if TYPE_CHECKING:
     from netlib.caffe.proto.message import Message
@@ -36,10 +36,9 @@ def checked(field: FieldDescriptor, value: Any) -> Any:
         return bytes(value)
     if kind is bool and isinstance(value, (numbers.Integral, np.bool_)):
         return bool(value)
-    if kind in (int, UInt) and isinstance(value, numbers.Integral):
-        low, high = (0, 2**32) if kind is UInt else (-(2**63), 2**63)
-        if not low <= int(value) < high:
-            raise ValueError(f"{field.name!r} is from {low} to {high - 1}, found {value}")
+    if kind in INTEGERS and isinstance(value, numbers.Integral):
+        if int(value) not in INTEGERS[kind]:
+            raise ValueError(f"{field.name!r} is {schema.expected(kind)}, found {value}")
         return int(value)
     if kind in (float, schema.Double) and isinstance(value, numbers.Real):
         return schema.round_to_32_bits(float(value)) if kind is float else float(value)

@@ -130,8 +130,10 @@ def test_flesh_is_written_and_scaled_with_its_body() -> None:
         ('from: "root"', 'from: "rot"', r":10:13: error: unknown joint 'rot' \(did you mean 'root'"),
         ('offset { joint: "tip"', 'offset { joint: "tp"', r":9:12: error: unknown joint 'tp'"),
         ('axes: "root"', 'axes: "rooot"', r":8:25: error: unknown joint 'rooot'"),
-        ("radius: 0.2 part", "radius: -1 part", r":10:11: error: radius -1.0; expected one or two > 0"),
+        ("radius: 0.2 part", "radius: -1 part", r":10:11: error: radius -1; expected one or two > 0"),
         ("radius: 0.2 part", "radius: 1e200 part", r":10:11: error: radius 1e\+200; expected one or two > 0"),
+        ("radius: 0.2 part", "radius: 12 part", r"radius 12; expected one or two > 0, in half-cubes, at most 10 \("),
+        ("y: 0.5", "y: 20", r"offset 0, 20, 0; expected lengths in half-cubes, at most 10 \("),
         ("y: 0.5", "y: nan", r":8:10: error: offset 0, nan, 0; expected lengths"),
         (
             'joint: "tip" axes: "tip"',

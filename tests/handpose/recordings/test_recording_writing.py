@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from handpose.facts.cameras import Camera
 from handpose.recordings.opening import open_recording
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.writing import RecordingWriter
+from netlib import locks
 from netlib.errors import DataError, NetlibError
 
 SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
@@ -173,6 +175,64 @@ def test_a_writer_that_was_killed_while_the_new_one_took_the_place(tmp_path: Pat
     write(tmp_path / "take", frames(1), replace=True)
     assert (tmp_path / "take" / ".note").read_text() == "mine" and len(contents(tmp_path / "take")) == 3
     assert [path.name for path in tmp_path.iterdir()] == ["take"]
+
+
+@pytest.mark.parametrize("named", ["take", "link", "take/*.png", "take/000000033333us.png"])
+def test_who_reads_what_a_killed_writer_left_puts_the_old_recording_back(tmp_path: Path, named: str) -> None:
+    """However it is named."""
+    write(tmp_path / "take", frames(3))
+    before = contents(tmp_path / "take")
+    (tmp_path / "link").symlink_to("take")
+    (tmp_path / "take").rename(tmp_path / ".take.0123abcd.netlib.old")
+    assert open_recording(tmp_path / named).count == (1 if "us" in named else 3)
+    assert contents(tmp_path / "take") == before
+
+
+@pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "loop"])
+def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """None was killed under it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(DataError, match="no such file or folder"):
+        open_recording(name)
+
+
+@pytest.mark.parametrize("why", ["at work", "read only"])
+def test_an_old_recording_that_cannot_be_put_back_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    """Where it lies."""
+    left = tmp_path / ".take.0123abcd.netlib.old"
+    write(left, frames(3))
+
+    def failing(self: Path, target: Path) -> Path:
+        raise OSError(30, "Read-only file system")
+
+    if why == "read only":
+        monkeypatch.setattr(Path, "rename", failing)
+    with contextlib.ExitStack() as stack, pytest.raises(DataError, match=r"the old recording is .*/\.take\.0123abcd"):
+        if why == "at work":
+            stack.enter_context(locks.held(left))
+        open_recording(tmp_path / "take")
+    assert left.is_dir()
+
+
+def test_an_old_recording_is_locked_before_it_loses_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody else takes it for that of a writer that was killed."""
+    write(tmp_path / "take", frames(3))
+    rename, seen = Path.rename, []
+
+    def watched(self: Path, target: Path) -> Path:
+        result = rename(self, target)
+        if target.name.endswith(".old"):
+            with pytest.raises(DataError, match="is being replaced"):
+                open_recording(tmp_path / "take")
+            seen.append(target)
+        return result
+
+    monkeypatch.setattr(Path, "rename", watched)
+    write(tmp_path / "take", frames(1), replace=True)
+    assert len(seen) == 1 and open_recording(tmp_path / "take").count == 1
 
 
 def test_a_mounted_disk_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -180,9 +180,9 @@ def test_a_centre_that_cannot_move(tail: Path) -> None:
         prior_file.load(tail)
 
 
-@pytest.mark.parametrize(("old", "new"), [("0.3", "150"), ("cube_mm: 1000", "cube_mm: 1"), ("y: 100", "y: 3000")])
+@pytest.mark.parametrize(("old", "new"), [("0.3", "5"), ("cube_mm: 1000", "cube_mm: 1"), ("y: 100", "y: 3000")])
 def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
-    """Lengths in mm, a cube of 1 mm and a centre far away are told before frames are made of them."""
+    """Lengths beyond the cube, a cube of 1 mm and a centre far away are told before frames are made of them."""
     tail.with_name("tail.prototxt").write_text(SKELETON.replace(old, new))
     tail.write_text(PRIOR.replace(old, new))
     with pytest.raises(NetlibError, match=r"of the joints lie beside the crops.*expected lengths in half-cubes"):

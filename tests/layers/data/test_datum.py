@@ -8,6 +8,7 @@ from caffe_messages import blob, content, datum, number, one_by_one, write_blob
 import netlib
 from layers.data.datum import decode_datum
 from netlib.binaryproto import read_blob
+from netlib.prototxt import Bytes
 
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])
@@ -50,6 +51,15 @@ def test_unknown_fields_are_skipped():
     more = number(99, 5) + content(98, b"abc") + one_by_one(97, np.ones(2)) + b"\x81\x01" + bytes(8)  # 16: a double
     image = np.array([[[1, 2]]], np.uint8)
     assert decode_datum(more + datum(image, 4) + more, None, "d")[1] == 4
+
+
+def test_a_picture_is_no_text(rng, monkeypatch):
+    """Its bytes are taken as they are: as a text they would cost more than the decoding."""
+    monkeypatch.setattr(Bytes, "text", property(lambda self: pytest.fail("decoded")))
+    image = rng.integers(0, 256, (1, 4, 5)).astype(np.uint8)
+    png = cv2.imencode(".png", image[0])[1].tobytes()
+    for data in (datum(image, 4), datum(png, 4)):
+        assert np.array_equal(decode_datum(data, None, "d")[0], image)
 
 
 WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)

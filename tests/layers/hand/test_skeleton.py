@@ -101,7 +101,9 @@ def test_slides_can_be_freed(skeleton, arm_text):
         ("lower: -1 upper: 1", "lower: -1 upper: 1e308", r"DoF 'shoulder': limits -1 and 1e\+308; expected numbers"),
         ("lower: -1 upper: 1", "deviation: 0", "deviation 0; expected > 0"),
         ("lower: -1 upper: 1", "deviation: nan", "deviation nan; expected > 0"),
-        ("length: 1 ", "length: 1e30 ", "1e[+]30 is not a length or an angle"),
+        ("length: 1 ", "length: 1e30 ", r":5:\d+: error: a bone of length 1e\+30; expected half-cubes, at most 10 \("),
+        ("length: 1 ", "length: 40 ", "a bone of length 40; expected half-cubes, at most 10"),
+        ("length: 1 ", "length: -11 ", "a bone of length -11; expected half-cubes"),
     ],
 )  # fmt: skip
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, old, new, message):
@@ -137,5 +139,7 @@ def test_numbers_that_are_none(tmp_path: Path) -> None:
     """A length or an initial value must be finite."""
     path = tmp_path / "s.prototxt"
     path.write_text('joint { name: "a" bone { axis: X length: nan } }')
-    with pytest.raises(netlib.PrototxtError, match=r"s\.prototxt:1:24: error: nan is not a length or an angle"):
+    with pytest.raises(
+        netlib.PrototxtError, match=r"s\.prototxt:1:24: error: a bone of length nan; expected half-cubes"
+    ):
         load(path)

@@ -177,6 +177,7 @@ MISTAKES = [
     ("length: 0.75", "lenght: 0.75"),
     ("bone { axis: X length: 0.75 }", "bone { axis: X }"),
     ("length: 0.75", "length: nan"),
+    ("length: 0.75", "length: 40"),
     ("length: 0.75", "length: 0.75 length: 1"),
     ("length: 0.75", "length { }"),
     ("initial: 0.25", "initial: inf"),
@@ -187,6 +188,12 @@ MISTAKES = [
     ('name: "arm"', 'name: "arm" flesh { capsule { from: "base" to: "hend" radius: 1 } }'),
     ('name: "arm"', 'name: "arm" flesh { capsule { from: "base" to: "hand" } }'),
     ('name: "arm"', 'name: "arm" flesh { capsule { from: "base" to: "hand" radius: [0.5, -1.5] } }'),
+    ('name: "arm"', 'name: "arm" flesh { capsule { from: "base" to: "hand" radius: 12.5 } }'),
+    (
+        'name: "arm"',
+        'name: "arm" flesh { capsule { from: "base" to: "hand" radius: 1 } '
+        'offset { joint: "hand" axes: "base" y: 40 } }',
+    ),
     ('name: "arm"', 'name: "arm" flesh { dof { name: "x" } capsule { from: "base" to: "hand" radius: 1 } }'),
 ]
 

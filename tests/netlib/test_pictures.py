@@ -1,0 +1,54 @@
+"""netlib/pictures.py: what a file claims to hold is looked at before it is decoded."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from netlib import pictures
+from netlib.errors import DataError
+from netlib.paths import ROOT
+
+SIDE = 17_000  # of a square of more than MOST_PIXELS, and fewer than OpenCV's own limit
+
+
+def bomb(suffix: str) -> bytes:
+    """A small file of a picture that claims to be SIDE x SIDE."""
+    raw = bytearray(cv2.imencode(suffix, np.zeros((40, 50, 3), np.uint8))[1].tobytes())
+    if suffix == ".ppm":
+        return raw.replace(b"50 40", b"%d %d" % (SIDE, SIDE))
+    place, layout = {
+        ".bmp": (18, "<ii"),
+        ".jpg": (raw.find(b"\xff\xc0") + 5, ">HH"),
+        ".tiff": (raw.find(struct.pack("<HHII", 256, 3, 1, 50)) + 8, "<I"),
+    }[suffix]
+    size = struct.calcsize(layout)
+    raw[place : place + size] = struct.pack(layout, *[SIDE] * len(layout[1:]))
+    if suffix == ".tiff":
+        place = raw.find(struct.pack("<HHII", 257, 3, 1, 40)) + 8
+        raw[place : place + 4] = struct.pack("<I", SIDE)
+    return bytes(raw)
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".jpg", ".tiff", ".ppm"])
+def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str) -> None:
+    """OpenCV's own limit is larger; who imports netlib first has ours."""
+    (tmp_path / "bomb").write_bytes(bomb(suffix))
+    code = "import netlib, sys, pathlib; from netlib import pictures; "
+    code += "pictures.decode(pathlib.Path(sys.argv[1]).read_bytes(), -1, 'p')"
+    command = [sys.executable, "-c", code, str(tmp_path / "bomb")]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.stderr.splitlines()[-1].endswith("p: a picture of too many pixels; expected at most 268435456")
+
+
+def test_a_png_of_too_many_pixels() -> None:
+    """Is refused by its header, whoever imported OpenCV first."""
+    raw = cv2.imencode(".png", np.zeros((SIDE, SIDE), np.uint8))[1].tobytes()
+    with pytest.raises(DataError, match=f"^p: a picture of {SIDE} x {SIDE} pixels; expected at most"):
+        pictures.decode(raw, cv2.IMREAD_UNCHANGED, "p")
