@@ -10,9 +10,10 @@ that takes, says
 
 The setting is one hand, and a second one to test on, as in NYU; where data/nyu holds NYU itself, it is NYU. Missing
 synthetic data are made. Each network is trained by our recipe and by the paper's solver, half as long again each time,
-until that changes its error by less than 2%; then from another seed; then on hands of many people; then with other
-weights of PhysLimit. Every length that was scored is a file in docs/results/table1: it is never trained again, on
-whatever machine the next run is. docs/results/table1.md and its pictures are written from these files.
+until that changes its error by less than 2%, or to the longest length; then from another seed; then on hands of many
+people; then with other weights of PhysLimit. Every length that was scored is a file in docs/results/table1: it is never
+trained again, on whatever machine the next run is. docs/results/table1.md and its pictures are written from these
+files.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 Each finding is a difference whose sign says yes or no; where two networks are to be equally good, a little less passes.
 It is decided when two seeds at least were trained long enough, all have one sign, and the mean is larger than the
-spread between them.
+spread between them. Trainings whose errors still fall where their lengths end count as long enough if the difference
+would keep its sign for some more halves, each of which changes it as much as the last did.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from typing import NamedTuple
 from handpose.experiments.networks import NETWORKS
 from handpose.experiments.plan import MATTERS
 from handpose.experiments.summary import Line
+
+HALVES = 5  # of a training, each added to all before it: nearly eight times as long
 
 Values = Mapping[str, Callable[[str], float]]  # of each network: a figure by its name
 Figure = Callable[[Values], float]
@@ -38,6 +41,10 @@ class Finding(NamedTuple):
     difference: Figure
     form: str
     allowed: Figure = _none
+
+    def margin(self, of: Values) -> float:
+        """The difference, and what is allowed: positive if the conclusion is true."""
+        return self.difference(of) + self.allowed(of)
 
     @property
     def paper(self) -> float:
@@ -106,11 +113,15 @@ def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
         return Decision("undecided", (), "not trained yet")
     of_seeds = [{name: _figures_of(line, seed) for name, line in chosen.items()} for seed in sorted(seeds)]
     differences = [finding.difference(of) for of in of_seeds]
-    margins = [difference + finding.allowed(of) for difference, of in zip(differences, of_seeds)]
+    margins = [finding.margin(of) for of in of_seeds]
+    earlier = [finding.margin({name: _figures_of(line, seed, before=True) for name, line in chosen.items()})
+               for seed in sorted(seeds)]  # fmt: skip
     mean, spread = sum(margins) / len(margins), max(margins) - min(margins)
     why = ""
     if any(line.verdicts[seed].end == "not yet" for line in chosen.values() for seed in seeds):
         why = "not trained long enough yet"
+    elif any(now * (now + HALVES * (now - before)) < 0 for now, before in zip(margins, earlier)):
+        why = "the difference still changes"
     elif len(margins) < 2:
         why = "one seed"
     elif not (min(margins) > 0 or max(margins) < 0):
@@ -121,8 +132,8 @@ def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
     return Decision(word, differences, why, sum(map(finding.allowed, of_seeds)) / len(of_seeds))
 
 
-def _figures_of(line: Line, seed: int) -> Callable[[str], float]:
-    return lambda figure: line.values(figure).get(seed, float("nan"))
+def _figures_of(line: Line, seed: int, *, before: bool = False) -> Callable[[str], float]:
+    return lambda figure: line.values(figure, before=before).get(seed, float("nan"))
 
 
 def _published(figures: object) -> Callable[[str], float]:

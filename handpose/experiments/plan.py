@@ -1,7 +1,7 @@
 """What is trained next for Table 1, and when a training is long enough.
 
 A training is done as soon as another half of it changes its error by less than 2%, or raises it: then the one before
-was long enough, and longer ones learn the training frames by heart.
+was long enough, and longer ones learn the training frames by heart. It also ends at the longest length of its recipe.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from handpose.experiments.settings import MANY_HANDS, Setting
 MATTERS = 0.02  # of the error
 ASKED_OF_MANY = ("direct_joint", "ours", "ours_scale", "ours_bones")
 
-End = Literal["done", "rises", "not yet"]
+End = Literal["done", "rises", "falls", "not yet"]
 
 
 class Verdict(NamedTuple):
@@ -26,12 +26,18 @@ class Verdict(NamedTuple):
 
     entries  of its lengths, rising, up to the one that ended it
     counts   the entry whose figures count; None if there is none yet
-    end      "done": another half changed less than 2%; "rises": it raised the error; "not yet"
+    end      "done": another half changed less than 2%; "rises": it raised the error; "falls": the error still fell
+             where the lengths end; "not yet"
     """
 
     entries: list[Entry]
     counts: Entry | None
     end: End
+
+    @property
+    def before(self) -> Entry | None:
+        """What the figures were half a training before, if they still change; else those that count."""
+        return self.entries[-2] if self.end == "falls" and len(self.entries) > 1 else self.counts
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,7 @@ def verdict(entries: Iterable[Entry], lengths: Sequence[int]) -> Verdict:
                 return Verdict(found, found[-1], "done")
             if now > before:
                 return Verdict(found, found[-2], "rises")
-    return Verdict(found, found[-1] if found else None, "not yet")
+    return Verdict(found, found[-1] if found else None, "falls" if len(found) == len(lengths) else "not yet")
 
 
 def of_job(ledger: Iterable[Entry], job: Job) -> list[Entry]:
@@ -78,7 +84,7 @@ def next_length(ledger: Iterable[Entry], job: Job, longest: int | None = None) -
     if job.only:
         return None if any(entry.iterations == job.only for entry in entries) else job.only
     found = verdict(entries, job.recipe.lengths)
-    if found.end != "not yet" or len(found.entries) == len(job.recipe.lengths):
+    if found.end != "not yet":
         return None
     length = job.recipe.lengths[len(found.entries)]
     return None if longest and length > longest else length

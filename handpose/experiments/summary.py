@@ -25,9 +25,13 @@ class Line:
     network: Network
     verdicts: dict[int, Verdict]
 
-    def values(self, figure: str, subject: str | None = None) -> dict[int, float]:
-        """A figure of each seed, of all test frames or of one subject's; without the seeds that do not have it."""
-        found = {seed: value_of(v.counts, figure, subject) for seed, v in self.verdicts.items() if v.counts}
+    def values(self, figure: str, subject: str | None = None, *, before: bool = False) -> dict[int, float]:
+        """A figure of each seed, of all test frames or of one subject's; without the seeds that do not have it.
+
+        before  half a training before, where it still changes
+        """
+        entries = {seed: v.before if before else v.counts for seed, v in self.verdicts.items()}
+        found = {seed: value_of(entry, figure, subject) for seed, entry in entries.items() if entry}
         return {seed: value for seed, value in found.items() if math.isfinite(value)}
 
     @property

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from handpose.experiments import true_angles
-from handpose.experiments.findings import FINDINGS, decide
+from handpose.experiments.findings import FINDINGS, HALVES, decide
 from handpose.experiments.ledger import Entry
 from handpose.experiments.networks import LAMBDAS, NETWORKS
 from handpose.experiments.plan import ASKED_OF_MANY, MATTERS, is_asked, lambdas, next_length, of_job, order, verdict
-from handpose.experiments.recipes import ADAM, RECIPES, Recipe
+from handpose.experiments.recipes import ADAM, PAPER, RECIPES, Recipe
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, SETTINGS, Setting
 from handpose.experiments.speed import Speed
 from handpose.experiments.summary import Line, line_of, spread_text, value_of
@@ -35,7 +35,8 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
   frames. Synthetic hands have exact angles, and fitted ones, as the paper had them. In `many_hands`, bones, flesh
   and sizes are those of many people.
 - Length: a training is made half as long again, until that changes the joint error by less than {MATTERS:.0%}
-  ("done") or raises it ("rises": the length before counts). "Not yet" is neither.
+  ("done") or raises it ("rises": the length before counts). At the paper's rate errors fall on and on: by its solver,
+  whose file has 10,000 iterations, trainings end after {PAPER.lengths[-1]:,} ("falls"). "Not yet" is none of these.
 - Joint error: mean over the 14 joints compared on NYU, about the crop's centre (joint 34).
 - Angle error: mean over the 23 free rotations, in canonical form, against the hand fitted to the true joints
   (31 joints, within the limits, ridge {true_angles.RIDGE:g}), and against the exact angles. Networks that
@@ -44,8 +45,9 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
 - ± is half of what lies between the seeds, where there are two. The paper's columns are NYU's: on other data they
   tell the order to expect, and not the size of the errors.
 - A finding is a difference, positive where it speaks for the paper. It is confirmed or refuted when two seeds at
-  least were trained long enough, all say the same, and say it by more than they differ. Two networks are as good as
-  each other if one is worse by less than {MATTERS:.0%}: "passes" says how much that is.
+  least were trained long enough, all say the same, and say it by more than they differ. Where an error still falls,
+  the difference must be one that {HALVES} more halves, each with as much change as the last, would leave its sign. Two
+  networks are as good as each other if one is worse by less than {MATTERS:.0%}: "passes" says how much that is.
 - Our recipe is that of synthetic_train_test.prototxt (Adam, batches of {ADAM.batch}, SmoothL1Loss with weight 0.1,
   PhysLimit with weight 1) with another rate, constant for the first 70% of the iterations, then in a straight line
   to 0; without augmentation, because angles cannot be augmented, and without the second head, because a network of

@@ -57,6 +57,28 @@ def test_what_is_not_decided() -> None:
     assert of() == "not trained yet"
 
 
+@pytest.mark.parametrize(
+    ("before", "last", "why"),
+    [
+        (1.0, 1.0, ""),
+        (1.0, 2.0, ""),
+        (1.0, 0.85, ""),
+        (1.0, 0.8, "the difference still changes"),
+        (-0.1, 0.1, ""),
+        (-1.0, -0.8, "the difference still changes"),
+    ],
+    ids=["steady", "grows", "shrinks slowly", "shrinks", "has turned", "against the paper, shrinks"],
+)
+def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
+    """The difference decides, if five more such halves would not turn it."""
+    entries = []
+    for seed in (1, 2):
+        for length, ours, more in zip(PAPER.lengths, (40, 30, 20, 15), (5, 5, before, last)):
+            entries += [entry("ours", ours, length, seed), entry("direct_joint", ours + more, length, seed)]
+    found = lines(entries)
+    assert found["ours"].ends == ["falls"] and decide(OURS_OR_JOINT, found).why == why
+
+
 def test_means_over_subjects_and_seeds() -> None:
     """Frames have equal weight; a spread is half of what lies between."""
     assert (

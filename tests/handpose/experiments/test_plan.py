@@ -32,6 +32,14 @@ def test_a_training_that_gets_worse_ends() -> None:
     assert found.end == "rises" and found.counts is found.entries[1]
 
 
+def test_a_training_whose_error_falls_where_the_lengths_end() -> None:
+    """It ends there; half a training before, its figures were those of the length before."""
+    found = verdict(series(50, 40, 30, 24), LENGTHS)
+    assert (found.end, found.counts, found.before) == ("falls", found.entries[3], found.entries[2])
+    done = verdict(series(24, 19, 18.65), LENGTHS)
+    assert done.before is done.counts
+
+
 def test_what_is_beyond_a_gap_or_the_end_does_not_count() -> None:
     """Nor are the entries in any order."""
     assert verdict([*series(24)[::-1], entry("ours", 10, LENGTHS[2])], LENGTHS).end == "not yet"
@@ -43,7 +51,7 @@ def test_the_next_length() -> None:
     """One after the other, none after the end, nor beyond the longest; a single length only once."""
     assert [next_length(series(*e), JOB) for e in ((), (24,), (24, 19), (24, 23.9))] == [4000, 6000, 9000, None]
     assert next_length(series(24, 19), JOB, longest=8999) is None
-    assert next_length(series(50, 40, 30, 24, 19, 15), JOB) is None
+    assert next_length(series(50, 40, 30, 24), JOB) is None
     only = Job(ONE_HAND, OURS, PAPER, 1, only=9000)
     assert next_length(series(24, 19), only) == 9000 and next_length(series(24, 19, 10), only) is None
 
