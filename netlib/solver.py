@@ -11,7 +11,6 @@ to the logger "netlib"; tools/train.py gives it Caffe's time stamps.
 from __future__ import annotations
 
 import contextlib
-import functools
 import logging
 import secrets
 import time
@@ -24,7 +23,6 @@ import numpy as np
 
 from netlib import engine as engines
 from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, together, weights
-from netlib.blob import Array
 from netlib.errors import DataError, DivergenceError, WeightsError
 from netlib.gradients import Gradients
 from netlib.messages import NetParameter, NetState, SolverParameter
@@ -33,8 +31,7 @@ from netlib.paths import find
 from netlib.ranks import ALONE, Ranks, latest
 from netlib.resume import extra_state, restore_state, state_of, undo_of
 from netlib.share import EVERY_ROW
-from netlib.sharing import Param
-from netlib.updates import histories, learning_rate
+from netlib.updates import Update, learning_rate
 
 log = logging.getLogger("netlib")
 
@@ -48,7 +45,7 @@ class Solver:
     net         the training net
     test_nets   nets for testing; they share the parameters of ``net``
     iter        number of updates made
-    history     per parameter, the arrays of the update rule
+    update      what changes the weights (updates.py); its history has, per parameter, the arrays of the update rule
     ranks       who trains together (ranks.py)
     callbacks   pairs of functions: one is called before each iteration, one when its gradients are there
 
@@ -80,8 +77,8 @@ class Solver:
         self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
-        self.rule, count = self.engine.rules[self.param.type]
-        self.history = histories(self.net.learnable, count, self.param.type)
+        self.update = Update(self.param, self.net.learnable, self.engine.rules[self.param.type], self.engine.run)
+        self.history = self.update.history
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
         self._gradients = Gradients(self.net.layers, self.net.learnable)
         self.test_nets = self._make_test_nets()
@@ -252,36 +249,11 @@ class Solver:
         return float(np.mean(self.smoothed)) if self.smoothed else float("nan")
 
     def apply_update(self) -> None:
-        """Change the weights by the gradients: clip, divide by iter_size, decay, apply the rule, in Caffe's order."""
-        p = self.param
-        rate = learning_rate(p, self.iter)
+        """Change the weights by the gradients, at the rate of this iteration."""
+        rate = learning_rate(self.param, self.iter)
         if self._display_is_due():
             log.info("Iteration %d, lr = %.6g", self.iter, np.float32(rate))
-        trained = [(param, h) for param, h in zip(self.net.learnable, self.history) if param.spec.lr_mult != 0]
-        scale = self._clip([param for param, _ in trained]) / p.iter_size
-        self.engine.run([functools.partial(self._update_param, param, h, scale, rate) for param, h in trained])
-
-    def _update_param(self, param: Param, history: list[Array], scale: float, rate: float) -> None:
-        p, w, g = self.param, param.blob.data, param.blob.diff
-        with np.errstate(all="ignore"):  # what overflows is found by the next loss
-            if scale != 1:
-                g *= scale
-            decay = p.weight_decay * param.spec.decay_mult
-            if decay:
-                g += decay * (w if p.regularization_type == "L2" else np.sign(w))
-            self.rule(p, w, g, rate * param.spec.lr_mult, history, self.iter + 1)
-
-    def _clip(self, params: list[Param]) -> float:
-        """The factor that brings the norm of all gradients together down to clip_gradients."""
-        bound = self.param.clip_gradients
-        if bound < 0:
-            return 1.0
-        norm = float(np.sqrt(sum(float(np.vdot(p.blob.diff, p.blob.diff)) for p in params)))
-        if norm <= bound:
-            return 1.0
-        log.info("Gradient clipping: scaling down gradients (L2 norm %.6g > %.6g) by scale factor %.6g",
-                 norm, bound, bound / norm)  # fmt: skip
-        return bound / norm
+        self.update.apply(rate, self.iter + 1)
 
     # ------------------------------------------------------------------------------------------ display and test
 

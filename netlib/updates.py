@@ -20,6 +20,8 @@ A rule writes into w and the histories, and leaves g as it is.
 
 from __future__ import annotations
 
+import functools
+import logging
 import math
 from collections.abc import Callable, Sequence
 
@@ -30,6 +32,8 @@ from netlib import memory
 from netlib.blob import Array
 from netlib.messages import SolverParameter
 from netlib.sharing import Param
+
+log = logging.getLogger("netlib")
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 
@@ -85,8 +89,59 @@ RULES: dict[str, tuple[Rule, int]] = {  # the rule, and how many histories a par
 }
 
 
-def histories(params: Sequence[Param], count: int, type_name: str) -> list[list[Array]]:
-    """Per parameter so many histories of zeros. Raises OutOfMemoryError if a training cannot fit."""
+class Update:
+    """Changes parameters by their gradients, in Caffe's order: clip, divide by iter_size, decay, apply the rule.
+
+    learnable  parameters of a net; one with lr_mult 0 stays as it is
+    rule       of the solver's type
+    history    per parameter, the arrays of the rule
+
+    ``rule`` is given with the number of these arrays; ``run`` does independent jobs. Raises OutOfMemoryError if a
+    training cannot fit.
+    """
+
+    def __init__(
+        self,
+        param: SolverParameter,
+        learnable: Sequence[Param],
+        rule: tuple[Rule, int],
+        run: Callable[[Sequence[Callable[[], None]]], None],
+    ) -> None:
+        self.param, self.learnable, self._run = param, learnable, run
+        self.rule, count = rule
+        self.history = _histories(learnable, count, param.type)
+
+    def apply(self, rate: float, t: int) -> None:
+        """The update number ``t``, counted from 1, at this learning rate; writes into weights, gradients, histories."""
+        trained = [(param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0]
+        scale = self._clip([param for param, _ in trained]) / self.param.iter_size
+        self._run([functools.partial(self._change, param, h, scale, rate, t) for param, h in trained])
+
+    def _change(self, param: Param, history: Sequence[Array], scale: float, rate: float, t: int) -> None:
+        p, w, g = self.param, param.blob.data, param.blob.diff
+        with np.errstate(all="ignore"):  # what overflows is found by the next loss
+            if scale != 1:
+                g *= scale
+            decay = p.weight_decay * param.spec.decay_mult
+            if decay:
+                g += decay * (w if p.regularization_type == "L2" else np.sign(w))
+            self.rule(p, w, g, rate * param.spec.lr_mult, history, t)
+
+    def _clip(self, params: Sequence[Param]) -> float:
+        """The factor that brings the norm of all gradients together down to clip_gradients."""
+        bound = self.param.clip_gradients
+        if bound < 0:
+            return 1.0
+        norm = float(np.sqrt(sum(float(np.vdot(p.blob.diff, p.blob.diff)) for p in params)))
+        if norm <= bound:
+            return 1.0
+        log.info("Gradient clipping: scaling down gradients (L2 norm %.6g > %.6g) by scale factor %.6g",
+                 norm, bound, bound / norm)  # fmt: skip
+        return bound / norm
+
+
+def _histories(params: Sequence[Param], count: int, type_name: str) -> list[list[Array]]:
+    """Per parameter so many histories of zeros. Raises OutOfMemoryError."""
     trained = sum(p.blob.bytes for p in params if p.spec.lr_mult != 0)
     memory.check(
         sum(p.blob.bytes for p in params) + (1 + count) * trained,

@@ -70,7 +70,7 @@ def caffes_training(rule: Rule, name: str) -> Values:
             param.data[...] = arrays[f"training/init/{layer}/{i}"]
     found: dict[str, list[Array]] = {title: [] for title in WEIGHTS}
     with in_use(rule):
-        solver.rule = rule
+        solver.update.rule = rule
         for t in range(UPDATES):
             for blob in ("data", "label"):
                 rows = np.roll(arrays[f"training/{blob}"], -8 * t, axis=0)
