@@ -37,6 +37,8 @@ from handpose.synthetic.many import generate
 from handpose.synthetic.prior_file import BetaParameter
 from layers.hand import skeleton
 from netlib import atomic, engine, prototxt, schema
+from netlib.errors import PrototxtError
+from netlib.prototxt import Message
 from tools import training
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded
@@ -218,13 +220,20 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
     solver, tree = Path(f"{prefix}.prototxt"), with_fields(prototxt.parse(study.solver(SOLVER)), own)
-    there = prototxt.parse(atomic.text_of(solver) or "", str(solver))
-    if weights.is_file() and (atomic.text_of(net), there) == (net_text, tree):
+    if weights.is_file() and atomic.text_of(net) == net_text and _tree_of(solver) == tree:
         return DONE, weights, net
     weights.unlink(missing_ok=True)
     atomic.replace_text(net, net_text)
     atomic.replace_text(solver, str(tree))
     return training.train(solver), weights, net
+
+
+def _tree_of(path: Path) -> Message | None:
+    """What a prototxt says; None if there is none, or it is damaged."""
+    try:
+        return prototxt.parse(atomic.text_of(path) or "", str(path))
+    except PrototxtError:
+        return None
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
 """What is known about hands and depth cameras.
 
-Rooms: facts, data, synthetic, fitting, predicting, scoring, drawing, experiments.
+Rooms: facts, data, flesh, synthetic, recordings, fitting, predicting, tracking, tracks, scoring, drawing, experiments.
 """

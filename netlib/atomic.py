@@ -178,6 +178,13 @@ def kept(path: Path) -> list[Path]:
     return [path.with_name(found[0]) for found in names if found and found[1] == path.name]
 
 
+def discard(old: Path, path: Path) -> None:
+    """Remove the old version of ``path``, which the caller has locked; no part of it is ``kept``. Raises OSError."""
+    gone = beside(path, "tmp")
+    old.rename(gone)
+    _remove(gone)
+
+
 # ------------------------------------------------------------------------------------------ what others left
 
 

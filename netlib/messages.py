@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from netlib.prototxt import Message
-from netlib.schema import Doubles, Floats, Int64, Phase, UInt, numbered
+from netlib.schema import Doubles, Floats, Int64, Natural, Phase, numbered
 
 
 @dataclass(frozen=True)
@@ -155,22 +155,22 @@ class SolverParameter:
     test_net_param: tuple[Message, ...] = numbered(22, ())
     train_state: NetState = numbered(26, NetState(phase="TRAIN"))
     test_state: tuple[NetState, ...] = numbered(27, ())
-    test_iter: tuple[UInt, ...] = numbered(3, ())  # batches of one test, one per test net
-    test_interval: UInt = numbered(4, 0)  # iterations between tests
+    test_iter: tuple[Natural, ...] = numbered(3, ())  # batches of one test, one per test net
+    test_interval: Natural = numbered(4, 0)  # iterations between tests
     test_compute_loss: bool = numbered(19, False)  # also report the whole loss of the test net
     test_initialization: bool = numbered(32, True)  # test before the first iteration
     base_lr: float = numbered(5, 0.0)
     lr_policy: str = numbered(8, "")  # fixed, step, exp, inv, multistep, poly, sigmoid
     gamma: float = numbered(9, 0.0)
     power: float = numbered(10, 0.0)
-    stepsize: UInt = numbered(13, 0)
-    stepvalue: tuple[UInt, ...] = numbered(34, ())
-    rampup_interval: UInt = numbered(10001, 0)  # iterations of a first, straight rise (NVIDIA's Caffe)
+    stepsize: Natural = numbered(13, 0)
+    stepvalue: tuple[Natural, ...] = numbered(34, ())
+    rampup_interval: Natural = numbered(10001, 0)  # iterations of a first, straight rise (NVIDIA's Caffe)
     rampup_lr: float = numbered(10002, 0.0)  # from here to base_lr
-    max_iter: UInt = numbered(7, 0)
-    iter_size: UInt = numbered(36, 1)  # batches summed in one iteration
-    display: UInt = numbered(6, 0)  # iterations between log lines; 0: none
-    average_loss: UInt = numbered(33, 1)  # iterations averaged in the displayed loss
+    max_iter: Natural = numbered(7, 0)
+    iter_size: Natural = numbered(36, 1)  # batches summed in one iteration
+    display: Natural = numbered(6, 0)  # iterations between log lines; 0: none
+    average_loss: Natural = numbered(33, 1)  # iterations averaged in the displayed loss
     type: str = numbered(40, "SGD")  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
     solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = numbered(
         30, None
@@ -182,7 +182,7 @@ class SolverParameter:
     weight_decay: float = numbered(12, 0.0)
     regularization_type: str = numbered(29, "L2")
     clip_gradients: float = numbered(35, -1.0)  # bound on the L2 norm of all gradients together; negative: none
-    snapshot: UInt = numbered(14, 0)  # iterations between snapshots; 0: only at the end
+    snapshot: Natural = numbered(14, 0)  # iterations between snapshots; 0: only at the end
     snapshot_prefix: str = numbered(15, "")
     snapshot_after_train: bool = numbered(28, True)
     snapshot_diff: bool = numbered(16, False)  # also the gradients, in the binary format

@@ -7,6 +7,7 @@ netlib is imported before cv2 is; else OpenCV's own limit is four times as many.
 
 from __future__ import annotations
 
+import re
 import zlib
 
 import cv2
@@ -30,8 +31,10 @@ def decode(content: bytes, flag: int, what: str) -> Array:
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flag) if content else None
     except (cv2.error, MemoryError) as error:
-        if "CV_IO_MAX_IMAGE" in str(error):
-            raise DataError(f"{what}: a picture of too many pixels; expected at most {MOST_PIXELS}") from error
+        if bound := re.search(r"CV_IO_MAX_IMAGE_(PIXELS|WIDTH|HEIGHT)", str(error)):
+            most = {"PIXELS": "pixels in all", "WIDTH": "pixels in a row", "HEIGHT": "rows"}[bound[1]]
+            raise DataError(f"{what}: a picture of too many {most}; OPENCV_IO_MAX_IMAGE_{bound[1]} in the environment "
+                            "allows more") from error  # fmt: skip
         raise DataError(f"{what}: not an image that OpenCV can decode: {reason_of(error)}") from error
     if image is None:
         raise DataError(f"{what}: not an image that OpenCV can decode ({len(content)} bytes)")

@@ -70,6 +70,12 @@ class Bytes(Scalar):
         """As a text's own bytes are."""
         return self.content.decode("utf-8", "surrogateescape")
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scalar) and (other.kind, other.text) == (self.kind, self.text)
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.text))
+
 
 @dataclass(frozen=True, eq=False)
 class Numbers:

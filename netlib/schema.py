@@ -4,6 +4,7 @@ A message is a frozen dataclass; each field is one line with its type, its numbe
 required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
 
     str, bool               as they are          int, UInt, Int64  of 32 bits, those without a sign, of 64 bits
+    Natural                 an int that may not be negative
     float                   rounded to 32 bits, as protobuf's are    Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
     OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
@@ -33,7 +34,10 @@ from netlib.prototxt import Bytes, Field, Message, Numbers, Place, Position, Sca
 T = TypeVar("T")
 UInt = Annotated[int, "unsigned"]
 Int64 = Annotated[int, "64 bits"]
-INTEGERS: dict[Any, range] = {int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63)}
+Natural = Annotated[int, "not negative"]
+INTEGERS: dict[Any, range] = {
+    int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63), Natural: range(2**31),
+}  # fmt: skip
 Double = Annotated[float, "64 bits"]
 Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]

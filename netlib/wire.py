@@ -219,7 +219,7 @@ class _Decoder:
             elif schema.is_message(spec.kind):
                 yield Field(spec.name, self.message(spec.kind, start, stop), place)
             elif spec.wire_type == LENGTH:
-                content = Bytes(self.data[start:stop], place)
+                content = Bytes(bytes(self.data[start:stop]), place)
                 text = content if spec.kind is bytes else Scalar("string", content.text, place)
                 yield Field(spec.name, text, place)
             else:
@@ -238,6 +238,8 @@ class _Decoder:
             if spec.kind is bool:
                 return Scalar("word", "true" if value else "false", place)
             value -= 2**64 if value >= 2**63 else 0
+            if spec.kind is int and 2**31 <= value < 2**32:  # some write a negative number in 32 bits
+                value -= 2**32
             if value not in schema.INTEGERS.get(spec.kind, (value,)):
                 raise self.fail(start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}")
             return Scalar("number", str(value), place)

@@ -115,7 +115,7 @@ def _write(args: argparse.Namespace) -> None:
 
 
 def _lambdas(args: argparse.Namespace, sitting: Sitting) -> list[Job]:
-    """The trainings by weights of PhysLimit, if all networks are asked for, or it is said how long they are."""
+    """The trainings by weights of PhysLimit, if no networks are named, or it is said how long they are."""
     first = _first(args)
     asked = args.lambda_length or (args.networks is None and first is not MANY_HANDS)
     recipe = RECIPES[args.recipe] if args.recipe else ADAM

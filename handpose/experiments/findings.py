@@ -120,14 +120,14 @@ def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
     why = ""
     if any(line.verdicts[seed].end == "not yet" for line in chosen.values() for seed in seeds):
         why = "not trained long enough yet"
-    elif any(now * (now + HALVES * (now - before)) < 0 for now, before in zip(margins, earlier)):
-        why = "the difference still changes"
     elif len(margins) < 2:
         why = "one seed"
     elif not (min(margins) > 0 or max(margins) < 0):
         why = "the seeds do not agree"
     elif not abs(mean) > spread:  # NaN decides nothing
         why = "not more than the spread of the seeds"
+    elif not all(now * (now + HALVES * (now - before)) >= 0 for now, before in zip(margins, earlier)):
+        why = "the difference still changes"
     word = "undecided" if why else "confirmed" if mean > 0 else "refuted"
     return Decision(word, differences, why, sum(map(finding.allowed, of_seeds)) / len(of_seeds))
 

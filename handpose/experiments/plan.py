@@ -121,7 +121,7 @@ def order(
     for seed in seeds:
         for recipe in recipes:
             yield from of(setting, recipe, seed)
-    if many is not None and ADAM in recipes:
+    if many not in (None, setting) and ADAM in recipes:
         for seed in seeds:
             yield from of(many, ADAM, seed)
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import LENGTHS, longest
+from layers.hand.skeleton_file import LENGTHS, longest, said
 from netlib import schema
 from netlib.blob import Array
 from netlib.errors import PrototxtError, did_you_mean
@@ -46,13 +46,13 @@ class Flesh:
         self.end = np.array([self._joint(c, "to", c.to) for c in flesh.capsule])
         for c in flesh.capsule:
             if len(c.radius) not in (1, 2) or not all(0 < r <= longest(c) for r in c.radius):
-                found = f"radius {', '.join(f'{r:g}' for r in c.radius)}"
+                found = f"radius {', '.join(map(said, c.radius))}"
                 raise PrototxtError(schema.position_of(c), f"{found}; expected one or two > 0, in {LENGTHS}")
         for i, o in enumerate(flesh.offset):
             if (o.joint, o.axes) in [(other.joint, other.axes) for other in flesh.offset[:i]]:
                 raise PrototxtError(schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}")
             if not all(abs(length) <= longest(o) for length in (o.x, o.y, o.z)):
-                found = f"offset {o.x:g}, {o.y:g}, {o.z:g}; expected lengths in {LENGTHS}"
+                found = f"offset {said(o.x)}, {said(o.y)}, {said(o.z)}; expected lengths in {LENGTHS}"
                 raise PrototxtError(schema.position_of(o), found)
         self.radii = np.array([(c.radius * 2)[:2] for c in flesh.capsule])
         self.limbs = self.end >= len(skeleton.joint_names)

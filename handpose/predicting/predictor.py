@@ -80,8 +80,14 @@ class Predictor:
         self.cube_mm, self.refine, self.fit, self.locator = cube_mm, refine if self.is_hand else 0, fit, locator
         self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
         self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, cube_mm / 2), errors)
-        self._crops = CropHands(net, cube_mm, self.fitter)
-        self._frames = FrameHands(self._crops, self.skeleton, self.sides, self.refine, fit)
+
+    @property
+    def _crops(self) -> CropHands:
+        return CropHands(self.net, self.cube_mm, self.fitter)
+
+    @property
+    def _frames(self) -> FrameHands:
+        return FrameHands(self._crops, self.skeleton, self.sides, self.refine, self.fit)
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
         """The hand in a crop (128, 128) in [-1, 1]; what is masked is background. Raises DataError, NetlibError."""

@@ -19,7 +19,7 @@ from handpose.recordings.raw import stored
 from handpose.recordings.recording import DepthFrame
 from netlib import atomic, files, locks
 from netlib.errors import DataError, NetlibError
-from netlib.paths import names_in
+from netlib.paths import exists, names_in
 
 OURS = re.compile(r"\d{12,}us\.png")
 MICRO = 10**6
@@ -78,9 +78,9 @@ def put_back(path: Path) -> None:
         path = Path(os.path.realpath(path))
     for old in atomic.kept(path):
         with contextlib.suppress(OSError), locks.held(old) as locked:
-            if locked and not path.exists():
+            if locked and not exists(path):
                 old.rename(path)
-        if not path.exists():
+        if not exists(path):
             raise DataError(f"{path}: is being replaced, or who did that was killed; the old recording is {old}: "
                             "give it its name back")  # fmt: skip
 
@@ -95,25 +95,31 @@ def _take_place(fresh: Path, path: Path) -> None:
         except BaseException:
             old.rename(path)
             raise
-        _empty(old, path)
+        _discard(old, path)
     atomic.sync_directory(path.parent)
 
 
-def _empty(old: Path, path: Path) -> None:
+def _discard(old: Path, path: Path) -> None:
     """Remove an old recording, but for what is no part of it, which moves into the new one. Raises OSError."""
     for name in names_in(old):
-        if OURS.fullmatch(name) or name == camera_file.NAME:
-            (old / name).unlink()
-        else:
+        if not (OURS.fullmatch(name) or name == camera_file.NAME):
             (old / name).rename(path / name)
-    old.rmdir()
+    atomic.discard(old, path)
 
 
 def _end_what_was_killed(path: Path) -> None:
-    """A writer that was killed while the new recording took the place left the old one beside it. Raises OSError."""
-    if not path.exists():
+    """A writer that was killed while the new recording took the place left the old one beside it. Raises DataError,
+    OSError."""
+    if not exists(path):
         put_back(path)
     for old in atomic.kept(path):
         with atomic.naming(path), locks.held(old) as locked:
-            if locked:
-                _empty(old, path)
+            if not locked:
+                continue
+            if not exists(path):
+                old.rename(path)
+            elif any(OURS.fullmatch(name) for name in names_in(path)):
+                _discard(old, path)
+            else:
+                raise DataError(f"{path}: is not the recording that was to take the place of {old} when its writer "
+                                "was killed; move one of them away")  # fmt: skip

@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from layers.hand.skeleton_file import LARGEST, LENGTHS, Axis, DofParameter, SkeletonParameter, longest
+from layers.hand.skeleton_file import LARGEST, LENGTHS, Axis, DofParameter, SkeletonParameter, longest, said
 from netlib import prototxt, schema
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
@@ -134,7 +134,7 @@ class Skeleton:
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
             if joint.bone and not abs(joint.bone.length) <= longest(joint.bone):
-                found = f"a bone of length {joint.bone.length:g}; expected {LENGTHS}"
+                found = f"a bone of length {said(joint.bone.length)}; expected {LENGTHS}"
                 raise PrototxtError(schema.position_of(joint.bone), found)
         for d in self.param.dof:
             if not abs(d.initial) <= LARGEST:

@@ -128,6 +128,11 @@ def longest(part: object) -> float:
     return LARGEST if schema.tree_of(part) is None else LONGEST
 
 
+def said(length: float) -> str:
+    """A length with all its digits, as the page of the hand says it."""
+    return repr(float(length)).removesuffix(".0")
+
+
 def text_of(param: SkeletonParameter, name: str, comment: str) -> str:
     """A file like the packaged ones, of this name and with a comment at the top; numbers have ``DECIMALS``."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]

@@ -142,10 +142,16 @@ def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
     assert str(error.value) == message
 
 
+@pytest.mark.parametrize("rest", [b"\xff" * 4 + b"\x0f", b"\xff" * 9 + b"\x01"], ids=["32 bits", "64 bits"])
+def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
+    """Protobuf writes 64; some write 32, and it reads both."""
+    assert [field.value.text for field in wire.decode(b"\x28" + rest, messages.Datum, "x").fields] == ["-1"]
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"\x28\x80\x80\x80\x80\x08", "'label' expects an integer from -2147483648 to 2147483647, found 2147483648"),
+        (b"\x28\x80\x80\x80\x80\x10", "'label' expects an integer from -2147483648 to 2147483647, found 4294967296"),
         (b"\x28\xff\xff\xff\xff\xf7" + b"\xff" * 4 + b"\x01", "'label' expects an integer .*, found -2147483649"),
     ],
 )
@@ -220,7 +226,8 @@ def protobuf_class(root: Any) -> Any:
                 field.type_name = add(NetParameter if known.kind is prototxt.Message else known.kind)
             else:
                 kinds = {str: Type.TYPE_STRING, bytes: Type.TYPE_BYTES, bool: Type.TYPE_BOOL, float: Type.TYPE_FLOAT,
-                         int: Type.TYPE_INT32, schema.Int64: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32,
+                         int: Type.TYPE_INT32, schema.Natural: Type.TYPE_INT32,
+                         schema.Int64: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32,
                          schema.Floats: Type.TYPE_FLOAT, schema.Double: Type.TYPE_DOUBLE,
                          schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
                 field.type = kinds[known.kind]
@@ -255,9 +262,9 @@ def test_protobuf_reads_what_we_write() -> None:
 @given(
     st.builds(
         SolverParameter,
-        net=st.text(max_size=5), base_lr=st.floats(width=32, allow_nan=False), max_iter=st.integers(0, 2**32 - 1),
+        net=st.text(max_size=5), base_lr=st.floats(width=32, allow_nan=False), max_iter=st.integers(0, 2**31 - 1),
         random_seed=st.integers(-(2**63), 2**63 - 1), test_interval=st.integers(0, 300),
-        stepvalue=st.lists(st.integers(0, 2**32 - 1), max_size=3).map(tuple), debug_info=st.booleans(),
+        stepvalue=st.lists(st.integers(0, 2**31 - 1), max_size=3).map(tuple), debug_info=st.booleans(),
         snapshot_format=st.sampled_from(["HDF5", "BINARYPROTO"]), weights=st.lists(st.text(max_size=3)).map(tuple),
     )
 )  # fmt: skip

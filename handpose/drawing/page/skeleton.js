@@ -7,7 +7,8 @@ import { placeOf, read } from "./messages.js";
 
 const FAR = 1000; // a limit that is farther away is none
 export const LONGEST = 10;
-export const LENGTHS = `half-cubes, at most ${LONGEST} (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)`;
+export const LENGTHS = `half-cubes, at most ${LONGEST}` +
+  " (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)";
 export const MOST = 1000; // joints, and DoFs: of more there would be no end of sliders
 
 export class Skeleton {

@@ -14,18 +14,11 @@ from netlib.wire import Known
 
 # protobuf's numbers: FieldDescriptor.TYPE_* and CPPTYPE_*
 _TYPES = {float: (2, 6), schema.Double: (1, 5), schema.Floats: (2, 6), schema.Doubles: (1, 5), int: (5, 1),
-          schema.UInt: (13, 3), schema.Int64: (3, 2), bool: (8, 7), str: (9, 9), bytes: (12, 9)}  # fmt: skip
+          schema.Natural: (5, 1), schema.UInt: (13, 3), schema.Int64: (3, 2), bool: (8, 7), str: (9, 9),
+          bytes: (12, 9)}  # fmt: skip
 _ENUM, _MESSAGE = (14, 8), (11, 10)
-_DEFAULTS: dict[Any, Any] = {
-    float: 0.0,
-    schema.Double: 0.0,
-    int: 0,
-    schema.UInt: 0,
-    schema.Int64: 0,
-    bool: False,
-    str: "",
-    bytes: b"",
-}
+_DEFAULTS: dict[Any, Any] = {float: 0.0, schema.Double: 0.0, bool: False, str: "", bytes: b""}
+_DEFAULTS |= dict.fromkeys(schema.INTEGERS, 0)
 
 
 class EnumValue:

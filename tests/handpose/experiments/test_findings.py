@@ -66,8 +66,9 @@ def test_what_is_not_decided() -> None:
         (1.0, 0.8, "the difference still changes"),
         (-0.1, 0.1, ""),
         (-1.0, -0.8, "the difference still changes"),
+        (math.nan, 1.0, "the difference still changes"),
     ],
-    ids=["steady", "grows", "shrinks slowly", "shrinks", "has turned", "against the paper, shrinks"],
+    ids=["steady", "grows", "shrinks slowly", "shrinks", "has turned", "against the paper, shrinks", "not known"],
 )
 def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
     """The difference decides, if five more such halves would not turn it."""

@@ -66,6 +66,7 @@ def test_the_order() -> None:
     exact = [job for job in jobs if job.network.labels == "exact"]
     assert {job.recipe.name for job in exact} == {"adam"} and len(jobs) == 2 * (6 + 5) + 2 * 4
     assert len(list(order(MANY_HANDS, None, [NO_LIMIT], [ADAM], [3]))) == 1
+    assert len(list(order(MANY_HANDS, recipes=[ADAM]))) == 2 * 4
 
 
 def test_lambdas_are_as_long_as_ours() -> None:

@@ -169,6 +169,15 @@ def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
     assert found.camera == KINECT2
 
 
+def test_what_is_changed_later_counts(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """How often a crop is moved is asked at every call."""
+    predictor = Predictor(fixed(30, 0, 0), KINECT2)
+    moved = predictor.in_frame(frame).center_uvd
+    predictor.refine = 0
+    assert np.array_equal(predictor.in_frame(frame).center_uvd, predictor.start(frame))
+    assert not np.array_equal(moved, predictor.start(frame))
+
+
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
     """At the nearest thing, at a pixel and what is seen there, or at a place that is given."""
     predictor = Predictor(seeing, KINECT2, refine=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from handpose.facts.cameras import Camera
 from handpose.recordings.opening import open_recording
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.writing import RecordingWriter
-from netlib import locks
+from netlib import atomic, locks
 from netlib.errors import DataError, NetlibError
 
 SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
@@ -195,6 +196,56 @@ def test_a_name_that_no_recording_can_have(tmp_path: Path, monkeypatch: pytest.M
     (tmp_path / "loop").symlink_to("loop")
     with pytest.raises(DataError, match="no such file or folder"):
         open_recording(name)
+
+
+def test_what_another_writer_took_away_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who is killed between two looks of the next one."""
+    write(tmp_path / "take", frames(3))
+    before, kept = contents(tmp_path / "take"), atomic.kept
+
+    def taken_away(path: Path) -> list[Path]:
+        if path.exists():
+            path.rename(tmp_path / ".take.0123abcd.netlib.old")
+        return kept(path)
+
+    monkeypatch.setattr(atomic, "kept", taken_away)
+    with pytest.raises(NetlibError, match="is not empty"):
+        write(tmp_path / "take", frames(1))
+    assert contents(tmp_path / "take") == before
+
+
+@pytest.mark.parametrize("other", ["empty", "notes", "file"])
+def test_an_old_recording_stays_beside_what_is_not_the_new_one(tmp_path: Path, other: str) -> None:
+    """Somebody has put something else there since; nothing goes, and both are named."""
+    left = tmp_path / ".take.0123abcd.netlib.old"
+    write(left, frames(3))
+    before = contents(left)
+    if other == "file":
+        (tmp_path / "take").touch()
+    else:
+        (tmp_path / "take").mkdir()
+        if other == "notes":
+            (tmp_path / "take" / "notes.txt").touch()
+    with pytest.raises(DataError, match=r"/take: is not the recording that was to take the place of .*0123abcd"):
+        write(tmp_path / "take", frames(1), replace=True)
+    assert contents(left) == before
+
+
+def test_no_part_of_an_old_recording_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whose removal was cut short, and whose new one is gone."""
+    write(tmp_path / "take", frames(3))
+
+    def cut_short(path: Path) -> None:
+        for picture in list(path.glob("*.png"))[:1]:
+            picture.unlink()
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(atomic, "_remove", cut_short)
+        write(tmp_path / "take", frames(1), replace=True)
+    shutil.rmtree(tmp_path / "take")
+    with pytest.raises(DataError, match="no such file or folder"):
+        open_recording(tmp_path / "take")
 
 
 @pytest.mark.parametrize("why", ["at work", "read only"])

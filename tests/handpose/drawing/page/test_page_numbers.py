@@ -177,7 +177,7 @@ MISTAKES = [
     ("length: 0.75", "lenght: 0.75"),
     ("bone { axis: X length: 0.75 }", "bone { axis: X }"),
     ("length: 0.75", "length: nan"),
-    ("length: 0.75", "length: 40"),
+    ("length: 0.75", "length: 123.456789"),
     ("length: 0.75", "length: 0.75 length: 1"),
     ("length: 0.75", "length { }"),
     ("initial: 0.25", "initial: inf"),
