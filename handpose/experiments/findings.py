@@ -106,11 +106,12 @@ FINDINGS = (
 
 def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
     """What the seeds that all its networks have say of a finding; ``lines`` are by network."""
-    chosen = {name: lines[name] for name in finding.networks if name in lines}
-    missing = [name for name in finding.networks if name not in chosen]
-    seeds = set.intersection(*(set(line.verdicts) for line in chosen.values())) if chosen and not missing else set()
-    if not seeds:
+    chosen = {name: lines[name] for name in finding.networks if name in lines and lines[name].verdicts}
+    if len(chosen) < len(finding.networks):
         return Decision("undecided", (), "not trained yet")
+    seeds = set.intersection(*(set(line.verdicts) for line in chosen.values()))
+    if not seeds or any(line.verdicts[seed].end == "not yet" for line in chosen.values() for seed in seeds):
+        return Decision("undecided", (), "not trained long enough yet")
     of_seeds = [{name: _figures_of(line, seed) for name, line in chosen.items()} for seed in sorted(seeds)]
     differences = [finding.difference(of) for of in of_seeds]
     margins = [finding.margin(of) for of in of_seeds]
@@ -118,9 +119,7 @@ def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
                for seed in sorted(seeds)]  # fmt: skip
     mean, spread = sum(margins) / len(margins), max(margins) - min(margins)
     why = ""
-    if any(line.verdicts[seed].end == "not yet" for line in chosen.values() for seed in seeds):
-        why = "not trained long enough yet"
-    elif len(margins) < 2:
+    if len(margins) < 2:
         why = "one seed"
     elif not (min(margins) > 0 or max(margins) < 0):
         why = "the seeds do not agree"

@@ -19,7 +19,7 @@ from handpose.experiments.settings import Setting
 class Line:
     """A network by a recipe in a setting.
 
-    verdicts  of each seed that has an entry
+    verdicts  of its seeds
     """
 
     network: Network
@@ -66,11 +66,12 @@ def curve_of(entries: Iterable[Entry], figure: str) -> list[float]:
 
 
 def line_of(entries: Sequence[Entry], setting: Setting, network: Network, recipe: Recipe) -> Line:
-    """The line of a network; seeds without an entry of the shortest length are not in it."""
+    """The line of a network: of the seeds that were trained long enough, or else of those that have a length."""
     key = (setting.name, network.name, recipe.name)
     seeds = sorted({entry.seed for entry in entries if entry.key[:3] == key})
     verdicts = {seed: verdict(of_job(entries, Job(setting, network, recipe, seed)), recipe.lengths) for seed in seeds}
-    return Line(network, {seed: found for seed, found in verdicts.items() if found.counts})
+    begun = {seed: found for seed, found in verdicts.items() if found.counts}
+    return Line(network, {seed: found for seed, found in begun.items() if found.end != "not yet"} or begun)
 
 
 def spread_text(values: Iterable[float], form: str = "{:.2f}", unit: str = "") -> str:

@@ -80,6 +80,17 @@ def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
     assert found["ours"].ends == ["falls"] and decide(OURS_OR_JOINT, found).why == why
 
 
+def test_a_seed_that_is_on_its_way_changes_nothing() -> None:
+    """What was decided without it stays, and the means are those of the others."""
+    entries = list(trained())
+    before = lines(entries)
+    on_its_way = [entry("ours", 40, PAPER.lengths[0], seed=3), entry("direct_joint", 20, PAPER.lengths[0], seed=3)]
+    after = lines([*entries, *on_its_way])
+    assert decide(OURS_OR_JOINT, after) == decide(OURS_OR_JOINT, before)
+    assert after["ours"].values("error_14_mm") == before["ours"].values("error_14_mm")
+    assert lines(on_its_way)["ours"].ends == ["not yet"]
+
+
 def test_means_over_subjects_and_seeds() -> None:
     """Frames have equal weight; a spread is half of what lies between."""
     assert (
