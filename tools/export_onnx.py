@@ -44,8 +44,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
                         help="give out this blob, too, for example DoF; may be given several times")  # fmt: skip
-    parser.add_argument("--cube", type=cube, default=CUBE_MM, metavar="MM",
-                        help="edge of the cube of a hand's crops, for the metadata (default: %(default)g)")  # fmt: skip
+    parser.add_argument("--cube", type=cube, metavar="MM",
+                        help="edge of the cube that crops of a body show, for the metadata "
+                             f"(default of hands: {CUBE_MM:g})")  # fmt: skip
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     args = parser.parse_args(argv)
     return guarded(run, args)

@@ -74,8 +74,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="(default: either, with --fit no right)")
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
-    parser.add_argument("--cube", type=cube, default=CUBE_MM, metavar="MM",
-                        help="edge of the cube (default: %(default)g)")  # fmt: skip
+    parser.add_argument("--cube", type=cube, metavar="MM", help=f"edge of the cube (default of hands: {CUBE_MM:g})")
     parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are whole depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
@@ -111,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     depths = [read_frame(i, args.camera, args.unit) if whole else read_crop(i) for i in args.images]
     given = args.center or [None]
     centers = given if len(given) > 1 else given * len(args.images)
-    places = pictures.places(args.images, out, "_hand.png")
+    places = pictures.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     results, hands = [], []
     for image, depth, middle in zip(args.images, depths, centers):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
@@ -122,10 +121,11 @@ def run(args: argparse.Namespace) -> int:
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
-            results.append({"image": image, "picture": str(places[image]), "cube_mm": args.cube,
+            results.append({"image": image, "picture": str(places[image]), "cube_mm": predictor.cube_mm,
                             **findings.facts(found, predictor), "joints_mm": rounded})  # fmt: skip
         else:
-            say(f"{image}: {findings.in_words(found, predictor)}, cube {args.cube:g} mm; picture {places[image]}")
+            words = f"{findings.in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
+            say(f"{image}: {words}; picture {places[image]}")
             for name, (x, y, z) in joints.items():
                 say(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
     if args.html:
@@ -152,7 +152,7 @@ def _in_frame(predictor: Predictor, depth: NDArray[np.float32], middle: Any, ima
         return predictor.in_frame(depth, middle)
     except DataError as error:
         known = isinstance(error, UnitError) or (middle and len(middle) == 3)
-        advice = "" if known else "; say with --center U,V,D where the hand is"
+        advice = "" if known else f"; say with --center U,V,D where the {'hand' if predictor.is_hand else 'body'} is"
         raise DataError(f"{image}: {error}{advice}") from None
 
 

@@ -16,7 +16,7 @@ from handpose.experiments.ledger import Entry
 from handpose.experiments.machine import machine
 from handpose.experiments.plan import Job, next_length, of_job, verdict
 from handpose.experiments.results import Truth
-from handpose.experiments.settings import Setting
+from handpose.experiments.settings import ONE_HAND, Setting, is_real_nyu
 from handpose.experiments.trainings import Step, Training
 from handpose.experiments.true_angles import fit_true_angles
 from handpose.predicting.nets import trained
@@ -146,7 +146,11 @@ class Sitting:
             if status != DONE:
                 raise EndedError(status)
         with on_missing_data():
-            return setting.files("train")
+            found = setting.files("train")
+        if data is None and not is_real_nyu(setting):
+            raise DataError(f"{setting.folder}: holds frames that tools/prepare_nyu.py did not make; expected NYU "
+                            f"itself, or --setting {ONE_HAND.name}")  # fmt: skip
+        return found
 
     def _angles(self, setting: Setting, split: Split) -> Array:
         """The angles (N, D) of a split, fitted if that is not done yet."""

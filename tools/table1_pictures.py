@@ -12,7 +12,7 @@ from handpose.drawing.comparisons import side_by_side
 from handpose.experiments import ledger, table1_page
 from handpose.experiments.ledger import THRESHOLDS_MM, Entry, Shown
 from handpose.experiments.recipes import RECIPES
-from handpose.experiments.settings import SETTINGS, Setting
+from handpose.experiments.settings import Setting
 from handpose.experiments.summary import Line, curve_of, spread_text, value_of
 from handpose.fitting.angles import rotations
 from layers.hand.skeleton import Skeleton
@@ -26,24 +26,21 @@ def write_pictures(out: Path, folder: Path, entries: table1_page.Ledger, skeleto
     folder   of the ledger
     entries  of it, by setting
     """
-    done = [setting for setting in SETTINGS.values() if entries.get(setting.name)]
+    setting = table1_page.first_of(entries)
     written: list[Path] = []
     for recipe in RECIPES.values():
-        lines = table1_page.lines_of(entries, done[0], recipe) if done else {}
-        if lines:
-            shown = ledger.read_shown(folder, done[0].name)
-            title = f"{done[0].title}, {recipe.title}"
+        if lines := table1_page.lines_of(entries, setting, recipe):
+            shown = ledger.read_shown(folder, setting.name)
+            title = f"{setting.title}, {recipe.title}"
             places = [out / name(recipe) for name in (table1_page.joints_picture, table1_page.angles_picture,
                                                       table1_page.hands_picture)]  # fmt: skip
             _draw_joints(places[0], lines, skeleton, title)
             _draw_angles(places[1], lines, skeleton, title)
             _draw_hands(places[2], lines, shown, skeleton)
             written += places
-    for setting in done:
-        for recipe in RECIPES.values():
-            if found := table1_page.lambda_entries(entries[setting.name], recipe):
-                written.append(out / table1_page.lambda_picture(recipe))
-                _draw_lambda(written[-1], found, setting)
+        if found := table1_page.lambda_entries(entries.get(setting.name, ()), recipe):
+            written.append(out / table1_page.lambda_picture(recipe))
+            _draw_lambda(written[-1], found, setting)
     return written
 
 

@@ -34,9 +34,9 @@ import netlib
 from handpose.data.examples import spread
 from handpose.drawing import comparisons
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import centers_of, crops_of, data_layer, hand_layer, trained
+from handpose.predicting.nets import centers_of, crops_of, data_layer, hand_layer
 from handpose.scoring.held_out import Predictions, errors_by_joint, figures_of, predict_all
-from handpose.scoring.held_out_fits import fit_all
+from handpose.scoring.held_out_fits import deploy_of, fit_all
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.net import Net
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             predictions = predict_all(net, progress=progress.reach)
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})
         if args.fit:
-            deploy = trained(args.deploy, snapshot, args.engine)
+            deploy = deploy_of(net, args.deploy, snapshot, args.engine)
             with ProgressBar(data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}") as progress:
                 joints = fit_all(net, deploy, snapshot, args.fit, progress.reach)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)

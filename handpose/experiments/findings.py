@@ -2,8 +2,8 @@
 
 Each finding is a difference whose sign says yes or no; where two networks are to be equally good, a little less passes.
 It is decided when two seeds at least were trained long enough, all have one sign, and the mean is larger than the
-spread between them. Trainings whose errors still fall where their lengths end count as long enough if the difference
-would keep its sign for some more halves, each of which changes it as much as the last did.
+spread between them. Where an error still falls at the longest length, the difference must keep its sign for some more
+halves of all the trainings it is made of, each of which changes it as much as the last did.
 """
 
 from __future__ import annotations
@@ -115,7 +115,8 @@ def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
     of_seeds = [{name: _figures_of(line, seed) for name, line in chosen.items()} for seed in sorted(seeds)]
     differences = [finding.difference(of) for of in of_seeds]
     margins = [finding.margin(of) for of in of_seeds]
-    earlier = [finding.margin({name: _figures_of(line, seed, before=True) for name, line in chosen.items()})
+    falls = any(line.verdicts[seed].end == "falls" for line in chosen.values() for seed in seeds)
+    earlier = [finding.margin({name: _figures_of(line, seed, before=falls) for name, line in chosen.items()})
                for seed in sorted(seeds)]  # fmt: skip
     mean, spread = sum(margins) / len(margins), max(margins) - min(margins)
     why = ""

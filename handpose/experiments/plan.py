@@ -36,8 +36,8 @@ class Verdict(NamedTuple):
 
     @property
     def before(self) -> Entry | None:
-        """What the figures were half a training before, if they still change; else those that count."""
-        return self.entries[-2] if self.end == "falls" and len(self.entries) > 1 else self.counts
+        """What the figures were half a training before; those that count if there is none, or the error rose since."""
+        return self.entries[-2] if self.counts is self.entries[-1] and len(self.entries) > 1 else self.counts
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class Line:
     def values(self, figure: str, subject: str | None = None, *, before: bool = False) -> dict[int, float]:
         """A figure of each seed, of all test frames or of one subject's; without the seeds that do not have it.
 
-        before  half a training before, where it still changes
+        before  what it was half a training before
         """
         entries = {seed: v.before if before else v.counts for seed, v in self.verdicts.items()}
         found = {seed: value_of(entry, figure, subject) for seed, entry in entries.items() if entry}

@@ -52,7 +52,7 @@ class FrameHands:
         hands = self._likeliest(depth, camera, starts, odds, find)
         before = [hand for hand in hands if (hand.xyz[:, 2] > 0).all()]
         if not before:
-            raise DataError(f"a hand is predicted in which a joint is at a depth of {hands[0].xyz[:, 2].min():.0f} mm, "
+            raise DataError(f"a pose is predicted in which a joint is at a depth of {hands[0].xyz[:, 2].min():.0f} mm, "
                             "behind the camera")  # fmt: skip
         return before
 

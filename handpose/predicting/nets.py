@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.data import labels
 from handpose.facts.cameras import NYU, Camera
+from handpose.facts.nyu import CUBE_MM
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
 from layers.hand.skeleton import Skeleton
@@ -54,6 +55,13 @@ def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
     """Raise NetlibError for a skeleton that is no hand."""
     if not is_hand(skeleton):
         raise NetlibError(f"skeleton {skeleton.name!r} is no hand, for it has no joint {PALM!r}; {why}")
+
+
+def cube_of(skeleton: Skeleton, cube_mm: float | None) -> float:
+    """The edge in mm of the cube around a body: what is given, and of hands NYU's otherwise. Raises NetlibError."""
+    if cube_mm is None:
+        refuse_other_bodies(skeleton, "expected the edge of its cube in mm (--cube), which its prior has as cube_mm")
+    return CUBE_MM if cube_mm is None else cube_mm
 
 
 def best_fit(model: str | Path) -> Literal["no", "fast", "accurate"]:

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from handpose.facts.cameras import NYU, Camera
-from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import SoughtSide
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.locator import Locator
-from handpose.predicting.nets import hand_layer, trained
+from handpose.predicting.nets import cube_of, hand_layer, trained
 from handpose.predicting.options import Fit, check_options
 from handpose.predicting.predictor import Predictor
 from netlib import files
@@ -70,7 +69,7 @@ def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> L
 
 
 def load_predictor(
-    camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: SoughtSide = "either", refine: int = 3,
+    camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
     fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with a packaged model; the options are those of ``Predictor``. Raises NetlibError."""
@@ -80,8 +79,8 @@ def load_predictor(
 
 
 def predictor_of(
-    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float, hand: SoughtSide, refine: int, fit: Fit,
-    engine: str | None = None,
+    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float | None, hand: SoughtSide, refine: int,
+    fit: Fit, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with any net and its weights. Raises NetlibError."""
     check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)  # before the weights are read for them
@@ -89,6 +88,6 @@ def predictor_of(
     layer = hand_layer(net)
     errors = None
     if fit != "no" and layer is not None:
-        errors = read_errors(weights, FleshModel(layer.skeleton, cube_mm / 2))
+        errors = read_errors(weights, FleshModel(layer.skeleton, cube_of(layer.skeleton, cube_mm) / 2))
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, errors=errors,
                      locator=load_locator(engine=engine))  # fmt: skip

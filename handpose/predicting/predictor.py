@@ -26,7 +26,7 @@ from handpose.predicting import finding
 from handpose.predicting.crop_hands import CropHands, Place, doubt
 from handpose.predicting.frame_hands import FrameHands
 from handpose.predicting.locator import Locator
-from handpose.predicting.nets import hand_layer, is_hand
+from handpose.predicting.nets import cube_of, hand_layer, is_hand
 from handpose.predicting.options import Fit, check_options
 from handpose.predicting.prediction import FramePrediction, Prediction
 from netlib.blob import Array
@@ -41,7 +41,7 @@ class Predictor:
 
     net      its input is the blob depth, its joints are the blob pred, which a HandModel computes
     camera   of the frames; one without a size takes frames of any
-    cube_mm  edge of the cube around the hand
+    cube_mm  edge of the cube around the body; None: NYU's, if it is a hand
     hand     which it is, in an image that is not mirrored; "either" tries both and takes the one that explains the
              picture better, which needs a fit
     refine   how often the crop of a frame is moved to the palm that was predicted in it; 0 for nets whose training
@@ -59,8 +59,8 @@ class Predictor:
     """
 
     def __init__(
-        self, net: Net, camera: Camera = NYU, *, cube_mm: float = CUBE_MM, hand: SoughtSide = "right", refine: int = 3,
-        fit: Fit = "no", errors: NetworkErrors | None = None, locator: Locator | None = None,
+        self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
+        refine: int = 3, fit: Fit = "no", errors: NetworkErrors | None = None, locator: Locator | None = None,
     ) -> None:  # fmt: skip
         check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
         for name in ("depth", "pred"):
@@ -77,9 +77,10 @@ class Predictor:
         self.is_hand = is_hand(layer.skeleton)
         if hand == "left" and not self.is_hand:
             raise NetlibError(f"skeleton {self.skeleton.name!r} is no hand, so there is no left one")
-        self.cube_mm, self.refine, self.fit, self.locator = cube_mm, refine if self.is_hand else 0, fit, locator
+        self.cube_mm = cube_of(self.skeleton, cube_mm)
+        self.refine, self.fit, self.locator = refine if self.is_hand else 0, fit, locator
         self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
-        self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, cube_mm / 2), errors)
+        self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, self.cube_mm / 2), errors)
 
     @property
     def _crops(self) -> CropHands:

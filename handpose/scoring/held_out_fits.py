@@ -12,10 +12,24 @@ from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.many import TOGETHER, fit_crops
-from handpose.predicting.nets import crops_of, data_layer, skeleton_to_fit
+from handpose.predicting.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
 from netlib.blob import Array
+from netlib.errors import NetlibError
+from netlib.layer import TEST
 from netlib.net import Net
 from netlib.rows import blocks
+
+
+def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
+    """The net of ``model``, which is the test net with an input. Raises NetlibError, also for that of another body."""
+    deploy, hand = Net(model, TEST, engine=engine), hand_layer(net)
+    own = skeleton_to_fit(deploy)
+    if hand is not None and hand.skeleton.param != own.param:
+        other = f"{hand.skeleton.name!r}" + (", with other numbers" if hand.skeleton.name == own.name else "")
+        raise NetlibError(f"{deploy.source}: its body is {own.name!r}, that of {net.source} is {other}; "
+                          "expected the same net with an input (--deploy)")  # fmt: skip
+    deploy.copy_from(weights, strict=True)
+    return deploy
 
 
 def fit_all(

@@ -19,7 +19,7 @@ from handpose.synthetic.recipes import recipe_of
 from layers.hand import skeleton as skeletons
 from netlib.messages import NetState
 from netlib.net_parameter import load_parameter, select_layers
-from tools import make_synthetic, show_data, test, train
+from tools import export_onnx, make_synthetic, predict, show_data, test, train
 
 BODY = Path(__file__).resolve().parents[2] / "prototxt" / "body"
 NAMES = ("person", "arm")
@@ -177,6 +177,16 @@ def test_the_tools(
     assert cv2.imread("found.png") is not None
     picture = cv2.imread("frames.png")
     assert picture is not None and np.ptp(picture.astype(int), axis=2).max() > 100  # limbs in colours
+    assert test.main([*model, "--fit", "fast"]) == 1
+    assert f"its body is 'nyu', that of {name}_train_test.prototxt is '{name}'; expected" in capsys.readouterr().err
+    net = [str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5"]
+    cv2.imwrite("crop.png", np.full((128, 128), 128, np.uint8))
+    see = [predict.main, ["crop.png", "--model", net[0], "--weights", net[1], "--fit", "no"]]
+    for tool, arguments in (see, [export_onnx.main, [*net, "net.onnx"]]):
+        assert tool(arguments) == 1
+        assert f"skeleton '{name}' is no hand, for it has no joint 'palm'; expected the edge" in capsys.readouterr().err
+        assert tool([*arguments, "--cube", "1000"]) == 0
+    assert cv2.imread("crop_body.png") is not None
 
 
 def test_a_page_of_a_person() -> None:

@@ -14,10 +14,30 @@ PLACES = [
     *(ROOT / "fast").rglob("*.py"),
     *(ROOT / "handpose" / "flesh").rglob("*.py"),
     *(ROOT / "handpose" / "fitting").rglob("*.py"),
-    *(ROOT / "handpose" / "synthetic" / f"{name}.py"
-      for name in ("generator", "pose_prior", "prior_file", "flesh_prior", "sensor")),
+    *(ROOT / "handpose" / "synthetic").rglob("*.py"),
+    *(ROOT / "tools").rglob("*.py"),
 ]  # fmt: skip
-ALLOWED: dict[str, str] = {}  # a file, and why it may
+PEOPLE = "synthetic recordings and scenes are of people who move their hands; other bodies have frames"
+HANDS = "its question is about hands"
+TEXTBOOK = "the example of a chapter"
+ALLOWED = {  # a file, and why it may
+    "handpose/synthetic/acts.py": PEOPLE,
+    "handpose/synthetic/choices.py": PEOPLE,
+    "handpose/synthetic/gestures.py": PEOPLE,
+    "handpose/synthetic/movements.py": PEOPLE,
+    "handpose/synthetic/person.py": PEOPLE,
+    "handpose/synthetic/scenes.py": PEOPLE,
+    "handpose/synthetic/stage.py": PEOPLE,
+    "handpose/synthetic/recipes.py": "the recipes with a name are of hands; that of another body is its prior",
+    "tools/exercises/hand.py": TEXTBOOK,
+    "tools/exercises/joint_transform.py": TEXTBOOK,
+    "tools/exercises/torque_gradient.py": TEXTBOOK,
+    "tools/measure_finding.py": HANDS,
+    "tools/measure_fit.py": HANDS,
+    "tools/predict.py": "hands are searched for, and crops moved to them; other bodies stay where they are",
+    "tools/prepare_icvl.py": HANDS,
+    "tools/track.py": "only hands are followed",
+}
 
 
 def words_of(text: str) -> list[str]:
@@ -34,7 +54,7 @@ def test_the_words_are_found() -> None:
 
 def test_no_word_of_a_hands_anatomy() -> None:
     """Neither in code nor in strings and comments, but where it is said why."""
-    assert len(PLACES) > 80
+    assert len(PLACES) > 150
     found = {str(path.relative_to(ROOT)): words for path in PLACES if (words := words_of(path.read_text()))}
     assert {name: words for name, words in found.items() if name not in ALLOWED} == {}
     assert set(ALLOWED) <= set(found)

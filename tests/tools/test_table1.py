@@ -282,6 +282,18 @@ def test_without_nyu_a_line_says_how_to_get_it(made):
     assert "tools/prepare_nyu.py NYU_ROOT" in err and err.count("\n") == 1
 
 
+def test_other_frames_are_not_nyu(made, small_data):
+    """Synthetic hands where NYU should be: nothing is fitted, trained or scored."""
+    (made / "data/nyu").mkdir(parents=True)
+    for split in ("train", "test"):
+        (made / f"data/nyu/{split}.txt").write_text(f"{small_data}/{split}_000.h5\n")
+    status, _, err = run("--setting", "nyu")
+    assert status == 1 and err.splitlines()[-1] == (
+        "data/nyu: holds frames that tools/prepare_nyu.py did not make; expected NYU itself, or --setting one_hand"
+    )
+    assert not (made / "data/nyu_angles").exists() and not (made / "work").exists()
+
+
 def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
     """One line."""
     (tmp_path / "work").write_text("")

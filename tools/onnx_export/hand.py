@@ -1,4 +1,4 @@
-"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, for all fingers at once.
+"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, for all limbs at once.
 
 The transform of a motion by theta (layers/hand/kinematics.py) is a sum of four constant matrices:
 

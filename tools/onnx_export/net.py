@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handpose.facts.nyu import CUBE_MM
-from handpose.predicting.nets import hand_layer, trained
+from handpose.predicting.nets import cube_of, hand_layer, trained
 from layers.hand.hand_model import HandModel
 from netlib.blob import Array
 from netlib.create import layer_types
@@ -43,10 +42,11 @@ def _translation(spec: LayerParameter) -> Translation:
     return LAYERS[spec.type]
 
 
-def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float = CUBE_MM) -> bytes:
+def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None) -> bytes:
     """The ONNX file of a net in phase TEST, as bytes; the first axis of every input is the batch, N.
 
-    ``also`` names more blobs to give out, ``cube_mm`` is the edge of the cube that its crops show. Raises NetlibError.
+    ``also`` names more blobs to give out, ``cube_mm`` is the edge of the cube that crops of its body show; None: NYU's,
+    if that is a hand. Raises NetlibError.
     """
     shapes = shapes_of(net)
     graph = Graph(net.blobs)
@@ -65,7 +65,7 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float = CUBE_MM) -> 
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
     if hand:
-        metadata |= _about_hand(hand, cube_mm, pose in [graph.values[name] for name in outputs])
+        metadata |= _about_hand(hand, cube_of(hand.skeleton, cube_mm), pose in [graph.values[name] for name in outputs])
     return graph.finish(
         net.name, {name: at_end[name] for name in net.inputs}, {name: at_end[name] for name in outputs}, metadata
     )

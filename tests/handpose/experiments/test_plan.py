@@ -37,7 +37,9 @@ def test_a_training_whose_error_falls_where_the_lengths_end() -> None:
     found = verdict(series(50, 40, 30, 24), LENGTHS)
     assert (found.end, found.counts, found.before) == ("falls", found.entries[3], found.entries[2])
     done = verdict(series(24, 19, 18.65), LENGTHS)
-    assert done.before is done.counts
+    assert done.before is done.entries[-2]
+    rises = verdict(series(24, 19, 20), LENGTHS)
+    assert rises.before is rises.counts and verdict(series(24), LENGTHS).before is not None
 
 
 def test_what_is_beyond_a_gap_or_the_end_does_not_count() -> None:

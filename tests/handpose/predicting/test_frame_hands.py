@@ -27,7 +27,7 @@ HAND = skeleton.load()
 def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
     """Is never told."""
     with pytest.raises(
-        DataError, match=r"a hand is predicted in which a joint is at a depth of -\d+ mm, behind the camera"
+        DataError, match=r"a pose is predicted in which a joint is at a depth of -\d+ mm, behind the camera"
     ):
         Predictor(fixed(0, 0, -140), KINECT2, refine=0).in_frame(frame, (260, 210, 160))
 

@@ -60,7 +60,7 @@ def test_another_body(files, rng):
     net = load_net(*files(layer.format("body.prototxt"), (1, 3)))
     x = rng.normal(size=(4, 3)).astype(np.float32)
     skeleton = Skeleton(schema.read(prototxt.parse(body, "body"), SkeletonParameter, "skeleton"))
-    found = run_onnx(onnx_image(net), x0=x)["y"].reshape(4, 4, 3)
+    found = run_onnx(onnx_image(net, cube_mm=900), x0=x)["y"].reshape(4, 4, 3)
     np.testing.assert_allclose(found, Kinematics(skeleton).joints(x), atol=1e-6)
 
 
@@ -80,5 +80,5 @@ def test_another_body_of_each_item(files, rng, sizes):
     layer = 'layer { name: "h" type: "HandModel" bottom: "x0" bottom: "x1" top: "y" %s }'
     net = load_net(*files(layer % 'hand_model_param { skeleton: "body.prototxt" }', (1, 4), (1, sizes)))
     x = {"x0": rng.normal(size=(3, 4)).astype(np.float32), "x1": rng.normal(size=(3, sizes)).astype(np.float32)}
-    found = run_onnx(onnx_image(net), **x)["y"]
+    found = run_onnx(onnx_image(net, cube_mm=900), **x)["y"]
     np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)
