@@ -163,7 +163,7 @@ def test_parts_that_are_about_hands(tmp_path: Path) -> None:
     net = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TEST)
     with pytest.raises(NetlibError, match="skeleton 'random1' is no hand, so there is no left one"):
         Predictor(net, KINECT2, cube_mm=900, hand="left")
-    with pytest.raises(NetlibError, match="'random1' is no hand, .*; expected the edge of its cube in mm"):
+    with pytest.raises(NetlibError, match=r"'random1' is no hand, .*; expected the edge of its cube in mm"):
         Predictor(net, KINECT2)
     predictor = Predictor(net, KINECT2, cube_mm=900, hand="either", fit="fast")
     assert predictor.sides == ("right",)
