@@ -81,7 +81,7 @@ def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
 
 
 def test_what_is_done_still_changes_beside_what_falls() -> None:
-    """Direct joint falls by 0.5 a half: it would soon be the better one, if ours, which is done, did not fall by 0.35."""
+    """Direct joint falls by 0.5 a half: it would soon be the better one, did ours, which is done, not fall by 0.35."""
     entries = []
     for seed in (1, 2):
         for length, ours, joint in zip(PAPER.lengths, (40, 30, 20.35, 20), (50, 40, 21.5, 21)):
