@@ -48,9 +48,9 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
 - A finding is a difference, positive where it speaks for the paper. It is confirmed or refuted when two seeds at
   least were trained long enough, all say the same, and say it by more than they differ. Two seeds are few: of
   differences that are none, this rule would decide three in ten, so trust those that are many times as large as what
-  lies between their seeds. Where an error still falls, the difference must be so large that {HALVES} more halves, each
-  changing it as much as the last did, would not turn it. Two networks are as good as each other if one is worse by
-  less than {MATTERS:.0%}: "passes" says how much that is.
+  lies between their seeds. Where an error still falls, the mean difference must be so large that {HALVES} more halves,
+  each changing it as much as the last did, would not turn it. Two networks are as good as each other if one is worse
+  by less than {MATTERS:.0%}: "passes" says how much that is.
 - Our recipe is that of synthetic_train_test.prototxt (Adam, batches of {ADAM.batch}, SmoothL1Loss with weight 0.1,
   PhysLimit with weight 1) with another rate, constant for the first 70% of the iterations, then in a straight line
   to 0; without augmentation, because angles cannot be augmented, and without the second head, because a network of

@@ -80,6 +80,16 @@ def test_where_errors_still_fall(before: float, last: float, why: str) -> None:
     assert found["ours"].ends == ["falls"] and decide(OURS_OR_JOINT, found).why == why
 
 
+def test_the_pace_is_that_of_all_seeds() -> None:
+    """One seed's difference shrinks so that it would turn, another's grows by as much: it stays."""
+    entries = []
+    for seed, before in ((1, 1.5), (2, 0.5)):
+        for length, ours, more in zip(PAPER.lengths, (40, 30, 20, 15), (5, 5, before, 1 + seed / 100)):
+            entries += [entry("ours", ours, length, seed), entry("direct_joint", ours + more, length, seed)]
+    assert decide(OURS_OR_JOINT, lines(entries)).why == ""
+    assert decide(OURS_OR_JOINT, lines([e for e in entries if e.seed == 1])).why == "one seed"
+
+
 def test_what_is_done_still_changes_beside_what_falls() -> None:
     """Direct joint falls by 0.5 a half: it would soon be the better one, did ours, which is done, not fall by 0.35."""
     entries = []
