@@ -110,25 +110,25 @@ class LazilyCleared(Blob):
 
     def clear(self) -> None:
         """Set the diff to zero, for whoever looks."""
-        if self._owner is None:
+        if self._diff_owner is None:
             self._is_clear = True
-        elif isinstance(self._owner, LazilyCleared):
-            self._owner.clear()
+        elif isinstance(self._diff_owner, LazilyCleared):
+            self._diff_owner.clear()
         else:
-            self._owner.diff.fill(0)
+            self._diff_owner.diff.fill(0)
 
     def share(self, owner: Blob) -> None:
         """Use the memory of ``owner``; what was said of the own diff is no longer true."""
         super().share(owner)
-        if self._owner is not None:
+        if self._diff_owner is not None:
             self._is_clear = False
 
     def to_add_to(self) -> tuple[Array, bool]:
         """The diff, and whether it is known to be zero: then its memory holds anything and must be written whole."""
-        if isinstance(self._owner, LazilyCleared):
-            diff, clear = self._owner.to_add_to()
+        if isinstance(self._diff_owner, LazilyCleared):
+            diff, clear = self._diff_owner.to_add_to()
             return diff.reshape(self._shape), clear
-        if self._owner is not None:
+        if self._diff_owner is not None:
             return self.diff, False
         clear, self._is_clear = self._is_clear, False
         return self.diff, clear

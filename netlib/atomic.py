@@ -45,8 +45,8 @@ def _new(path: Path, make: Callable[[Path], object]) -> Iterator[Path]:
     while True:
         fresh = beside(path, "tmp")
         make(fresh)  # which fails where there is anything of this name, a link, too
-        with locks.held(fresh):
-            if not fresh.exists():  # somebody took it for a leftover before it was locked
+        with locks.held(fresh) as locked:
+            if locked is False or not fresh.exists():  # somebody took it for a leftover before it was locked
                 continue
             try:
                 yield fresh

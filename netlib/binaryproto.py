@@ -18,9 +18,11 @@ from netlib.prototxt import Message
 def array_of(proto: BlobProto) -> Array:
     """The values of a BlobProto, in its precision; a view of the file's bytes. Raises WireError.
 
-    A blob older than ``shape`` has four axes.
+    A blob older than ``shape`` has four axes; in one that has both they count, as in Caffe.
     """
-    shape = proto.shape.dim if proto.shape is not None else (proto.num, proto.channels, proto.height, proto.width)
+    shape: tuple[int, ...] = (proto.num, proto.channels, proto.height, proto.width)
+    if proto.shape is not None and not any(schema.gives(proto, n) for n in ("num", "channels", "height", "width")):
+        shape = proto.shape.dim
     given = [values for values in (proto.data, proto.double_data) if values is not None and values.size]
     values: Array = given[-1] if given else np.zeros(0, np.float32)
     if min(shape, default=0) < 0 or math.prod(shape) != values.size:

@@ -33,7 +33,8 @@ class Blob:
         self._shape = self._possible(tuple(int(n) for n in shape))
         self._data: Array | None = None
         self._diff: Array | None = None
-        self._owner: Blob | None = None  # whose memory this blob uses
+        self._owner: Blob | None = None  # whose memory this blob uses for its data
+        self._diff_owner: Blob | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -52,7 +53,7 @@ class Blob:
 
     @property
     def owns_memory(self) -> bool:
-        """Not that of another blob."""
+        """The data are not another blob's."""
         return self._owner is None
 
     @property
@@ -67,8 +68,8 @@ class Blob:
     @property
     def diff(self) -> Array:
         """Gradient of the loss at the values."""
-        if self._owner is not None:
-            return self._owner.diff.reshape(self._shape)
+        if self._diff_owner is not None:
+            return self._diff_owner.diff.reshape(self._shape)
         if self._diff is None:
             self._diff = memory.zeros(self._shape, self.dtype, self)
         return self._diff
@@ -97,10 +98,18 @@ class Blob:
 
     def share(self, owner: Blob) -> None:
         """Use the memory of ``owner``, data and diff, in this blob's own shape (of the same count)."""
+        self.share_data(owner)
+        while owner._diff_owner is not None:
+            owner = owner._diff_owner
+        if owner is not self:
+            self._diff_owner, self._diff = owner, None
+
+    def share_data(self, owner: Blob) -> None:
+        """Use the data of ``owner``, in this blob's own shape; the diff stays its own."""
         while owner._owner is not None:
             owner = owner._owner
         if owner is not self:
-            self._owner, self._data, self._diff = owner, None, None
+            self._owner, self._data = owner, None
 
     # Caffe's names for the first axes
     @property

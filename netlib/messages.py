@@ -153,7 +153,7 @@ class SolverParameter:
     train_net_param: Message | None = numbered(21, None)
     test_net: tuple[str, ...] = numbered(2, ())
     test_net_param: tuple[Message, ...] = numbered(22, ())
-    train_state: NetState = numbered(26, NetState(phase="TRAIN"))
+    train_state: NetState = numbered(26, NetState())
     test_state: tuple[NetState, ...] = numbered(27, ())
     test_iter: tuple[Natural, ...] = numbered(3, ())  # batches of one test, one per test net
     test_interval: Natural = numbered(4, 0)  # iterations between tests

@@ -6,7 +6,7 @@ The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from netlib.graph import Graph
 from netlib.layer import PHASES, TEST, TRAIN
 from netlib.messages import NetParameter, NetState
 from netlib.net_parameter import load_parameter, select_layers
-from netlib.plain import Passed
+from netlib.plain import Connection, Passed
 from netlib.prototxt import Message
 from netlib.share import EVERY_ROW, Share
 
@@ -89,7 +89,7 @@ class Net:
         if phase not in (None, TRAIN, TEST):
             raise NetlibError(f"phase {phase} is unknown; expected {TRAIN} (TRAIN) or {TEST} (TEST)")
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
-        self.state = state or NetState(phase_name, level or param.state.level, tuple(stages or ()) or param.state.stage)
+        self.state = state or NetState(phase_name, level or param.state.level, param.state.stage + tuple(stages or ()))
         self.phase = PHASES[self.state.phase]
         self.name = param.name
         self.seed = next_seed() if seed is None else seed
@@ -126,14 +126,24 @@ class Net:
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
-    def run_forward(self) -> float:
-        """Run all layers; returns the loss, the sum of loss_weight x top over all losses."""
-        self.executor.forward()
+    def run_forward(self, after: Callable[[Connection], object] | None = None) -> float:
+        """Run all layers; returns the loss, the sum of loss_weight x top over all losses.
+
+        With ``after`` they run one by one, and it is called after each.
+        """
+        if after is None:
+            self.executor.forward()
+        else:
+            for number, at in enumerate(self.connections):
+                self.executor.forward(number, number + 1)
+                after(at)
         return self.loss()
 
-    def loss(self) -> float:
-        """The loss of the last forward pass."""
-        return float(sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight, _ in self.losses))
+    def loss(self, layers: slice = slice(None)) -> float:
+        """The loss of the last forward pass, or of some of its layers."""
+        tops = {id(blob) for at in self.connections[layers] for blob in at.top}
+        losses = [(blob, weight) for blob, weight, _ in self.losses if id(blob) in tops]
+        return float(sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses))
 
     def backward(
         self, diffs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **tops: Any
@@ -158,11 +168,16 @@ class Net:
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
-    def run_backward(self, passed: Passed | None = None) -> None:
-        """Run all layers backwards; the diffs of the parameters are added to."""
+    def run_backward(self, passed: Passed | None = None, after: Callable[[Connection], object] | None = None) -> None:
+        """Run all layers backwards; the diffs of the parameters are added to. ``after`` as in ``run_forward``."""
         with self.executor.one_thread:
             self._seed_losses()
-            self.executor.backward(passed=passed)
+            if after is None:
+                self.executor.backward(passed=passed)
+                return
+            for number, at in reversed(list(enumerate(self.connections))):
+                self.executor.backward(number, number + 1, passed)
+                after(at)
 
     def _seed_losses(self) -> None:
         """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.
@@ -238,7 +253,10 @@ class Net:
         return weights_of.copy(self, source, strict)
 
     def share_params(self, other: Net) -> None:
-        """Use the other net's parameters, by layer name (a test net those of the training net)."""
+        """Use the other net's parameters, by layer name (a test net those of the training net).
+
+        Gradients stay each net's own, as in Caffe. Raises LayerError where shapes or precisions differ.
+        """
         weights_of.share(self, other)
 
     def save(self, path: str | Path) -> None:
@@ -260,7 +278,10 @@ def _numbers(array: Any, what: str) -> NDArray[Any]:
     """An array as given for a blob. Raises LayerError for one of anything but numbers, and for one with a mask."""
     if isinstance(array, np.ma.MaskedArray):
         raise LayerError(f"{what} takes all of an array, given one with a mask; give array.filled(VALUE)")
-    found = np.asarray(array)
+    try:
+        found = np.asarray(array)
+    except ValueError:
+        raise LayerError(f"{what} takes one array, given rows of different lengths") from None
     if found.dtype.kind not in "fiub":
         raise LayerError(f"{what} takes numbers, given an array of {found.dtype}")
     return found

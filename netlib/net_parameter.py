@@ -84,4 +84,6 @@ def input_layer(param: NetParameter) -> LayerParameter:
         for d in dims
     ]
     block = Message(shapes, where)
-    return LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})
+    own = {"name": ["input"], "type": ["Input"], "top": param.input}
+    fields = [Field(name, Scalar("string", text, where), where) for name, texts in own.items() for text in texts]
+    return schema.read(Message([*fields, Field("input_param", block, where)], where), LayerParameter)

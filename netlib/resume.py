@@ -84,7 +84,8 @@ def restore_state(solver: Solver, path: str | Path) -> None:
     weights_of.write(writes)  # from here on nothing fails
     count = len(solver.history)
     for i, array in enumerate(state.history):
-        solver.history[i % count][i // count][...] = array
+        target = solver.history[i % count][i // count]
+        target[...] = weights_of.legacy_shape(array, target.shape)
     solver.iter = state.iter
     solver.smoothed.clear()
     solver.smoothed.extend(state.extra.get("smoothed", []))
@@ -157,7 +158,7 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
         )
     for i, array in enumerate(state.history):
         param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
-        if array.shape != target.shape:
+        if weights_of.legacy_shape(array, target.shape).shape != target.shape:
             raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
                                f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
 

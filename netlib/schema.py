@@ -20,6 +20,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import os
 import types
 import typing
 from collections.abc import Sequence
@@ -93,6 +94,46 @@ def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
+def with_values(message: T, **values: Any) -> T:
+    """The message with fields as Python code gives them, checked as a file's are. Raises PrototxtError."""
+    cls: Any = type(message)
+    hints, defaults = hints_of(cls), {field.name: field.default for field in dataclasses.fields(cls)}
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        place = position_of(message, name)
+        if written_name(name) not in hints:
+            raise PrototxtError(place, f"unknown field {name!r}{option_advice(name, hints)}")
+        kind, repeated = kind_of(hints[written_name(name)])
+        if value is None and defaults[name] is None:
+            found[name] = None
+            continue
+        several = repeated and isinstance(value, (list, tuple))
+        items = tuple(_python_value(one, kind) for one in (value if several else [value]))
+        if repeated != several or None in items:
+            what = "a message" if is_message(kind) else expected(kind)
+            raise PrototxtError(place, f"{name!r} expects {'a list, each ' * repeated}{what}, found {value!r}")
+        found[name] = items if repeated else items[0]
+    return changed(message, **found)
+
+
+def _python_value(value: Any, kind: Any) -> Any:
+    """A value from Python code as a file would give it, or None if it is not of that kind."""
+    if is_message(kind):
+        return value if isinstance(value, kind) else None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if kind is str and isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if kind in (float, Double):
+        return (round_to_32_bits(value) if kind is float else float(value)) if is_number else None
+    if kind in INTEGERS:
+        return value if is_number and isinstance(value, int) and value in INTEGERS[kind] else None
+    if names := enum_of(kind):
+        return value if isinstance(value, str) and value in names else None
+    return value if isinstance(value, kind) else None
+
+
 def changed(message: T, **changes: Any) -> T:
     """The message with some fields changed; it still knows where it stands in its file."""
     return placed(dataclasses.replace(message, **changes), message)  # type: ignore[type-var]
@@ -107,6 +148,11 @@ def placed(made: T, origin: object) -> T:
 def tree_of(message: object) -> Message | None:
     """The tree that a typed message was read from."""
     return getattr(message, "_tree", None)
+
+
+def says(message: object, name: str) -> bool:
+    """Does its file say this field, or, of one made by a program, is it not the default?"""
+    return gives(message, name) or getattr(message, name) != getattr(type(message), name)
 
 
 def gives(message: object, name: str) -> bool:

@@ -19,7 +19,7 @@ from netlib.messages import LayerParameter
 from netlib.net_parameter import distinct
 from netlib.prototxt import Field, Message
 from netlib.saved import SolverState, Weights
-from netlib.upgrade import AnyNetParameter, upgraded
+from netlib.upgrade import AnyNetParameter
 
 T = TypeVar("T")
 LARGEST = 2**31 - 1  # bytes of a message, a limit of protobuf's
@@ -56,7 +56,7 @@ def _fitting(image: bytes) -> bytes:
 def read_weights(data: bytes, path: str) -> Weights:
     """Layer name -> parameter index -> array. Raises WeightsError if these are no weights."""
     try:
-        layers = _net(data, path).layer
+        layers = _layers(data, path)
         if layers:
             keys = distinct([layer.name for layer in layers])
             return {
@@ -88,14 +88,22 @@ def read_state(data: bytes, path: str) -> SolverState:
         problem = str(error)
     except (ValueError, RecursionError) as error:  # of the JSON, too
         problem = f"{path}: damaged: {reason_of(error)}"
-    net = _or_none(_net, data, path)
-    if net is not None and net.layer:
+    if _or_none(_layers, data, path):
         raise WeightsError(f"{path}: this is a weights file; pass it as --weights, or its pair *.solverstate here")
     raise WeightsError(f"{problem}; expected a solver state (.solverstate){_looks(data)}")
 
 
-def _net(data: bytes, path: str) -> messages.NetParameter:
-    return schema.read(upgraded(wire.decode(data, AnyNetParameter, path)), messages.NetParameter)
+def _layers(data: bytes, path: str) -> list[LayerParameter]:
+    """The layers of a net in any of Caffe's formats, with their names and parameters alone: weights are copied by
+    name, so types and options that only a fork of Caffe knows do no harm."""
+    layers = []
+    for item in wire.decode(data, AnyNetParameter, path).fields:
+        if item.name in ("layer", "layers"):
+            layer = schema.message_of(item)
+            fields = next((v.fields for v in layer.values("layer") if isinstance(v, Message)), layer.fields)  # V0
+            kept = [field for field in fields if field.name in ("name", "blobs")]
+            layers.append(schema.read(Message(kept, layer.position), LayerParameter))
+    return layers
 
 
 def _state(data: bytes, path: str) -> messages.SolverState:

@@ -23,7 +23,7 @@ import numpy as np
 
 from netlib import engine as engines
 from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, together, weights
-from netlib.errors import DataError, DivergenceError, WeightsError
+from netlib.errors import DataError, DivergenceError, LayerError, WeightsError
 from netlib.gradients import Gradients
 from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net import Net, next_seed
@@ -31,7 +31,7 @@ from netlib.paths import find
 from netlib.ranks import ALONE, Ranks, latest
 from netlib.resume import extra_state, restore_state, state_of, undo_of
 from netlib.share import EVERY_ROW
-from netlib.updates import Update, learning_rate
+from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
 
@@ -87,16 +87,17 @@ class Solver:
                 self.copy_weights(path.strip())
         self._introduced = False
         self._lap: tuple[int, float] = (0, time.perf_counter())
-        self._saved_iter: int | None = None  # of the last snapshot
+        self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> what it meant when it was first used
+        self._saved: Path | None = None  # the last solver state
 
     # ------------------------------------------------------------------------------------------ nets
 
     def _make_net(self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int) -> Net:
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
-        merged = NetState(phase, max(param.state.level, state.level), param.state.stage + state.stage)
         net = self.net_class(
-            param, state=merged, seed=self.seed + number, engine=self.engine.name, python_layers=self.python_layers,
+            param, state=solver_parameter.state_of(phase, param.state, state), seed=self.seed + number,
+            engine=self.engine.name, python_layers=self.python_layers,
             share=self.ranks.share if phase == "TRAIN" else EVERY_ROW,
         )  # fmt: skip
         net.source = name
@@ -138,17 +139,13 @@ class Solver:
         try:
             finished = self.step(p.max_iter - self.iter)
         except DataError:
-            if self._introduced and (p.snapshot or p.snapshot_after_train) and self._saved_iter != self.iter:
+            if self._introduced and (p.snapshot or p.snapshot_after_train) and not self._is_saved():
                 try:
                     self.snapshot()  # what was learned is not lost with the data
                 except WeightsError as error:
                     log.error("%s", error)
             raise
-        if (
-            p.snapshot_after_train
-            and not (p.snapshot and self.iter % p.snapshot == 0)
-            and self._saved_iter != self.iter
-        ):
+        if p.snapshot_after_train and not (p.snapshot and self.iter % p.snapshot == 0) and not self._is_saved():
             self.snapshot()
         if not finished:
             log.info("Optimization stopped early.")
@@ -229,9 +226,13 @@ class Solver:
     def _forward_backward(self) -> float:
         """Sum the gradients of iter_size batches; returns the mean loss."""
         total = 0.0
+        is_shown = self.param.debug_info and self._display_is_due()
         for left in reversed(range(self.param.iter_size)):
-            total += self._finite(self.net.run_forward())
-            self.net.run_backward(None if left else self.ranks.begin_gradients())
+            loss = self.net.run_forward(report.debug_forward) if is_shown else self.net.run_forward()
+            total += self._finite(loss)
+            self.net.run_backward(
+                None if left else self.ranks.begin_gradients(), report.debug_backward if is_shown else None
+            )
         return total / self.param.iter_size
 
     def _finite(self, loss: float) -> float:
@@ -251,6 +252,9 @@ class Solver:
     def apply_update(self) -> None:
         """Change the weights by the gradients, at the rate of this iteration."""
         rate = learning_rate(self.param, self.iter)
+        step = steps_taken(self.param, self.iter)
+        if self.param.lr_policy == "multistep" and step > (steps_taken(self.param, self.iter - 1) if self.iter else 0):
+            log.info("MultiStep Status: Iteration %d, step = %d", self.iter, step)
         if self._display_is_due():
             log.info("Iteration %d, lr = %.6g", self.iter, np.float32(rate))
         self.update.apply(rate, self.iter + 1)
@@ -270,7 +274,7 @@ class Solver:
                  self.iter, speed, seconds, self.param.display, self.loss)  # fmt: skip
         report.outputs("Train", self.net, together.mean_outputs(self.net, self.ranks))
         if self.param.debug_info:
-            report.debug(self.net)
+            report.debug_params(self.net)
 
     def _test_is_due(self) -> bool:
         p = self.param
@@ -296,7 +300,14 @@ class Solver:
             loss += net.run_forward()
             self.ranks.alive()
             for name in net.outputs:
-                sums[name] = sums.get(name, 0.0) + net.blobs[name].data.astype(np.float64).reshape(-1)
+                values = net.blobs[name].data.astype(np.float64).reshape(-1)
+                if values.size != np.size(sums.setdefault(name, np.zeros_like(values))):
+                    raise LayerError(
+                        f"test net (#{number}): output {name!r} has {values.size} values in this batch, had "
+                        f"{np.size(sums[name])}, so they have no mean; expected as many in all, or a Silence layer "
+                        "that reads it"
+                    )
+                sums[name] += values
             if self.requested == "stop":
                 log.info("Test interrupted.")
                 return {}
@@ -314,11 +325,17 @@ class Solver:
 
     @property
     def prefix(self) -> Path:
-        """snapshot_prefix. A directory gets the solver's name appended; if empty, the solver's path without suffix."""
+        """snapshot_prefix. A directory gets the solver's name appended; if empty, the solver's path without suffix.
+
+        A directory that comes to be later changes nothing.
+        """
         given, name = self.param.snapshot_prefix, Path(self.source).stem
         if not given:
             return Path(self.source).with_suffix("")
-        return Path(given) / name if given.endswith("/") or Path(given).is_dir() else Path(given)
+        if given not in self._prefixes:
+            is_folder = given.endswith("/") or Path(given).is_dir()
+            self._prefixes[given] = Path(given) / name if is_folder else Path(given)
+        return self._prefixes[given]
 
     def snapshot_paths(self, iteration: int) -> tuple[Path, Path]:
         """Where the weights and the solver state after ``iteration`` updates go."""
@@ -338,8 +355,12 @@ class Solver:
         weights_path, state_path = self.snapshot_paths(self.iter)
         others = self.ranks.gather(snapshot.as_plain(self.net.layer_states()) if self.ranks.count > 1 else {})
         self._at_root(lambda: self._write(weights_path, state_path, others))
-        self._saved_iter = self.iter
+        self._saved = state_path
         return state_path
+
+    def _is_saved(self) -> bool:
+        """Is the last solver state that was written or read the one of this iteration?"""
+        return self._saved is not None and self._saved.absolute() == self.snapshot_paths(self.iter)[1].absolute()
 
     def _write(self, weights_path: Path, state_path: Path, others: Sequence[Mapping[str, Any]]) -> None:
         kind = "HDF5" if self.param.snapshot_format == "HDF5" else "binary proto"
@@ -352,7 +373,7 @@ class Solver:
     def restore(self, path: str | Path) -> None:
         """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""
         restore_state(self, path)
-        self._saved_iter = self.iter
+        self._saved = Path(path)
         self._introduced = False
 
 

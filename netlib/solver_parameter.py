@@ -11,7 +11,7 @@ from typing import Any
 
 from netlib import prototxt, schema
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
-from netlib.messages import NetParameter, SolverParameter
+from netlib.messages import NetParameter, NetState, SolverParameter
 from netlib.net_parameter import load_parameter
 from netlib.paths import exists, find
 from netlib.prototxt import Message
@@ -26,7 +26,17 @@ LONGEST_AVERAGE = 10**6  # iterations of average_loss; their losses are kept
 
 def read(path: str | Path, **changes: Any) -> SolverParameter:
     """The options in a file, some of them changed. Raises NetlibError."""
-    return schema.changed(schema.read(prototxt.parse_file(path), SolverParameter, "solver"), **changes)
+    return schema.with_values(schema.read(prototxt.parse_file(path), SolverParameter, "solver"), **changes)
+
+
+def state_of(phase: schema.Phase, *states: NetState) -> NetState:
+    """What a net is built for: the phase, unless a state says another. Of several states the last one that says a
+    field counts, and stages add up, as in Caffe."""
+    level = 0
+    for state in states:
+        phase = state.phase if schema.says(state, "phase") else phase
+        level = state.level if schema.says(state, "level") else level
+    return NetState(phase, level, tuple(stage for state in states for stage in state.stage))
 
 
 def type_of(p: SolverParameter) -> str:
@@ -41,6 +51,8 @@ def checked(p: SolverParameter) -> SolverParameter:
         raise PrototxtError(schema.position_of(p, field), message)
     if p.snapshot_diff and p.snapshot_format == "HDF5":
         log.info("snapshot_diff is for BINARYPROTO; in HDF5 gradients are not stored")
+    if p.test_interval and not p.test_iter:
+        log.warning("test_interval without test_iter: nothing is tested, as in Caffe")
     if p.solver_mode == "GPU":
         log.info("solver_mode: GPU is accepted, but this runs on the CPU")
     return p
@@ -68,8 +80,6 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "average_loss", f"average_loss {p.average_loss} is more than a million iterations"
     if 0 in p.test_iter:
         yield "test_iter", "test_iter must be at least 1"
-    if p.test_interval and not p.test_iter:
-        yield "test_interval", "test_interval without test_iter; expected one test_iter for each test net"
 
 
 def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
@@ -81,6 +91,8 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         yield "lr_policy", f"{found}; known: {', '.join(POLICIES)}"
     needs = {"step": ("stepsize", "a stepsize of at least 1"), "multistep": ("stepvalue", "stepvalue"),
              "poly": ("max_iter", "max_iter")}  # fmt: skip
+    if p.lr_policy == "poly" and p.power < 0:
+        yield "power", f"lr_policy 'poly' needs a power that is not negative, found {p.power:g}"
     if p.lr_policy in needs and not getattr(p, needs[p.lr_policy][0]):
         yield "lr_policy", f"lr_policy {p.lr_policy!r} needs {needs[p.lr_policy][1]}"
     read_from_file = schema.tree_of(p) is not None

@@ -30,6 +30,7 @@ from scipy.special import expit
 
 from netlib import memory
 from netlib.blob import Array
+from netlib.errors import DivergenceError
 from netlib.messages import SolverParameter
 from netlib.sharing import Param
 
@@ -179,7 +180,13 @@ POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {
 
 
 def learning_rate(p: SolverParameter, iteration: int) -> float:
-    """The learning rate of the update that follows ``iteration`` updates."""
+    """The learning rate of the update that follows ``iteration`` updates. Raises DivergenceError."""
     if iteration < p.rampup_interval:
         return p.rampup_lr + (p.base_lr - p.rampup_lr) * iteration / p.rampup_interval
-    return POLICIES[p.lr_policy](p, iteration)
+    try:
+        return POLICIES[p.lr_policy](p, iteration)
+    except OverflowError:
+        raise DivergenceError(
+            f"iteration {iteration}: the learning rate is beyond all numbers by lr_policy {p.lr_policy!r} with gamma "
+            f"{p.gamma:g} and power {p.power:g}; expected a gamma below 1, or fewer iterations"
+        ) from None

@@ -271,7 +271,8 @@ def _padded(connection: Message, below: str, pad: Field | None) -> Message:
     for item in connection.fields:
         if item.name == "layer":
             inner = _inner(connection)
-            item = Field("layer", Message([*inner.fields, *([pad] if pad else [])], inner.position), item.position)
+            own = [f for f in inner.fields if f.name != "pad"]
+            item = Field("layer", Message([*own, *([pad] if pad else [])], inner.position), item.position)
         elif item.name == "bottom":
             item = Field("bottom", Scalar("string", below, item.position), item.position)
         fields.append(item)

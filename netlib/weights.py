@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from netlib import schema, snapshot, snapshot_binary, snapshot_hdf5
-from netlib.blob import Array, Blobs
+from netlib.blob import Array, Blob, Blobs
 from netlib.errors import LayerError, WeightsError
 from netlib.layer import TRAIN, Layer
 from netlib.messages import LayerParameter
@@ -109,7 +109,7 @@ def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array]
     for i, array in found.items():
         if i >= len(target):
             raise WeightsError(f"{what}: layer {name!r} has {len(found)} parameters, the net expects {len(target)}")
-        shaped = _legacy_shape(array, target[i].shape)
+        shaped = legacy_shape(array, target[i].shape)
         if shaped.shape != target[i].shape:
             raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
                                f"the net expects {target[i].shape}")  # fmt: skip
@@ -117,24 +117,27 @@ def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array]
     return writes
 
 
-def _legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
-    """Weights of Caffe before N-d blobs are 4-d, with leading ones."""
+def legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
+    """Weights and histories of Caffe before N-d blobs are 4-d, with leading ones."""
     if array.ndim == 4 and len(shape) < 4 and array.shape == (1,) * (4 - len(shape)) + shape:
         return array.reshape(shape)
     return array
 
 
 def share(net: Net, other: Net) -> None:
-    """Use the other net's parameters, by layer name: ``Net.share_params``."""
-    for name, theirs in other.params.items():
-        mine = net.params.get(name)
-        if mine is None:
-            continue
+    """Use the other net's parameters, by layer name, all or none: ``Net.share_params``."""
+    pairs: list[tuple[Blob, Blob]] = []
+    for name in (name for name in other.params if name in net.params):
+        mine, theirs = net.params[name], other.params[name]
         if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
             raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
                              f"{[b.shape for b in theirs]} in {other.source}")  # fmt: skip
-        for blob, owner in zip(mine, theirs):
-            blob.share(owner)
+        if mine.dtype != theirs.dtype:
+            raise LayerError(f"layer {name!r} is in {mine.dtype} in net {net.source}, in {theirs.dtype} in "
+                             f"{other.source}; expected the same dtype")  # fmt: skip
+        pairs += zip(mine, theirs)
+    for blob, owner in pairs:
+        blob.share_data(owner)
 
 
 def _some(names: Iterable[str]) -> str:

@@ -43,8 +43,8 @@ python tools/make_synthetic.py --recipe many_hands --out data/many_hands --train
   (31 joints, within the limits, ridge {true_angles.RIDGE:g}), and against the exact angles. Networks that
   predict joints get their angles by the same fit, without the ridge.
 - Out of limits: frames with any predicted angle beyond its limits.
-- ± is half of what lies between the seeds, where there are two. The paper's columns are NYU's: on other data they
-  tell the order to expect, and not the size of the errors.
+- ± is half of what lies between the seeds, where there are several. The paper's columns are NYU's: on other data
+  they tell the order to expect, and not the size of the errors.
 - A finding is a difference, positive where it speaks for the paper. It is confirmed or refuted when two seeds at
   least were trained long enough, all say the same, and say it by more than they differ. Two seeds are few: of
   differences that are none, this rule would decide three in ten, so trust those that are many times as large as what

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import zip_longest
 from pathlib import Path
@@ -98,8 +98,7 @@ class Net(core.Net):
     def _forward(self, start: int, end: int) -> float:
         """Run the layers numbered ``start`` to ``end``, both included; returns their loss."""
         self.executor.forward(start, end + 1)
-        tops = {id(blob) for at in self.connections[start : end + 1] for blob in at.top}
-        return float(sum(weight * float(blob.data.sum()) for blob, weight, _ in self.losses if id(blob) in tops))
+        return self.loss(slice(start, end + 1))
 
     def _backward(self, start: int, end: int) -> None:
         """Run the layers numbered ``start`` down to ``end``, both included, backwards."""
@@ -217,6 +216,12 @@ class _HookedExecutor(Executor):
 # ---------------------------------------------------------------------------------------------- solvers
 
 
+READ_ONCE = (
+    "net", "net_param", "train_net", "train_net_param", "test_net", "test_net_param", "train_state", "test_state",
+    "type", "solver_type", "weights", "random_seed", "layer_wise_reduce",
+)  # fmt: skip
+
+
 class Options:
     """The options of a solver, which may be changed while it trains: ``solver.param.base_lr = 0.01``."""
 
@@ -230,7 +235,13 @@ class Options:
         solver = object.__getattribute__(self, "_solver")
         if not hasattr(solver._param, name):
             raise AttributeError(f"a solver has no option {name!r}")
-        solver._param = solver_parameter.checked(schema.changed(solver._param, **{name: value}))
+        if name in READ_ONCE:
+            raise AttributeError(f"{name} is read once, when the solver is made; change it in the file")
+        solver._param = solver_parameter.checked(schema.with_values(solver._param, **{name: value}))
+        solver.smoothed = deque(solver.smoothed, solver._param.average_loss)
+
+    def __repr__(self) -> str:
+        return repr(object.__getattribute__(self, "_solver")._param)
 
 
 class Solver(core_solver.Solver):

@@ -125,6 +125,24 @@ def test_a_name_taken_for_a_leftover_before_it_was_locked(tmp_path: Path, monkey
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"w": b"new"}
 
 
+def test_a_name_whose_lock_another_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who takes it for a leftover will remove it, so another is made."""
+    held, calls = locks.held, []
+
+    @contextlib.contextmanager
+    def taken(path: Path) -> Iterator[bool | None]:
+        calls.append(path)
+        with held(path) as locked:
+            yield locked if len(calls) > 1 else False
+        if len(calls) == 1:
+            path.unlink()
+
+    monkeypatch.setattr(locks, "held", taken)
+    atomic.replace_bytes(tmp_path / "w", b"new")
+    assert len(calls) == 2
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"w": b"new"}
+
+
 @pytest.mark.parametrize("write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)])
 def test_a_pipe_is_not_taken_away(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
     """Nor is a device, of which a rename would make a file."""

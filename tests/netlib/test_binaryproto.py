@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from netlib import binaryproto, prototxt, schema
+from netlib.caffe import io
+from netlib.caffe.proto import caffe_pb2, text_format
 from netlib.errors import DataError, WireError
 from netlib.messages import BlobProto
 
@@ -30,6 +32,13 @@ def test_a_blob_older_than_shapes_has_four_axes() -> None:
     """num, channels, height, width."""
     array = binaryproto.array_of(proto("num: 1 channels: 2 height: 1 width: 3 data: [1, 2, 3, 4, 5, 6]"))
     assert array.shape == (1, 2, 1, 3)
+
+
+def test_a_blob_with_four_axes_and_a_shape() -> None:
+    """The four axes count, as in Caffe and in pycaffe's io."""
+    text = "num: 1 channels: 1 height: 2 width: 3 shape { dim: 6 } data: [1, 2, 3, 4, 5, 6]"
+    blob = text_format.Parse(text, caffe_pb2.BlobProto())
+    assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
 
 
 @pytest.mark.parametrize("text", ["shape { dim: 3 } data: [1, 2]", "shape { dim: -1 dim: -2 } data: [1, 2]",

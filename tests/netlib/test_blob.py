@@ -67,3 +67,19 @@ def test_a_shared_blob_uses_its_owners_memory() -> None:
     assert one.data.tolist() == [0, 1, 2, 3, 4, 5]
     assert two.data.tolist() == [[0, 1], [2, 3], [4, 5]]
     assert owner.diff[1, 2] == 7
+
+
+def test_a_blob_that_shares_data_keeps_its_diff() -> None:
+    """Its own, or that of another blob which it shared before."""
+    other, owner, one, two = Blob((3,)), Blob((3,)), Blob((3,)), Blob((3,))
+    two.share(one)
+    for blob in (one, two):
+        blob.share_data(owner)
+    owner.data[...], one.diff[...] = 5, 2
+    assert one.data.tolist() == two.data.tolist() == [5, 5, 5]
+    assert two.diff.tolist() == [2, 2, 2]
+    assert not owner.diff.any()
+    owner.share_data(other)
+    assert not two.data.any()
+    other.share_data(two)  # which is itself by now
+    assert not other.data.any()

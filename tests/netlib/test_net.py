@@ -218,7 +218,47 @@ def test_shared_weights_are_saved_and_loaded(net_of: MakeNet, tmp_path: Path) ->
             assert np.array_equal(mine.data, theirs.data)
 
 
+def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
+    """As in Caffe: each net's gradients are its own."""
+    text = "force_backward: true " + X + ip("a", "x", "a")
+    one, two = net_of(text), net_of(text, seed=2)
+    two.share_params(one)
+    assert np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
+    one.params["a"][0].diff[...] = 5
+    two.backward(a=np.ones(two.blobs["a"].shape))
+    two.clear_param_diffs()
+    assert (one.params["a"][0].diff == 5).all()
+
+
+@pytest.mark.parametrize("other", ["shape", "dtype"])
+def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
+    """Not even those that fit."""
+    text = X + ip("a", "x", "a") + ip("b", "a", "b")
+    one = net_of(text)
+    two = (
+        net_of(text, dtype=np.float64)
+        if other == "dtype"
+        else net_of(X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4))
+    )
+    with pytest.raises(netlib.LayerError, match="layer 'a' is in float32" if other == "dtype" else "layer 'b' has"):
+        one.share_params(two)
+    assert not np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
+
+
+def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
+    """As in pycaffe."""
+    text = X + "".join(f'layer {{ name: "{s}" type: "Silence" bottom: "x" include {{ stage: "{s}" }} }}' for s in "st")
+    net = net_of(text + 'state { stage: "s" }', stages=["t"])
+    assert {"s", "t"} <= set(net.layer_dict)
+
+
 # ---------------------------------------------------------------------------------------------- mistakes
+
+
+def test_rows_of_different_lengths(net_of: MakeNet) -> None:
+    """One line."""
+    with pytest.raises(netlib.LayerError, match="input 'x' takes one array, given rows of different lengths"):
+        net_of(X + ip("a", "x", "a")).forward(x=[[1, 2], [3]])
 
 
 def test_a_phase_that_is_none(net_of: MakeNet) -> None:

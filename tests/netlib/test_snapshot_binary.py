@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import schema, snapshot, snapshot_binary, wire
+from netlib import prototxt, schema, snapshot, snapshot_binary, wire
 from netlib.errors import WeightsError
 from netlib.messages import NetParameter
 from netlib.saved import SolverState
+from netlib.upgrade import AnyNetParameter
 from netlib.weights import image
 
 NET = """
@@ -128,6 +129,19 @@ def test_damaged_files_are_read_or_refused_in_one_line(net: netlib.Net) -> None:
     tracemalloc.stop()
     assert read > 20
     assert refused > 400
+
+
+def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
+    """Copied by name, in any of the three formats; older ones give types as numbers."""
+    blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
+    blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
+    for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }',
+                 'layers { layer { name: "a" type: "own" %s } }'):  # fmt: skip
+        image = wire.encode(prototxt.parse(text % blobs), AnyNetParameter)
+        (tmp_path / "w.caffemodel").write_bytes(image.replace(b"\x28\x05", b"\x28\x63"))
+        net.params["a"][0].data[...] = 0
+        net.copy_from(tmp_path / "w.caffemodel")
+        assert net.params["a"][0].data.ravel().tolist() == list(range(1, 10))
 
 
 def test_a_damaged_file_leaves_the_net_as_it_was(net: netlib.Net, tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import snapshot
+from netlib import snapshot, snapshot_binary
 from netlib.resume import COURSE
+from netlib.saved import SolverState
 
 MakeSolver = Callable[..., netlib.Solver]
 
@@ -194,10 +195,34 @@ def test_display_shows_loss_outputs_and_rate(solver_of: MakeSolver, caplog: pyte
 def test_debug_info_shows_every_blob(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
     """Mean absolute values: x = 2, y = 2, the gradient 2."""
     caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % "", "display: 1 debug_info: true").step(1)
+    solver_of(ONE_WEIGHT % 'param { name: "w" }', "display: 1 debug_info: true").step(1)
     assert "[Forward] Layer ip, top blob y data: 2" in messages(caplog, "[Forward]")
-    assert "[Backward] Layer loss, bottom blob y diff: 1" in messages(caplog, "[Backward]")
+    assert "[Forward] Layer ip, param blob w data: 1" in messages(caplog, "[Forward]")
+    assert messages(caplog, "[Backward]") == [
+        "[Backward] Layer loss, bottom blob y diff: 1",
+        "[Backward] Layer ip, param blob 0 diff: 2",
+        "[Backward] All net params (data, diff): L1 norm = (1, 2); L2 norm = (1, 2)",
+    ]
     assert "[Update] Layer ip, param 0 data: 1; diff: 2" in messages(caplog, "[Update]")
+
+
+def test_debug_info_shows_a_blob_before_a_layer_in_place(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
+    """What each layer left there: y is 2, then 4; its gradient 1, then a half."""
+    caplog.set_level("INFO", "netlib")
+    ip = ONE_WEIGHT.split('layer { name: "loss"')[0] % ""
+    text = """
+        layer { name: "half" type: "Power" bottom: "y" top: "y" power_param { scale: 0.5 shift: 3 } }
+        layer { name: "sum" type: "Reduction" bottom: "y" top: "sum" loss_weight: 1 }
+    """
+    solver_of(ip + text, "base_lr: 0 display: 2 debug_info: true").step(2)
+    assert [line for line in messages(caplog, "[Forward]") if "blob y " in line] == [
+        "[Forward] Layer ip, top blob y data: 2", "[Forward] Layer half, top blob y data: 4",
+    ]  # fmt: skip
+    assert [line for line in messages(caplog, "[Backward]") if "blob y " in line] == [
+        "[Backward] Layer sum, bottom blob y diff: 1", "[Backward] Layer half, bottom blob y diff: 0.5",
+    ]  # fmt: skip
 
 
 def test_solver_mode_gpu_is_accepted_with_a_note(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
@@ -207,7 +232,88 @@ def test_solver_mode_gpu_is_accepted_with_a_note(solver_of: MakeSolver, caplog: 
     assert len(messages(caplog, "CPU")) == 1
 
 
+def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """In the iteration in which the rate falls."""
+    caplog.set_level("INFO", "netlib")
+    solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(5)
+    assert messages(caplog, "MultiStep") == [
+        "MultiStep Status: Iteration 1, step = 1", "MultiStep Status: Iteration 3, step = 2",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400'])
+def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, policy: str) -> None:
+    """In one line."""
+    solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", f"lr_policy: {policy}")
+    solver.iter = 10**4
+    with pytest.raises(netlib.DivergenceError, match="iteration 10000: the learning rate is beyond all numbers"):
+        solver.step(1)
+
+
+# ---------------------------------------------------------------------------------------------- what a net is built for
+
+
+@pytest.mark.parametrize(
+    ("of_net", "of_solver", "layers"),
+    [
+        ("", "", "x t ip loss"),
+        ("", "level: -1", "x t ip loss low"),
+        ("level: 7", "", "x t ip loss high"),
+        ("level: 7", "level: 0", "x t ip loss"),
+        ("level: 7", "level: -3", "x t ip loss low"),
+        ("", "phase: TEST", "x t ip loss test"),
+        ("phase: TEST", "", "x t ip loss test"),
+        ("phase: TEST", "phase: TRAIN", "x t ip loss"),
+        ('stage: "a"', 'stage: "b"', "x t ip loss a b"),
+    ],
+)
+def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_solver: str, layers: str) -> None:
+    """What train_state says counts, else what the net says, else the phase TRAIN and level 0; stages add up."""
+    rules = {
+        "low": "max_level: -1",
+        "high": "min_level: 5",
+        "test": "phase: TEST",
+        "a": 'stage: "a"',
+        "b": 'stage: "b"',
+    }
+    more = "".join(
+        f'layer {{ name: "{name}" type: "Silence" bottom: "y" include {{ {rule} }} }}' for name, rule in rules.items()
+    )
+    solver = solver_of(ONE_WEIGHT % "" + more + f"state {{ {of_net} }}", f"train_state {{ {of_solver} }}")
+    assert [name for name in solver.net.layer_dict if "split" not in name] == layers.split()
+
+
 # ---------------------------------------------------------------------------------------------- test nets
+
+
+def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+    """As in Caffe; it is said."""
+    solver = solver_of(ONE_WEIGHT % "", "test_interval: 1 max_iter: 2")
+    assert solver.test_nets == []
+    assert solver.solve()
+    assert len(messages(caplog, "test_interval without test_iter")) == 1
+
+
+def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: None) -> None:
+    """One line, and nothing is broadcast."""
+    text = """
+        layer { name: "data" type: "HDF5Data" top: "x" top: "t" hdf5_data_param { source: "train.txt" batch_size: 4 } }
+        layer { name: "n" type: "Python" bottom: "x" top: "n" include { phase: TEST }
+                python_param { module: "growing" layer: "Growing" } }
+        layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" inner_product_param { num_output: 2 } }
+        layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
+    """
+    Path("growing.py").write_text(
+        "import caffe\n"
+        "class Growing(caffe.Layer):\n"
+        "    size = 0\n"
+        "    def setup(self, bottom, top): pass\n"
+        "    def reshape(self, bottom, top): self.size += 1; top[0].reshape(self.size)\n"
+        "    def forward(self, bottom, top): pass\n"
+    )
+    solver = solver_of(text, "test_iter: 2 test_interval: 1")
+    with pytest.raises(netlib.LayerError, match=r"output 'n' has \d values in this batch, had \d, so they have no"):
+        solver.test(0)
 
 
 def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: None) -> None:
@@ -286,6 +392,28 @@ def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem
     state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
     assert state == Path(f"{stem}_iter_0.solverstate")
     assert (work / f"{stem}_iter_0.caffemodel").exists()
+
+
+def test_a_directory_of_the_prefix_that_comes_later(solver_of: MakeSolver, work: Path) -> None:
+    """All snapshots of a training lie side by side."""
+    solver = solver_of(ONE_WEIGHT % "", "snapshot: 1")
+    solver.step(1)
+    (work / "snap").mkdir()
+    solver.step(1)
+    assert {path.name for path in work.glob("snap*.solverstate")} == {
+        "snap_iter_1.solverstate", "snap_iter_2.solverstate",
+    }  # fmt: skip
+    assert not list((work / "snap").iterdir())
+
+
+def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, work: Path) -> None:
+    """Under its own prefix it is there already."""
+    first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
+    first.solve()
+    state = first.snapshot_paths(2)[1]
+    again = solver_of(ONE_WEIGHT % "", 'max_iter: 2 snapshot_prefix: "other"')
+    assert again.solve(resume=state)
+    assert Path("other_iter_2.caffemodel").exists()
 
 
 def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, work: Path) -> None:
@@ -444,6 +572,19 @@ def test_a_new_max_iter_is_no_change_of_a_fixed_policy(solver_of: MakeSolver) ->
     assert longer.iter == 4
 
 
+def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Path) -> None:
+    """Caffe once stored every array with four axes."""
+    solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
+    solver.step(2)
+    state = solver.snapshot()
+    found = snapshot.read_state(state)
+    old = SolverState(2, 0, found.learned_net, [array.reshape(1, 1, 1, 1) for array in found.history], {})
+    state.write_bytes(snapshot_binary.state_image(old))
+    again = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
+    again.restore(state)
+    assert again.history[0][0].tolist() == solver.history[0][0].tolist() != [[0]]
+
+
 def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
     """A pair that was moved together is found together."""
     solver = solver_of(ONE_WEIGHT % "")
@@ -558,7 +699,7 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolve
         ('type: "RMSProp" rms_decay: 1', "must be at least 0 and less than 1"),
         ('regularization_type: "L3"', "unknown regularization_type 'L3'"),
         ("iter_size: 0", "must be at least 1"),
-        ("test_interval: 5", "test_interval without test_iter"),
+        ('lr_policy: "poly" power: -1', "lr_policy 'poly' needs a power that is not negative"),
         (
             'train_net: "net.prototxt"',
             "expected one of net, net_param, train_net, train_net_param; found net, train_net",

@@ -99,6 +99,21 @@ def test_what_a_type_does_not_have_is_dropped_with_a_note(caplog: pytest.LogCapt
     assert caplog.messages == ["<text>:1:41: 'kernelsize' means nothing to a layer of type 'relu'; dropped"]
 
 
+@pytest.mark.parametrize(("of_padding", "of_layer", "pad"), [("pad: 2", "pad: 0", (2,)), ("", "pad: 2", ())])
+@pytest.mark.parametrize("kind", ["conv", "pool"])
+def test_padding_layers_take_the_place_of_a_pad(
+    kind: str, of_padding: str, of_layer: str, pad: tuple[int, ...]
+) -> None:
+    """The layer's own does not count, as in Caffe."""
+    found = net(
+        f'layers {{ layer {{ name: "pad" type: "padding" {of_padding} }} bottom: "x" top: "p" }}'
+        f'layers {{ layer {{ name: "c" type: "{kind}" kernelsize: 3 {of_layer} }} bottom: "p" top: "c" }}'
+    )
+    [layer] = found.layer
+    [block] = layer.blocks.values()
+    assert tuple(int(value.text) for value in block.values("pad")) == pad  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import notes
+from netlib import notes, together
 from netlib.caffe import process, pycaffe
 from netlib.errors import NetlibError
 from netlib.ranks import Ranks
@@ -203,6 +203,39 @@ def test_options_may_change_while_it_trains() -> None:
     with pytest.raises(AttributeError, match="no option 'base_rate'"):
         solver.param.base_rate = 1
     assert solver.param.momentum == 0
+    solver.param.average_loss = 3
+    solver.step(4)
+    assert len(solver.smoothed) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error", "message"),
+    [
+        ("type", "Adam", AttributeError, "type is read once, when the solver is made"),
+        ("random_seed", 3, AttributeError, "random_seed is read once"),
+        ("base_lr", "x", NetlibError, "'base_lr' expects a number, found 'x'"),
+        ("max_iter", 2.5, NetlibError, "'max_iter' expects an integer from 0 to 2147483647, found 2.5"),
+        ("stepvalue", 3, NetlibError, "'stepvalue' expects a list, each an integer from 0"),
+        ("debug_info", 1, NetlibError, "'debug_info' expects true or false, found 1"),
+        ("snapshot_format", "h5", NetlibError, "'snapshot_format' expects HDF5 or BINARYPROTO, found 'h5'"),
+    ],
+)
+def test_options_that_cannot_change_so(name: str, value: object, error: type[Exception], message: str) -> None:
+    """One line, and all stays."""
+    solver = pycaffe.SGDSolver("solver.prototxt")
+    before = repr(solver.param)
+    with pytest.raises(error, match=message):
+        setattr(solver.param, name, value)
+    assert repr(solver.param) == before
+
+
+def test_solvers_of_one_file_say_the_same_options() -> None:
+    """Which ranks that train together compare."""
+    one, two = (together.facts_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
+    assert one["solver prototxt"] == two["solver prototxt"]
+    one_more = pycaffe.SGDSolver("solver.prototxt")
+    one_more.param.base_lr = 0.25
+    assert together.facts_of(one_more)["solver prototxt"] != one["solver prototxt"]
 
 
 def test_callbacks() -> None:
