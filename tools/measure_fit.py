@@ -16,6 +16,7 @@ frames that are doubted less than their mirror image (--hands). --roll: errors b
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import sys
 import time
@@ -32,7 +33,6 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
-from handpose.facts.nyu import CUBE_MM
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import GOOD_MM, read_errors
@@ -42,6 +42,7 @@ from handpose.predicting.nets import refuse_other_bodies, skeleton_to_fit, train
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from tools.arguments import add_engine, natural, parser_of, positive
 from tools.console import DONE, aligned, guarded, say
@@ -87,8 +88,7 @@ def run(args: argparse.Namespace) -> int:
     weights = Path(args.weights) if args.weights else checked_weights(read_card(SYNTHETIC_HAND))
     net = trained(args.model or SYNTHETIC_HAND / "deploy.prototxt", weights, args.engine)
     refuse_other_bodies(skeleton_to_fit(net), "the recipes are of hands")
-    model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
-    errors = read_errors(weights, model)
+    skeleton = skeleton_to_fit(net)
     terms = TERMS if args.terms else {"nothing": Weights()}
     rows: list[dict[str, Any]] = []
     begun = time.perf_counter()
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         for recipe in args.recipes:
             for without, own in terms.items():
                 generator = Generator(args.seed, "test", recipes.recipe(recipe))
-                found = measure(net, DepthFitter(model, errors, own),
+                found = measure(net, functools.partial(_fitter, skeleton, weights, own),
                                 frames_of(generator, args.frames), tuple(args.plans), hands=args.hands,
                                 progress=progress)  # fmt: skip
                 rows += _rows(recipe, found, without if args.terms else "", args.roll)
@@ -108,6 +108,12 @@ def run(args: argparse.Namespace) -> int:
         )
         print(_table(rows))
     return DONE
+
+
+def _fitter(skeleton: Skeleton, weights: Path, own: Weights, unit: float) -> DepthFitter:
+    """For crops of two such units in mm."""
+    model = FleshModel(skeleton, unit)
+    return DepthFitter(model, read_errors(weights, model), own)
 
 
 def _rows(recipe: str, found: Figures, without: str, by_roll: bool) -> list[dict[str, Any]]:

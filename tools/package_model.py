@@ -85,20 +85,23 @@ def _round(net: Net, bits: int) -> None:
 def _measure(net: Net, args: argparse.Namespace) -> None:
     """Round the weights, measure what they and the fits after them are worth, and write all of it."""
     refuse_other_bodies(skeleton_to_fit(net), "the frames that the errors are measured on show hands")
-    model = FleshModel(skeleton_to_fit(net), CUBE_MM / 2)
+    skeleton = skeleton_to_fit(net)
+    model = FleshModel(skeleton, CUBE_MM / 2)
     if args.frames <= (count := len(model.limbs)):  # a covariance of fewer samples is singular
         raise NetlibError(f"--frames {args.frames}: the covariance of the errors of {count} inputs of limbs takes "
                           f"--frames {count + 1} or more")  # fmt: skip
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:
-        exact = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
-                                    (), progress=progress)  # fmt: skip
+
+        def measured(errors: NetworkErrors | None, plans: tuple[str, ...]) -> fit_figures.Figures:
+            return fit_figures.measure(net, lambda unit: DepthFitter(FleshModel(skeleton, unit), errors),
+                                       frames_of(generator, args.frames), plans, progress=progress)  # fmt: skip
+
+        exact = measured(None, ())
         _round(net, args.bits)
-        first = fit_figures.measure(net, DepthFitter(model), frames_of(generator, args.frames),
-                                    (), progress=progress)  # fmt: skip
+        first = measured(None, ())
         errors = NetworkErrors(covariance(first.limbs), {}, {})
-        fitter = DepthFitter(model, errors)
-        found = fit_figures.measure(net, fitter, frames_of(generator, args.frames), tuple(PLANS), progress=progress)
+        found = measured(errors, tuple(PLANS))
     weights = {plan: weights_of(found.signs[plan], found.fits[plan]) for plan in PLANS}
     tables = {plan: table_of(doubt_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
     write_model(net, NetworkErrors(errors.limbs, tables, weights), args.out)

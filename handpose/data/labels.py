@@ -23,6 +23,8 @@ from netlib.errors import DataError
 from netlib.hdf5 import File
 
 ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
+EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # where nothing was rounded; on its axis a camera cannot be known from others
+APART_PX = 20.0  # centres nearer to each other than this do not tell a camera
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,8 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
 def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """Crop centres (n, 3) of all frames, px, px, mm, and the camera that saw them. Raises DataError.
 
-    Files have each centre in pixels and in mm, so the camera follows: u = u0 + fx x / z, v = v0 - fy y / z. It has the
-    size of the camera in ``CAMERAS`` that it is, else its middle is taken for the image's.
+    Files have each centre in pixels and in mm, so the camera follows: u = u0 + fx x / z, v = v0 - fy y / z. It is one
+    of ``CAMERAS`` if that maps the centres so, else its middle is taken for the image's.
     """
     found = []
     for file in files:
@@ -102,12 +104,19 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     uvd, xyz = np.concatenate(found, axis=1)
     if not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > 0).all()):
         raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
+    known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
+    if len(known) == 1:
+        return uvd, known[0]
     numbers = []
     for pixel, slope in ((uvd[:, 0], xyz[:, 0] / xyz[:, 2]), (uvd[:, 1], -xyz[:, 1] / xyz[:, 2])):
         A = np.stack([np.ones(len(slope)), slope], axis=1)
         (middle, focal), *_ = np.linalg.lstsq(A, pixel, rcond=None)
         if np.abs(A @ (middle, focal) - pixel).max() > ONE_CAMERA_PX:
             raise DataError(f"{files[0].path}: crop centres of several cameras; expected frames of one")
+        if np.ptp(pixel) < APART_PX:
+            raise DataError(f"{files[0].path}: its crop centres lie within {np.ptp(pixel):.3g} px of each "
+                            "other in a row or a column, which does not tell the camera; expected more frames, "
+                            f"with centres more than {APART_PX:g} px apart")  # fmt: skip
         numbers += [float(focal), float(middle)]
     fx, u0, fy, v0 = numbers
     if not (fx > 0 and fy > 0):
@@ -117,3 +126,9 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
         if np.allclose((fx, fy, u0, v0), (camera.fx, camera.fy, camera.u0, camera.v0), atol=0.5):
             return uvd, camera
     return uvd, Camera("own", fx, fy, u0, v0, round(2 * u0), round(2 * v0))
+
+
+def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:
+    """Does a camera see these points at these pixels, some of them off its axis?"""
+    miss, off = np.abs(camera.project(xyz) - uvd)[:, :2], np.abs(uvd[:, :2] - (camera.u0, camera.v0))
+    return bool(miss.max() < EXACTLY_PX and off.max(axis=0).min() > OFF_AXIS_PX)

@@ -21,13 +21,17 @@ from netlib.net import Net
 
 @dataclass(frozen=True)
 class Block:
-    """Frames of one camera: crops (n, S, S), centres (n, 3) px, px, mm, true joints (n, K, 3) in mm and inputs."""
+    """Frames of one camera: crops (n, S, S), centres (n, 3) px, px, mm, true joints (n, K, 3) in mm and inputs.
+
+    unit  mm in a half-cube of the crops
+    """
 
     crops: NDArray[np.float32]
     center_uvd: Array
     camera: Camera
     joints: Array
     inputs: Array
+    unit: float
 
 
 def frames_of(generator: Generator, frames: int) -> Iterator[Block]:
@@ -35,7 +39,8 @@ def frames_of(generator: Generator, frames: int) -> Iterator[Block]:
     for number in range(-(-frames // BLOCK)):
         scene, n = generator.scene(number), min(BLOCK, frames - number * BLOCK)
         joints = scene.bodies.joints[:n] * scene.cube_mm / 2
-        yield Block(scene.depth[:n], scene.center_uvd[:n], scene.camera, joints, scene.bodies.inputs[:n])
+        inputs, unit = scene.bodies.inputs[:n], scene.cube_mm / 2
+        yield Block(scene.depth[:n], scene.center_uvd[:n], scene.camera, joints, inputs, unit)
 
 
 @dataclass(frozen=True)
@@ -64,16 +69,21 @@ class Figures:
 
 def measure(
     net: Net,
-    fitter: DepthFitter,
+    fitter_of: Callable[[float], DepthFitter],
     blocks: Iterator[Block],
     plans: tuple[str, ...],
     *,
     hands: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Figures:
-    """Fit frames by several plans. ``hands``: their mirror images, too. ``progress`` is told of frames done."""
+    """Fit frames by several plans, with the fitter for the unit of their crops. ``hands``: their mirror images, too.
+    ``progress`` is told of frames done."""
     parts: list[dict[str, Array]] = []
+    fitters: dict[float, DepthFitter] = {}
     for block in blocks:
+        if block.unit not in fitters:
+            fitters[block.unit] = fitter_of(block.unit)
+        fitter = fitters[block.unit]
         own = hand_inputs(net, block.crops)
         x = fitter.model.variables_of(own)
         limbs = fitter.model.limbs

@@ -34,6 +34,7 @@ from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsu
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior
 from handpose.synthetic.sensor import KINECT, Sensor, sense
+from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -151,12 +152,11 @@ class Generator:
         recipe = asdict(self.recipe) | {
             "views": [[asdict(part) if part else None for part in v] for v in self.recipe.views]
         }
-        body = text_of(self.sampler.skeleton.param, self.sampler.skeleton.name, "")
         return {
             "version": VERSION,
             "seed": self.seed,
             "split": self.split,
-            "body": hashlib.sha256(body.encode()).hexdigest()[:16],
+            "body": body_hash(self.sampler.skeleton),
             **recipe,
         }
 
@@ -166,6 +166,12 @@ class Generator:
         differ = 1 + subject.bone_std * cut_normal(rng, skeleton.bones.shape, self.recipe.prior.scale_clip)
         other = skeleton.with_numbers(skeleton.param.dof, skeleton.bones * differ)
         return BodySampler(self.recipe.prior, subject.cube_mm, other)
+
+
+def body_hash(skeleton: Skeleton) -> str:
+    """What tells a body from others: its skeleton's whole text, in sixteen digits."""
+    text = text_of(skeleton.param, skeleton.name, "")
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:

@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 
 from handpose.data.places import BEHIND_MM, CUBE_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import KINECT2, SR305
-from handpose.synthetic.generator import BLOCK, VERSION, Split, View, check_source, numbers_of
+from handpose.synthetic.flesh_prior import ANYBODY
+from handpose.synthetic.generator import BLOCK, VERSION, Split, View, body_hash, check_source, numbers_of
+from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import RangeParameter
+from handpose.synthetic.recipes import any_roll
 from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
 from netlib.blob import Array
@@ -109,6 +112,9 @@ class PlaceGenerator:
             "views": [
                 [asdict(view.camera), asdict(view.sensor) if view.sensor else None, *depth] for view, depth in VIEWS
             ],
+            "body": body_hash(BodySampler(any_roll()).skeleton),
+            "prior": asdict(any_roll()),
+            "flesh": asdict(ANYBODY),
             "crop": [CUBE_MM, SIZE, VOXEL_MM, BEHIND_MM],
             "drawn": [WITHIN_MM, BEYOND_MM, PER_SCENE, REFINED, WITH_HAND, REFINED_MM, JITTER_MM],
         }

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from handpose.data import labels
+from handpose.facts.cameras import CAMERAS, NYU, Camera
 from netlib.errors import DataError
 from netlib.hdf5 import File
 
@@ -140,13 +141,32 @@ def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
 
 
 def test_centers_that_tell_no_camera(tmp_path):
-    """All on the axis: any focal length would do, and none follows."""
-    uvd = np.tile([320.0, 240.0, 700.0], (4, 1))
-    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=uvd * (0, 0, 1))
-    with pytest.raises(
-        DataError, match=r"a\.h5: crop centres from which focal lengths of 0, 0 px follow; expected more"
-    ):
-        labels.read_crop_centers([File(path, ("joint",))])
+    """All on the axis, or all at one place: any focal length would do, and none follows."""
+    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
+    for camera, spread in ((NYU, (0, 0)), (own, (0, 0)), (own, (9, 90)), (own, (90, 9))):
+        uvd = np.tile([camera.u0, camera.v0, 700.0], (4, 1)) + (0 if camera is NYU else 50, 0, 0)
+        uvd[1, :2] += spread
+        path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
+        with pytest.raises(DataError, match=r"a\.h5: .* lie within [09]\S* px .* does not tell the camera; expected"):
+            labels.read_crop_centers([File(path, ("joint",))])
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_the_camera_of_one_frame(tmp_path, name):
+    """A known one maps its centre exactly."""
+    uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
+    found, camera = labels.read_crop_centers([File(path, ("joint",))])
+    assert camera == CAMERAS[name] and np.allclose(found, uvd)
+
+
+def test_the_camera_follows_from_the_centers(tmp_path):
+    """One that is not known, from centres that were rounded."""
+    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
+    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=np.round(uvd), center=own.unproject(uvd + 0.3))
+    _, camera = labels.read_crop_centers([File(path, ("joint",))])
+    assert np.allclose((camera.fx, camera.fy), (500, 510)) and camera.name == "own"
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no HDF5 at all", "cut"], ids=["missing", "empty", "text", "cut"])

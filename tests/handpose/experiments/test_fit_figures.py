@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from handpose.experiments.fit_figures import auc, frames_of, measure, roll_of
+from handpose.fitting.depth.body import FleshModel
+from handpose.fitting.depth.fit import DepthFitter
+from handpose.predicting.nets import hand_inputs
 from handpose.predicting.packaged import load_predictor
+from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
@@ -16,9 +20,10 @@ def test_figures_of_the_packaged_network() -> None:
     """Forty frames that nothing was chosen on: the fits beat the network, know when they fail, know their hand."""
     predictor = load_predictor()
     assert predictor.fitter is not None
+    fitter = predictor.fitter
     done: list[int] = []
     frames = frames_of(Generator(77, "test", recipes.recipe("nyu")), 40)
-    found = measure(predictor.net, predictor.fitter, frames, ("fast", "accurate"), hands=True, progress=done.append)
+    found = measure(predictor.net, lambda unit: fitter, frames, ("fast", "accurate"), hands=True, progress=done.append)
     assert done == [40] and len(found.network) == 40 and found.limbs.shape == (40, 20)
     network, fast, accurate = (np.median(e) for e in (found.network, found.fits["fast"], found.fits["accurate"]))
     assert accurate < fast < 0.6 * network and accurate < 6
@@ -33,6 +38,25 @@ def test_frames_are_those_of_the_generator() -> None:
     blocks = list(frames_of(Generator(1, "test", recipes.recipe("cameras")), 70))
     assert [len(block.crops) for block in blocks] == [64, 6]
     assert {len(block.joints) for block in blocks} == {64, 6} and blocks[0].joints.shape[1:] == (31, 3)
+
+
+def test_crops_of_another_cube() -> None:
+    """Of a second subject: its fitter is one for the smaller cube."""
+    blocks = list(frames_of(Generator(1, "test", recipes.recipe("one_hand")), 65))
+    assert [block.unit for block in blocks] == [150, 130.5]
+    predictor = load_predictor()
+    assert predictor.fitter is not None
+    skeleton, made = predictor.fitter.model.skeleton, []
+
+    def fitter_of(unit: float) -> DepthFitter:
+        made.append(unit)
+        return DepthFitter(FleshModel(skeleton, unit))
+
+    found = measure(predictor.net, fitter_of, iter([*blocks, blocks[1]]), ())
+    assert made == [150, 130.5]
+    own = FleshModel(skeleton, 130.5)
+    x = own.variables_of(hand_inputs(predictor.net, blocks[1].crops))
+    assert found.network[64:65] == pytest.approx(mean_errors_14(own.joints(x), blocks[1].joints))
 
 
 def test_auc() -> None:

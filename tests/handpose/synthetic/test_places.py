@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 
 import numpy as np
@@ -13,6 +14,7 @@ from handpose.synthetic import places, scenes
 from handpose.synthetic.generator import BLOCK
 from handpose.synthetic.many import generate
 from handpose.synthetic.places import BEYOND_MM, NOBODY, PER_SCENE, WITHIN_MM, PlaceGenerator, PlaceRows
+from handpose.synthetic.recipes import any_roll
 from netlib.errors import DataError
 
 
@@ -71,6 +73,13 @@ def test_the_same_places(block: PlaceRows) -> None:
     assert not np.array_equal(PlaceGenerator(3, "test").block(1).depth, block.depth)
     assert generator.made_from() != PlaceGenerator(4).made_from()
     assert block.index.tolist() == list(range(BLOCK, 2 * BLOCK))
+
+
+def test_what_they_are_made_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How hands are held, and which hand, too: another prior is another recipe, and files are made anew."""
+    before = json.dumps(PlaceGenerator(3).made_from())
+    monkeypatch.setattr(places, "any_roll", lambda: any_roll().but(scale_std=0.2))
+    assert json.dumps(PlaceGenerator(3).made_from()) != before
 
 
 def test_a_few_of_them(block: PlaceRows) -> None:
