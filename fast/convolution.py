@@ -31,7 +31,7 @@ class FastConvolution(Twin, Convolution):
         """Of any size."""
         return self.simple
 
-    def sparse_tiles(self) -> bool:
+    def writes_sparse(self) -> bool:
         """Where nobody asks for the gradient of the image."""
         return self.simple and not self.needs_bottom_diff
 

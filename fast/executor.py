@@ -9,12 +9,13 @@ going to look at all: then none is hidden any more, and looking through all blob
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
+from typing import cast
 
 import numpy as np
 
-from fast.plan import plan, whole
+from fast.plan import Run, plan, whole
 from fast.slices import SlicedStep
 from fast.tiles import FastBlob, LazilyCleared
 from fast.twin import Twin
@@ -50,7 +51,7 @@ class SlicedExecutor(Executor):
         runs = [whole(at) for at in self.connections]
         if not self._by_layer:
             runs = plan(self.connections, lambda blob: id(blob) in self._stored)
-        self.steps = [SlicedStep(run) if run.sliced else WholeStep(run.connections[0]) for run in runs]
+        self.steps = [_step_of(run) for run in runs]
         for blob in self.hidden():
             assert isinstance(blob, FastBlob)
             blob.on_look = partial(_look, weakref.ref(self), blob)
@@ -67,6 +68,28 @@ class SlicedExecutor(Executor):
             super().forward(first, last)
             if not self._is_part(first, last):
                 self._seen = [True, False]
+
+    def in_order(self, first: int, last: int | None) -> Iterator[WholeStep | SlicedStep]:
+        """What runs the layers. Where the layers before have left blobs of unequal numbers of items, a step that would
+        cut them all alike is first divided into steps that can."""
+        number, end = first, len(self.steps) if last is None else last
+        while number < end:
+            step = self.steps[number]
+            if isinstance(step, SlicedStep) and not step.is_even():
+                parts = self._divided(step)
+                self.steps = [*self.steps[:number], *parts, *self.steps[number + 1 :]]
+                end += len(parts) - 1
+                continue
+            yield step
+            number += 1
+
+    def _divided(self, step: SlicedStep) -> list[WholeStep | SlicedStep]:
+        """Steps for the same layers, by the shapes that their blobs have now."""
+        hidden = {id(blob): blob for blob in step.run.hidden}
+        runs = plan(step.run.connections, lambda blob: id(blob) not in hidden)
+        for key in hidden.keys() - {id(blob) for run in runs for blob in run.hidden}:
+            cast(FastBlob, hidden[key]).on_look = None
+        return [_step_of(run) for run in runs]
 
     def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards."""
@@ -134,11 +157,16 @@ class SlicedExecutor(Executor):
                 step.forward()
             _put_back(kept)
         if self._seen[1]:
+            _put_back(old.weights_back)
             kept = [(b.diff, b.diff.copy()) for b in [*old.run.outside("bottom"), *params]]
             for step in reversed(steps):
                 step.backward()
             _put_back(kept)
         _put_back(now)
+
+
+def _step_of(run: Run) -> WholeStep | SlicedStep:
+    return SlicedStep(run) if run.sliced else WholeStep(run.connections[0])
 
 
 def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
@@ -164,8 +192,11 @@ class WholeStep(Step):
 
     def forward(self) -> None:
         """Shape the tops and compute them."""
-        shapes = [blob.shape for blob in self.at.bottom]
-        if shapes != self._shapes or not self._steady:
+        if self._shapes != self._now() or not self._steady:
             guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
-            self._shapes = shapes
+            self._shapes = self._now()
         guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
+
+    def _now(self) -> list[tuple[int, ...]]:
+        """The shapes of all its blobs, which a caller may have changed."""
+        return [blob.shape for blob in (*self.at.bottom, *self.at.top)]

@@ -98,7 +98,7 @@ class FastKinematics(Kinematics):
         for group in self.groups:
             p = start = np.zeros((1, 3, 1), self.dtype)
             if group.parent < 0:
-                frame = list(origin)
+                frame = [np.broadcast_to(column, (len(group.joints), 3, N)) for column in origin]
             else:
                 frame = [column[group.slots] for column in pose.columns[group.parent]]
                 p = local[self.groups[group.parent].joints][group.slots]
@@ -168,7 +168,7 @@ class FastKinematics(Kinematics):
             J[:, :, i] = a[:, :, j] * arm[:, :, k] - a[:, :, k] * arm[:, :, j]
         J[~sk.turns] = a[~sk.turns]
         J *= sk.moves[:, chosen, None, None]
-        return J.reshape(Q, -1, N).transpose(2, 0, 1)
+        return J.reshape(Q, 3 * len(chosen), N).transpose(2, 0, 1)
 
     def bone_directions(self, pose: Pose) -> Array:
         """From the frames of the groups."""

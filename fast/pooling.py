@@ -6,6 +6,7 @@ A single window over the whole map is one argmax. Other options are the plain la
 from __future__ import annotations
 
 from fast.max_tiles import MaxTiles
+from fast.tiles import pitch_of, tile_of
 from fast.twin import Twin
 from layers.vision.pooling import Pooling
 from netlib.blob import Blobs
@@ -22,6 +23,7 @@ class FastPooling(Twin, Pooling):
         k = self.kernel[0]
         side_by_side = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and self.param.round_mode == "CEIL"
         self.fits = self.is_max and len(top) == 1  # the plain layer writes a mask
+        self.layout: list[tuple[tuple[int, ...], int | None, int]] = []
         self.tile = k if self.fits and side_by_side and 1 < k <= LARGEST_TILE else None
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
@@ -32,15 +34,17 @@ class FastPooling(Twin, Pooling):
         """Of any size."""
         return self.tile is not None
 
-    def sparse_tiles(self) -> bool:
+    def reads_sparse(self) -> bool:
         """Windows that hold one value have it as their maximum."""
         return self.tile is not None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        """Lay out the windows."""
+        """Lay out the windows; where none has moved, the winners of the last pass stay."""
         super().reshape(bottom, top)
-        if self.tile:
+        layout = [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in (bottom[0], top[0])]
+        if self.tile and layout != self.layout:
             self.tiles = MaxTiles(self, self.tile, bottom[0], top[0])
+            self.layout = [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in (bottom[0], top[0])]
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Maximum and winners."""

@@ -28,7 +28,7 @@ from functools import partial
 
 from fast import parallel
 from fast.facts import facts_of
-from fast.plan import Run, uses_of
+from fast.plan import Run, Use, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.twin import Twin
 from netlib import memory
@@ -58,7 +58,8 @@ class SlicedStep(Step):
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
-        self.weights: list[tuple[Array, Array]] = []  # parameters, and their values in the last forward
+        self.weights: list[tuple[Array, Array]] = []  # parameters, and their values in the last forward ...
+        self.weights_back: list[tuple[Array, Array]] = []  # ... and backward
         self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
         down = {id(b) for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is written or read
@@ -86,6 +87,7 @@ class SlicedStep(Step):
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self._needs_backward:
             return
+        self.weights_back = [(p.data, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
         for blob in self._gradients:
             self._ensure(blob, "diff")
         caller = threading.get_ident()
@@ -113,6 +115,14 @@ class SlicedStep(Step):
         except MemoryError as error:
             at = self._user[id(blob)]
             raise memory.of_layer(at.layer, half, at.bottom, at.top, error) from error
+
+    def is_even(self) -> bool:
+        """Shape the blobs anew, if inputs have other shapes: have all the same number of items, still?"""
+        if [b.shape for b in self._inputs] == self._shapes and self._lanes:
+            return True
+        for at in self.run.connections:
+            guarded(at.layer, "reshape", at.bottom, at.top)
+        return len({b.shape[:1] for at in self.run.connections for b in [*at.bottom, *at.top]}) == 1
 
     def _reshape(self) -> None:
         """Cut the batch into slices, if that is not done yet for these shapes."""
@@ -156,10 +166,17 @@ class SlicedStep(Step):
             return Window(whole, rows, shape)
         blob = Hidden(shape, whole.dtype, self._buffers, id(whole), id(whole) in self._kept)
         blob.tile = self.run.tiles.get(id(whole))
-        users = [use.at.layer for use in self._users[id(whole)]]
-        can = all(isinstance(layer, Twin) and layer.sparse_tiles() for layer in users)
-        blob.may_be_sparse = blob.tile is not None and len(users) == 2 and can
+        uses = self._users[id(whole)]
+        blob.may_be_sparse = blob.tile is not None and len(uses) == 2 and all(map(_can_be_sparse, uses))
         return blob
+
+
+def _can_be_sparse(use: Use) -> bool:
+    """Can a layer write, or read, a blob of which only some windows are stored?"""
+    layer = use.at.layer
+    if not isinstance(layer, Twin):
+        return False
+    return (layer.writes_sparse() or not use.writes) and (layer.reads_sparse() or not use.reads)
 
 
 def _with_params(layer: Layer, params: Blobs) -> Layer:

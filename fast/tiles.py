@@ -13,12 +13,15 @@ all others hold one and the same value for each channel, as over the background 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob
+
+OURS = 2  # references to an array of a blob, while they are counted: the blob's, and the counter's
 
 
 @dataclass
@@ -111,7 +114,10 @@ class LazilyCleared(Blob):
     def clear(self) -> None:
         """Set the diff to zero, for whoever looks."""
         if self._diff_owner is None:
-            self._is_clear = True
+            is_kept = self._diff is not None and sys.getrefcount(self._diff) > OURS
+            if self._diff is not None and is_kept:  # who keeps the array looks at it without asking this blob
+                self._diff.fill(0)
+            self._is_clear = not is_kept
         elif isinstance(self._diff_owner, LazilyCleared):
             self._diff_owner.clear()
         else:

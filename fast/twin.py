@@ -40,6 +40,10 @@ class Twin(Layer):
         """Can the tops be tiled, whatever the tile?"""
         return False
 
-    def sparse_tiles(self) -> bool:
-        """Can tiled bottoms and tops be sparse?"""
+    def writes_sparse(self) -> bool:
+        """Can a tiled top be sparse?"""
+        return False
+
+    def reads_sparse(self) -> bool:
+        """Can a tiled bottom be sparse?"""
         return False

@@ -173,7 +173,13 @@ class Graph:
                     log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
                                 "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
                                 at.layer.name, name, below.layer.name)  # fmt: skip
-                writers[id(blob)] = at
+                signs = below is not None and below.layer.reads_signs
+                if below is not None and below.needs_backward and signs and not at.layer.keeps_signs:
+                    log.warning("%s: layer %r overwrites blob %r, of which the gradient of layer %r needs the signs: "
+                                "where they change it will be wrong, as in Caffe; give the top another name",
+                                schema.position_of(at.layer.spec), at.layer.name, name, below.layer.name)  # fmt: skip
+                if not signs or not at.layer.keeps_signs:
+                    writers[id(blob)] = at
 
 
 def _automatic_tops(layer: Layer) -> int:

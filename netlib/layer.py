@@ -68,6 +68,8 @@ class Layer:
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # may a top be the same blob as its bottom
     reads_top: bool = False  # backward reads the tops' data, so no layer in place may overwrite them
+    reads_signs: bool = False  # backward reads which values of the tops are above 0
+    keeps_signs: ClassVar[bool] = False  # what is above 0 stays so, all else not, where a gradient comes from above
     loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
     is_input: ClassVar[bool] = False  # the caller writes the tops
     moving: ClassVar[bool] = False  # forward changes the parameters: running means

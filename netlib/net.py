@@ -82,7 +82,7 @@ class Net:
             else:
                 weights = value
         self.dtype = np.dtype(dtype)
-        if self.dtype.kind != "f":
+        if self.dtype not in (np.float32, np.float64):
             raise NetlibError(f"a net computes in float32 or float64, not in {self.dtype}")
         self.source = str(model) if isinstance(model, (str, Path)) else "<net>"
         param = load_parameter(model)
@@ -102,6 +102,7 @@ class Net:
         self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
         self.connections, self.layer_dict = graph.connections, graph.layer_dict
         self.layers = list(self.layer_dict.values())
+        self._in_place = {id(x) for at in self.connections for x in at.bottom for y in at.top if x is y}
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff that has its weight
         outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
         self.executor = self.engine.executor(self.connections, outside, self.name)
@@ -182,10 +183,11 @@ class Net:
     def _seed_losses(self) -> None:
         """The loss is the sum of loss_weight x top, so dL/dtop is loss_weight.
 
-        It is written once into each array, as in Caffe: what a user writes over it counts.
+        It is written once into each array, as in Caffe: what a user writes over it counts. Where a layer in place
+        overwrites it, it is written before each pass.
         """
         for i, (blob, weight, _) in enumerate(self.losses):
-            if self._seeded.get(i) is not blob.diff:
+            if self._seeded.get(i) is not blob.diff or id(blob) in self._in_place:
                 blob.diff[...] = weight
                 self._seeded[i] = blob.diff
 

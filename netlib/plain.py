@@ -6,7 +6,7 @@ independent jobs are done. This is all of it; the fast engine (fast/engine.py) r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -78,8 +78,12 @@ class Executor:
         with self.one_thread, np.errstate(all="ignore"):  # what is not finite is the solver's to find, and to say where
             if not self._fits and (first, last) == (0, None):
                 self._ask_for_memory()
-            for step in self.steps[first:last]:
+            for step in self.in_order(first, last):
                 step.forward()
+
+    def in_order(self, first: int, last: int | None) -> Iterator[Step]:
+        """What runs the layers ``first`` to before ``last`` forwards."""
+        return iter(self.steps[first:last])
 
     def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""

@@ -24,7 +24,7 @@ class Axpy(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         a, x, y = (blob.shape for blob in bottom)
-        if a[:2] != x[:2] or bottom[0].count != x[0] * x[1] or len(x) < 2:
+        if len(x) < 2 or a[:2] != x[:2] or bottom[0].count != x[0] * x[1]:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {a} must have one number per item and channel of "
                             f"{self.spec.bottom[1]!r} {x}")  # fmt: skip
         if x != y:

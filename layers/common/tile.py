@@ -43,8 +43,14 @@ class Tile(Layer):
         top[0].reshape(shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = np.concatenate([bottom[0].data] * self.param.tiles, axis=self.axis)
+        x = bottom[0].data
+        top[0].data.reshape(self._apart(bottom))[...] = np.expand_dims(x, self.axis)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            bottom[0].diff[...] = sum(np.split(top[0].diff, self.param.tiles, axis=self.axis))
+            bottom[0].diff[...] = top[0].diff.reshape(self._apart(bottom)).sum(axis=self.axis)
+
+    def _apart(self, bottom: Blobs) -> tuple[int, ...]:
+        """The top's shape, with an axis of its own for the tiles."""
+        shape = bottom[0].shape
+        return (*shape[: self.axis], self.param.tiles, *shape[self.axis :])

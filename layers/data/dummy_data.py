@@ -21,7 +21,7 @@ class DummyDataParameter:
 
     data_filler: tuple[Filler, ...] = numbered(1, ())  # constant 0 by default
     shape: tuple[BlobShape, ...] = numbered(6, ())
-    num: tuple[UInt, ...] = numbered(2, ())  # older than shape: four numbers per top
+    num: tuple[UInt, ...] = numbered(2, ())  # older than shape: four sizes, each once or once per top
     channels: tuple[UInt, ...] = numbered(3, ())
     height: tuple[UInt, ...] = numbered(4, ())
     width: tuple[UInt, ...] = numbered(5, ())
@@ -36,7 +36,15 @@ class DummyData(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        shapes = [s.dim for s in p.shape] or list(zip(p.num, p.channels, p.height, p.width))
+        older = {"num": p.num, "channels": p.channels, "height": p.height, "width": p.width}
+        shapes: list[tuple[int, ...]] = [s.dim for s in p.shape]
+        if any(older.values()):
+            if shapes:
+                raise self.fail("has both shape and the older num, channels, height, width; expected one", "shape")
+            for what, sizes in older.items():
+                if len(sizes) not in (1, len(top)):
+                    raise self.fail(f"has {len(top)} tops, but {len(sizes)} of {what}", what)
+            shapes = [tuple(sizes[i % len(sizes)] for sizes in older.values()) for i in range(len(top))]
         for what, given in (("shape", shapes), ("data_filler", p.data_filler)):
             if len(given) not in (0 if what == "data_filler" else 1, 1, len(top)):
                 raise self.fail(f"has {len(top)} tops, but {len(given)} of {what}", what)

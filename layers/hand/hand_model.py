@@ -59,8 +59,8 @@ class HandModel(Layer):
         self.still = np.flatnonzero(self.skeleton.fixed & body.slides)  # which only a factor moves
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        N, D, K = bottom[0].shape[0], len(self.skeleton.dof_names), len(self.skeleton.joint_names)
-        if bottom[0].count != N * D:
+        N, D, K = bottom[0].num, len(self.skeleton.dof_names), len(self.skeleton.joint_names)
+        if not bottom[0].shape or bottom[0].count != N * D:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, "
                             f"skeleton {self.skeleton.name!r} expects ({N}, {D})")  # fmt: skip
         for b in bottom[1:]:

@@ -49,13 +49,16 @@ class SmoothL1Loss(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) == 3:
             raise self.fail("has 3 bottoms, expected 2, or 4 with the inside and the outside weights")
+        self.slope = np.empty(0, self.dtype)
         with np.errstate(over="ignore"):
             self.sigma2 = self.dtype.type(self.param.sigma) ** 2
         if not (self.param.sigma > 0 and 0 < self.sigma2 < np.inf):
             raise self.fail(f"sigma {self.param.sigma:g} must be above 0, and its square a {self.dtype}", "sigma")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = np.empty(self.items_and_values(bottom), self.dtype)
+        shape = self.items_and_values(bottom)
+        if self.slope.shape != shape:  # else backward may still need it
+            self.slope = np.empty(shape, self.dtype)
         top[0].reshape(())
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

@@ -371,6 +371,96 @@ def test_nets_of_any_engines_share_parameters(
     assert not two.params["f"][0].diff.any()
 
 
+TWO_SIZES = """
+    force_backward: true
+    layer { name: "in" type: "Input" top: "x" top: "y" top: "s"
+            input_param { shape { dim: 4 dim: 1 dim: 8 dim: 8 } shape { dim: 4 dim: 1 dim: 8 dim: 8 }
+                          shape { dim: 4 } } }
+    layer { name: "f" type: "Filter" bottom: "x" bottom: "s" top: "fx" }
+    %s
+"""
+CONV = """
+    layer { name: "%s" type: "Convolution" bottom: "%s" top: "%s"
+            convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
+    layer { name: "r%s" type: "ReLU" bottom: "%s" top: "%s" }
+"""
+OF_X, OF_Y = (CONV % (name, bottom, name, name, name, name) for name, bottom in (("cx", "fx"), ("cy", "y")))
+
+
+@pytest.mark.parametrize("order", [OF_X + OF_Y, OF_Y + OF_X], ids=["filtered first", "filtered last"])
+def test_blobs_of_different_numbers_of_items(net_of: MakeNet, rng: np.random.Generator, order: str) -> None:
+    """As a Filter leaves them, other numbers in every pass, or whoever reshapes one of two inputs."""
+    fast, plain = (net_of(TWO_SIZES % order, engine=name) for name in ("fast", "plain"))
+    x, y = rng.normal(size=(2, 4, 1, 8, 8)).astype(np.float32)
+    for chosen in ([1, 1, 1, 1], [1, 0, 0, 1], [0, 1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]):
+        for net in (fast, plain):
+            net.forward(x=x, y=y, s=np.array(chosen))
+        slopes = {name: rng.normal(size=plain.blobs[name].shape) for name in ("cx", "cy")}
+        for net in (fast, plain):
+            net.clear_param_diffs()
+            net.backward(**slopes)
+        assert fast.blobs["cx"].shape[0] == sum(chosen)
+        for name in ("cx", "cy"):
+            assert difference(fast.blobs[name].data, plain.blobs[name].data) <= 1e-6
+            assert difference(fast.params[name][0].diff, plain.params[name][0].diff) <= 1e-5
+    for net in (fast, plain):
+        net.blobs["y"].reshape(6, 1, 8, 8)
+        net.blobs["y"].data[...] = np.resize(y, (6, 1, 8, 8))
+        net.forward()
+    assert difference(fast.blobs["cy"].data, plain.blobs["cy"].data) <= 1e-6
+
+
+@pytest.mark.parametrize("kernels", [(3, 3), (3, 1), (5, 3)])
+@pytest.mark.parametrize("frozen", [False, True])
+def test_two_convolutions_in_a_row(
+    net_of: MakeNet, rng: np.random.Generator, kernels: tuple[int, int], frozen: bool
+) -> None:
+    """The second needs all of what the first writes, though nobody asks for the gradient of the image."""
+    text = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 1 dim: 28 dim: 28 } } }'
+    for name, bottom, size in zip(("c1", "c2"), ("x", "c1"), kernels):
+        rate = "param { lr_mult: 0 } param { lr_mult: 0 }" if name == "c1" else ""
+        text += f"""layer {{ name: "{name}" type: "Convolution" bottom: "{bottom}" top: "{name}" {rate}
+            convolution_param {{ num_output: 8 kernel_size: {size} weight_filler {{ type: "xavier" }} }} }}"""
+    if frozen:
+        text += 'layer { name: "l" type: "Reduction" bottom: "c2" top: "l" loss_weight: 1 }'
+    x = rng.normal(size=(2, 1, 28, 28))
+    fast, plain = (net_of(text, engine=name) for name in ("fast", "plain"))
+    for net in (fast, plain):
+        net.forward(x=x)
+        net.backward()
+    assert difference(fast.blobs["c2"].data, plain.blobs["c2"].data) <= 1e-6
+    assert difference(fast.params["c2"][0].diff, plain.params["c2"][0].diff) <= 1e-5
+
+
+def test_a_reshape_to_the_same_shapes_keeps_the_winners(net_of: MakeNet) -> None:
+    """Of a net that runs layer by layer, too."""
+    net = layer_by_layer(net_of(PAPER))
+    feed(net, batch(3))
+    net.backward()
+    expected = net.params["c1"][0].diff.copy()
+    net.clear_param_diffs()
+    net.reshape()
+    net.backward()
+    assert np.array_equal(net.params["c1"][0].diff, expected)
+
+
+def test_a_top_that_was_reshaped_by_hand(net_of: MakeNet) -> None:
+    """Is shaped anew by the next pass."""
+    net = net_of(SHARED)
+    net.blobs["y"].reshape(2, 2)
+    assert net.forward()["y"].shape == (4, 3)
+
+
+def test_a_hidden_diff_is_by_the_weights_of_backward(net_of: MakeNet) -> None:
+    """Though they were changed since forward."""
+    sliced, plain = net_of(PAPER), layer_by_layer(net_of(PAPER))
+    for net in (sliced, plain):
+        feed(net, batch(3, flat=False))
+        net.params["c2"][0].data[...] *= 10
+        net.backward()
+    assert difference(sliced.blobs["p1"].diff, plain.blobs["p1"].diff) <= 2e-5
+
+
 def test_a_blob_that_was_written_is_used(net_of: MakeNet) -> None:
     """A hidden blob set by hand feeds the layers behind it."""
     net = net_of(PAPER)

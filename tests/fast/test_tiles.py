@@ -37,6 +37,22 @@ def test_a_lazily_cleared_diff_is_zero_for_whoever_looks(links: int) -> None:
     assert (owner.data == 1).all()
 
 
+def test_a_diff_that_somebody_keeps_is_cleared_at_once() -> None:
+    """And goes on to be the blob's."""
+    blob = lazy(2, 3)
+    kept = blob.diff
+    kept[...] = 5
+    blob.clear()
+    assert not kept.any()
+    diff, is_zero = blob.to_add_to()
+    diff += 2
+    assert kept.tolist() == [[2, 2, 2], [2, 2, 2]] and not is_zero
+    row = blob.diff[0]
+    del kept, diff
+    blob.clear()
+    assert not row.any()
+
+
 def test_adopt_takes_an_array_of_the_right_kind_only() -> None:
     """Without a copy."""
     blob, array = FastBlob((2, 3)), np.ones((2, 3), np.float32)

@@ -117,6 +117,17 @@ def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
     assert not backwards(net_of(X + ip("a", "x", "a") + loss("a", "loss_weight: 0")))
 
 
+def test_loss_weight_on_a_top_in_place(net_of: MakeNet) -> None:
+    """Its diff is overwritten on the way down, and begins anew in every pass."""
+    power = 'layer { name: "p" type: "Power" bottom: "a" top: "a" loss_weight: 1 power_param { scale: 2 } }'
+    net = net_of(X + ip("a", "x", "a") + power)
+    for _ in range(3):
+        net.forward(x=np.ones((2, 3)))
+        net.clear_param_diffs()
+        net.backward()
+        assert net.params["a"][1].diff.tolist() == [4, 4, 4]
+
+
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
     """Caffe calls it "(automatic)"; it counts, and is no output."""
     net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
@@ -145,6 +156,31 @@ def test_a_gradient_that_will_be_wrong_is_said(
     assert len(caplog.messages) == notes
     if notes:
         assert "layer 'p' overwrites blob 's', which the gradient of layer 's' needs: it will be wrong" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("behind", "notes"),
+    [
+        (['"Power" power_param { shift: -0.5 }'], 1),
+        (['"Scale" scale_param { filler { value: -1 } }'], 1),
+        (['"Dropout"'], 0),
+        (['"ReLU"', '"Dropout"'], 0),
+        (['"Dropout"', '"BatchNorm"'], 1),
+    ],
+    ids=str,
+)
+def test_a_relu_in_place_needs_its_signs(
+    net_of: MakeNet, caplog: pytest.LogCaptureFixture, behind: list[str], notes: int
+) -> None:
+    """A layer in place behind it that may change them is said."""
+    text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } '
+    for i, kind in enumerate(behind):
+        text += f'layer {{ name: "p{i}" bottom: "a" top: "a" type: {kind} }} '
+    net_of(text)
+    assert caplog.messages == []
+    net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }', phase=netlib.TRAIN)
+    assert len(caplog.messages) == notes
+    assert all("overwrites blob 'a', of which the gradient of layer 'r' needs the signs" in m for m in caplog.messages)
 
 
 def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -29,6 +29,7 @@ def test_gradient(check, rng, shape):
 @pytest.mark.parametrize(
     ("shapes", "message"),
     [
+        ([(2,), (2,), (2,)], r"'bottom0' \(2,\) must have one number per item and channel"),
         ([(2, 4), (2, 3, 4, 4), (2, 3, 4, 4)], r"'bottom0' \(2, 4\) must have one number per item and channel"),
         ([(2, 3, 4, 4), (2, 3, 4, 4), (2, 3, 4, 4)], r"'bottom0' \(2, 3, 4, 4\) must have one number per item"),
         ([(2, 3), (2, 3, 4, 4), (2, 3, 4, 5)], r"'bottom1' \(2, 3, 4, 4\) and 'bottom2' \(2, 3, 4, 5\) must have the"),

@@ -26,6 +26,11 @@ def test_any_axis(run, check, rng, axis, shape):
     check(text, x)
 
 
+def test_tiles_of_nothing(run):
+    """Take neither time nor memory."""
+    assert run('type: "Tile" tile_param { tiles: 2147483647 }', np.zeros((0, 1))).y.shape == (0, 2147483647)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [("tiles: 0", "layer 'it': tiles 0 must be at least 1"), ("tiles: -2", "tiles -2 must be at least 1"),

@@ -19,6 +19,7 @@ def data(options, tops=1):
         ("shape { dim: 2 } data_filler { value: 1 } data_filler { value: 2 }", [[1, 1], [2, 2]]),
         ("shape { dim: 1 } shape { dim: 2 }", [[0], [0, 0]]),
         ("num: 1 channels: 2 height: 1 width: 1", [[[[[0]], [[0]]]]] * 2),
+        ("num: 1 num: 2 channels: 1 height: 1 width: 1", [[[[[0]]]], [[[[0]]], [[[0]]]]]),
     ],
 )
 def test_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
@@ -39,7 +40,10 @@ def test_random_values_are_new_in_every_batch(net_of):
 @pytest.mark.parametrize(
     ("options", "message"),
     [("", "has 3 tops, but 0 of shape"), ("shape { } shape { }", "has 3 tops, but 2 of shape"),
-     ("shape { } data_filler { } data_filler { }", "has 3 tops, but 2 of data_filler")],
+     ("shape { } data_filler { } data_filler { }", "has 3 tops, but 2 of data_filler"),
+     ("num: 1 num: 2 channels: 1 height: 1 width: 1", "has 3 tops, but 2 of num"),
+     ("num: 1 channels: 1 width: 1", "has 3 tops, but 0 of height"),
+     ("shape { } num: 1 channels: 1 height: 1 width: 1", "has both shape and the older num, channels, height")],
 )  # fmt: skip
 def test_mistakes(net_of, options, message):
     """One for each top, or one for all."""

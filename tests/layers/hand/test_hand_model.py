@@ -188,5 +188,7 @@ def test_mistakes(run, text):
         netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 5\), skeleton 'arm' expects \(2, 4\)"
     ):
         run(text, np.zeros((2, 5)))
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(\), skeleton 'arm' expects \(1, 4\)"):
+        run(text, np.zeros(()))
     with pytest.raises(netlib.NetlibError, match=r"gone.prototxt: cannot read"):
         run(text.replace("arm.prototxt", "gone.prototxt"), np.zeros((2, 4)))

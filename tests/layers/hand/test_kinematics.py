@@ -245,6 +245,35 @@ def test_bodies_of_several_roots(body, rng):
     assert np.allclose(two.backward(pose, dX), np.concatenate(gradients, axis=1))
 
 
+@pytest.mark.parametrize("N", [3, 20])
+def test_a_body_of_which_one_root_has_a_child(body, rng, N):
+    """Roots that are made alike, and one that does not turn at all."""
+    of = """
+        dof { name: "u" } dof { name: "v" } dof { name: "w" }
+        joint { name: "left" rotate { axis: Z dof: "u" } bone { axis: X length: 0.5 } }
+        joint { name: "right" rotate { axis: Z dof: "v" } bone { axis: X length: 0.5 } }
+        joint { name: "still" bone { axis: X length: 0.7 } }
+        joint { name: "hand" parent: "right" rotate { axis: Z dof: "w" } bone { axis: X length: 0.3 } }
+    """
+    made, (u, v, w) = body(of), rng.normal(size=(3, N))
+    pose, zero = made.forward(np.stack([u, v, w], axis=1)), np.zeros(N)
+    left = np.stack([np.cos(u), np.sin(u), zero], axis=1) / 2
+    right = np.stack([np.cos(v), np.sin(v), zero], axis=1) / 2
+    hand = right + 0.3 * np.stack([np.cos(v + w), np.sin(v + w), zero], axis=1)
+    still = np.broadcast_to([0.7, 0, 0], (N, 3))
+    assert np.allclose(pose.joints, np.stack([left, right, still, hand], axis=1))
+    for j, angle in enumerate((u, v, zero, v + w)):
+        assert np.allclose(made.rotation_of(pose, j)[:, :2, 0], np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+def test_a_body_without_free_motions(body):
+    """Has an empty Jacobian."""
+    made = body(
+        'dof { name: "u" fixed: true } joint { name: "a" rotate { axis: Z dof: "u" } bone { axis: X length: 1 } }'
+    )
+    assert made.jacobian(made.forward(np.zeros((3, 1)))).shape == (3, 0, 3)
+
+
 def test_rotation_of_a_joint(hand, rng):
     """A rotation that carries the bone's axis along the bone."""
     inputs = rng.normal(size=(9, 47))

@@ -52,5 +52,7 @@ def test_mistakes(run, text):
     """Another number of inputs, an unknown norm."""
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(2, 4\), the skeleton has 3 DoFs"):
         run(text % "", np.zeros((2, 4)))
+    with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' has shape \(\), the skeleton has 3 DoFs"):
+        run(text % "", np.zeros(()))
     with pytest.raises(netlib.PrototxtError, match="unknown value L3 of 'norm'"):
         run(text % "norm: L3", np.zeros((2, 3)))

@@ -47,6 +47,18 @@ def test_gradient(check, rng):
     check(text(), a, b, inside, outside, wanted=[True, True, False, False])
 
 
+def test_a_reshape_to_the_same_shape_keeps_the_gradient(net_of, rng):
+    """Whoever reshapes a net between forward and backward."""
+    a = 'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 4 dim: 3 } } } '
+    net = net_of(
+        "force_backward: true " + a + 'layer { name: "l" type: "SmoothL1Loss" bottom: "a" bottom: "b" top: "l" }'
+    )
+    net.forward(a=rng.normal(size=(4, 3)), b=rng.normal(size=(4, 3)))
+    expected = net.backward()["a"].copy()
+    net.reshape()
+    assert np.array_equal(net.backward()["a"], expected)
+
+
 @pytest.mark.parametrize("shape", [(2, 4), (3, 2), (6,), (6, 1), ()])
 def test_shapes_must_agree(run, shape):
     """Both names and both shapes."""

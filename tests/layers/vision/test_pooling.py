@@ -201,6 +201,8 @@ def test_nan_is_not_hidden(run, options):
     [
         ({}, "needs kernel_size, or kernel_h and kernel_w"),
         ({"kernel_h": 2}, "needs kernel_size, or kernel_h and kernel_w"),
+        ({"kernel_size": 2, "stride_h": 2}, "needs stride, or stride_h and stride_w"),
+        ({"kernel_size": 2, "pad_w": 1}, "needs pad, or pad_h and pad_w"),
         ({"kernel_size": 2, "stride": 0}, "stride must be at least 1"),
         ({"kernel_size": 2, "pad": 2}, r"pad \(2, 2\) must be smaller than the kernel \(2, 2\)"),
         ({"kernel_size": 2, "global_pooling": "true"}, "global_pooling takes no kernel size"),
