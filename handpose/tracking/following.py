@@ -15,7 +15,7 @@ from handpose.tracking.smoothing import PoseFilter
 ENOUGH = 0.3  # confidence: less is no hand
 SURE = 0.985  # with less, the hand is looked at anew, with all that a fit can try ...
 PAUSE, LONGEST_PAUSE = 0.25, 1.0  # ... s apart at least, and twice as long whenever that found nothing better, ...
-SOON = 0.06  # ... unless the hand is in trouble: then s apart
+SOON = 0.06  # ... unless the hand is in trouble, or may be the other one: then s apart
 TROUBLE, ALARM = 1.4, 2.0  # badness, relative to the usual one of this hand: the network is asked; looked at anew
 HABIT = 0.1  # how much of the usual badness is that of the last frame
 BETTER = 0.9  # of the badness: so much is better
@@ -140,8 +140,9 @@ class Follower:
         best = _best([*first.values(), *second.values()])
         own = [best[side] for side in self.sides if side in best]
         if second and self.is_decided:
-            better = min((sight.badness for sight in own), default=np.inf) < BETTER * before
-            self._pause = PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
+            better = min((sight.badness for sight in best.values()), default=np.inf) < BETTER * before
+            doubted = self._evidence > 0  # it may be the other hand
+            self._pause = SOON if doubted else PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
         self._missed = not own or max(sight.confidence for sight in own) < ENOUGH
         if self._missed:
             return False

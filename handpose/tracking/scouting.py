@@ -30,6 +30,11 @@ class Scout:
         self._begun = self._last = -np.inf
         self._a_second = 0.0
 
+    def begin_anew(self) -> None:
+        """Look at all places of the next image, as if it were the first."""
+        self._left = self._left[:0]
+        self._begun = self._last = -np.inf
+
     def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
         """The chance that there is a hand about a place (3,) in mm."""
         found, _ = self.locator.at(depth, middle[None], self.camera)

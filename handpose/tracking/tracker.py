@@ -113,12 +113,15 @@ class Tracker:
         if not time > self._time:
             raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
         self._follow(depth, time)
-        self._time = time
+        anew, self._time = time - self._time > COAST, time
         self._drop_doubles()
         self._drop_strange(depth, time)
-        if len(self.followers) < self.limit:
+        while (count := len(self.followers)) < self.limit:
             self._scout(depth, time)
             self._drop_doubles()
+            if not anew or len(self.followers) == count:
+                break
+            self.scout.begin_anew()  # in a frame that follows no other, all hands are to be found at once
         hands = []
         for follower in sorted(self.followers, key=lambda one: one.id):
             if follower.time == time:

@@ -211,6 +211,19 @@ def test_second_looks_are_rare(error: float, least: int, most: int) -> None:
     assert least <= looks <= most
 
 
+def test_the_other_hand_is_looked_for_soon() -> None:
+    """While looks find it better: who was decided as the wrong hand is that for half a second, not for seconds."""
+    one = Follower(0, LOOKER, [sight("left")], 0.0, None)
+    for n in range(1, 200):
+        seen = [sight("left", confidence=0.6, error=15)]
+        aims = one.other_aims(DEPTH, seen, n * FRAME)
+        right = sight("right", doubt=4.0, error=5)
+        assert one.take(seen, [right, sight("left", doubt=9.0, error=15)] if aims else [], n * FRAME)
+        if one.hand == "right":
+            break
+    assert n * FRAME < 0.6
+
+
 def test_a_hand_in_trouble() -> None:
     """It fits much worse than this hand usually does: the network is asked, and soon it is looked at anew."""
     one = Follower(0, LOOKER, [sight(error=4)], 0.0, None)

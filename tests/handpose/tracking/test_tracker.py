@@ -239,6 +239,15 @@ def test_two_hands(two: Take) -> None:
         assert np.linalg.norm(hand.xyz - true.xyz, axis=1).mean() < 25
 
 
+@pytest.mark.parametrize("apart", [0.2, 0.5])
+def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: float) -> None:
+    """In the first frame, and in every frame where each is searched anew."""
+    first = next(n for n, frame in enumerate(two.truth) if len(frame.hands) == 2 and len(two.told[n].hands) == 2)
+    frames = [frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 8 : 2])]
+    for told in Tracker(predictor).follow(frames):
+        assert {hand.hand for hand in told.hands} == {"right", "left"}
+
+
 def test_a_second_hand_is_taken_to_be_as_large(two: Take, predictor: Predictor) -> None:
     """As soon as one is measured; until then each has its own size in every frame."""
     tracker = Tracker(predictor, smooth=False)
