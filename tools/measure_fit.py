@@ -33,16 +33,14 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
-from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.network_errors import GOOD_MM, read_errors
+from handpose.fitting.depth.network_errors import GOOD_MM
 from handpose.fitting.depth.objective import Weights
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import refuse_other_bodies, skeleton_to_fit, trained
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
-from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from tools.arguments import add_engine, natural, parser_of, positive
 from tools.console import DONE, aligned, guarded, say
@@ -96,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         for recipe in args.recipes:
             for without, own in terms.items():
                 generator = Generator(args.seed, "test", recipes.recipe(recipe))
-                found = measure(net, functools.partial(_fitter, skeleton, weights, own),
+                found = measure(net, functools.partial(DepthFitter.of_file, skeleton, weights, weights=own),
                                 frames_of(generator, args.frames), tuple(args.plans), hands=args.hands,
                                 progress=progress)  # fmt: skip
                 rows += _rows(recipe, found, without if args.terms else "", args.roll)
@@ -108,12 +106,6 @@ def run(args: argparse.Namespace) -> int:
         )
         print(_table(rows))
     return DONE
-
-
-def _fitter(skeleton: Skeleton, weights: Path, own: Weights, unit: float) -> DepthFitter:
-    """For crops of two such units in mm."""
-    model = FleshModel(skeleton, unit)
-    return DepthFitter(model, read_errors(weights, model), own)
 
 
 def _rows(recipe: str, found: Figures, without: str, by_roll: bool) -> list[dict[str, Any]]:

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handpose.data import labels
-from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.network_errors import read_errors
 from handpose.predicting.many import TOGETHER, fit_crops
 from handpose.predicting.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
 from netlib.blob import Array
@@ -45,8 +43,7 @@ def fit_all(
     joints = np.zeros((len(half), len(skeleton.joint_names), 3))
     done = 0
     for unit in np.unique(half):
-        model = FleshModel(skeleton, float(unit))
-        fitter = DepthFitter(model, read_errors(weights, model))
+        fitter = DepthFitter.of_file(skeleton, weights, float(unit))
         own = np.flatnonzero(half == unit)
         for rows in blocks(len(own), TOGETHER):
             crops = np.stack(crops_of(net, own[rows]))

@@ -10,16 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel
-from handpose.fitting.depth.network_errors import NetworkErrors, unknown_errors
+from handpose.fitting.depth.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.search import PLANS, Found, Plan, drawn, search, turned_back
 from handpose.fitting.parallel import for_each
 from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.rows import blocks
@@ -27,6 +29,9 @@ from netlib.rows import blocks
 FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
 STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good
 HOLD = 5.0  # a limb that is followed is so many times as likely where it is expected as where a network saw it
+# Nothing tells how a hand goes on beyond the image's edge: a fit explains what is left of it well. The longer the edge
+# that cuts it, the less is sure. Measured on whole hands that an edge was laid across: docs/fit.md.
+CUT_MM, CUT_CONFIDENCE, CUT_ERROR = (40.0, 80.0, 160.0), (1.0, 0.8, 0.6), (1.0, 1.6, 2.2)
 STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
 
 
@@ -73,6 +78,14 @@ class DepthFitter:
         self.errors = errors or unknown_errors(self.model)
         self.objective = Objective(self.model, weights or Weights())
         self.precision = np.linalg.inv(self.errors.limbs)
+
+    @classmethod
+    def of_file(
+        cls, skeleton: Skeleton, path: str | Path, unit_mm: float, weights: Weights | None = None
+    ) -> DepthFitter:
+        """Of crops of two such units, by what a file of weights knows of its network's errors. Raises DataError."""
+        model = FleshModel(skeleton, unit_mm)
+        return cls(model, read_errors(path, model), weights)
 
     def fit(
         self, seen: Observation, predictions: Sequence[Array], plan: str, *, size: float | Array | None = None,
@@ -167,6 +180,8 @@ class DepthFitter:
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < FEWEST] = np.inf  # what is not there does not contradict any hand
         doubt, error_mm, confidence = self.errors.expected(plan, signs)
+        error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
+        confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
         return DepthFit(
             inputs=model.inputs_of(found.x),
             size=np.exp(found.x[:, SIZE]),

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.data.crops import crop_scale, window
+from handpose.data.crops import Window, crop_scale, window
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import MIRROR
+from netlib.blob import Array
 from netlib.errors import DataError
 
 Floats = NDArray[np.float32]
@@ -36,6 +37,7 @@ class Observation:
     center   (N, 3) the crop's centre in camera axes
     half     (N,) of the cube's edge
     offset, factor  (N, 2) column and row of the crop: offset + factor * (x, y) / z
+    cut_mm   (N,) along how much of the image's edge something is seen in the crop: there it may go on, unseen
     """
 
     points: Floats
@@ -48,6 +50,7 @@ class Observation:
     half: Floats
     offset: Floats
     factor: Floats
+    cut_mm: Floats
 
     def __len__(self) -> int:
         return len(self.center)
@@ -135,7 +138,27 @@ def observe(
         half.astype(np.float32),
         (first + scale * middle).astype(np.float32),
         (scale * focal * (1, -1)).astype(np.float32),
+        _cut_mm(crops, picked, camera, half),
     )
+
+
+def _cut_mm(crops: NDArray[np.floating], picked: Window, camera: Camera, half: Array) -> Floats:
+    """Of crops (N, S, S) of half-cubes (N,): what is seen in the rows and columns at the image's edges."""
+    N, S, _ = crops.shape
+    pixels = np.zeros(N, int)
+    for n in range(N):
+        seen = np.abs(crops[n]) < BACKGROUND
+        for index, size, lines in ((picked.columns[n], camera.width, seen.T), (picked.rows[n], camera.height, seen)):
+            own = np.flatnonzero(index >= 0)
+            if not len(own):
+                continue
+            first, last = own[[0, -1]]
+            step = 1 + (index[last] - index[first]) // max(last - first, 1)  # image pixels between two of the crop
+            if first > 0 and index[first] < step:
+                pixels[n] += lines[first].sum()
+            if last < S - 1 and index[last] >= size - step:
+                pixels[n] += lines[last].sum()
+    return (pixels * (2 * half / S)).astype(np.float32)
 
 
 def _outside(crop: NDArray[np.floating]) -> Floats:

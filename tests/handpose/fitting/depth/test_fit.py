@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,6 +97,17 @@ def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> Non
     inputs = fitter.model.inputs_of(scene.truth[:2])
     found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [inputs], "fast")
     assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.doubt).all()
+
+
+def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) -> None:
+    """The longer its edge cuts the hand, the less; nothing else changes."""
+    start = [fitter.model.inputs_of(start_of(scene, fitter.model))]
+    cut = [np.full(len(scene.seen), mm, np.float32) for mm in (0, 40, 60, 300)]
+    found = [fitter.fit(replace(scene.seen, cut_mm=own), start, "fast") for own in cut]
+    for one, part, times in zip(found, (1, 1, 0.9, 0.6), (1, 1, 1.3, 2.2)):
+        np.testing.assert_allclose(one.confidence, part * found[0].confidence)
+        np.testing.assert_allclose(one.error_mm, np.minimum(times * found[0].error_mm, LOST_MM))
+        np.testing.assert_array_equal(one.x, found[0].x)
 
 
 def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
