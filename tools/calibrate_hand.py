@@ -140,6 +140,9 @@ def run_on_depth(args: argparse.Namespace) -> int:
     write_skeleton(args.out, sized(predictor.skeleton, size), words + mirrored)
     say(words)
     say(f"wrote {args.out} in {duration(time.perf_counter() - begun)}")
+    if size.at_the_edge:
+        print(f"warning: that is the end of what is tried, {GRID[0]:.2f} to {GRID[-1]:.2f}: the hand may lie "
+              "beyond it; are camera and unit those of the frames?", file=sys.stderr)  # fmt: skip
     if size.deviation > UNSURE:
         print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
               "each? (tools/predict.py draws it)", file=sys.stderr)  # fmt: skip

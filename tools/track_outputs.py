@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
@@ -112,17 +113,18 @@ class Outputs:
             self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
         paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
         self._writers: list[TrackWriter] = [open_writer(path, header, rate) for path in paths]
-        self._open = contextlib.ExitStack()
+        self._open: list[TrackWriter | VideoFile | RerunView] = []
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
             outputs.check_place(Path(name))
+        named = [output for output in (*self._writers, self._video, self._view) if output is not None]
         with contextlib.ExitStack() as stack:
-            for output in (*self._writers, self._video, self._view):
-                if output is not None:
-                    stack.enter_context(output)
-            self._open = stack.pop_all()
+            for output in named:
+                stack.enter_context(output)
+            stack.pop_all()
+        self._open = named
         return self
 
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
@@ -143,14 +145,16 @@ class Outputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        self._open.__exit__(kind, error, where)
-        if self._sheet and self._sheet.times():
+        # Each is told what ended the block, not what another one failed of, and of failures the first is told.
+        failure: Exception | None = error if isinstance(error, (NetlibError, OSError)) else None
+        endings: list[Callable[[], None]] = [
+            partial(output.__exit__, kind, error, where) for output in reversed(self._open)
+        ]
+        for end in (*endings, self._write_sheet):
             try:
-                pictures.write_image(self._args.sheet, self._sheet.page())
-                self.written.append(self._args.sheet)
-            except NetlibError:
-                if not isinstance(error, (NetlibError, OSError)):  # else it is the first failure that is told
-                    raise
+                end()
+            except Exception as one:
+                failure = failure or one
         self.written += [str(path) for writer in self._writers for path in writer.files]
         if self._video and self._video.note:
             self.written.append(self._video.note)
@@ -158,3 +162,10 @@ class Outputs:
             self.written.append(self._args.video)
         if self._args.rerun:
             self.written.append(self._args.rerun)
+        if failure is not None and failure is not error:
+            raise failure
+
+    def _write_sheet(self) -> None:
+        if self._sheet and self._sheet.times():
+            pictures.write_image(self._args.sheet, self._sheet.page())
+            self.written.append(self._args.sheet)

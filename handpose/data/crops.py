@@ -76,7 +76,9 @@ def crop_scale(
 ) -> tuple[Array, Array]:
     """Offset and factor, (N, 2) each for columns and rows: crop pixel = offset + factor * image pixel.
 
-    The crop pixel is the one whose middle shows the middle of the image pixel; ``crop_pixels`` rounds it.
+    Middles are on middles, as in a resize of areas. ``window``, as OpenCV's nearest neighbour, picks pixels by their
+    first edges: on average the crop pixel that shows an image pixel is half a pixel after this, where ``crop_pixels``
+    has it.
     """
     spans = _spans(center_uvd, cube_mm, camera, size)
     factor = np.stack([span.length / span.extent for span in spans], axis=1)

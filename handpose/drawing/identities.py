@@ -31,7 +31,7 @@ def spoken(hand: Side, confidence: float) -> str:
 
 def percent(confidence: float) -> str:
     """``93%``; ``>99%`` for what would be rounded to 100%, since no estimate is certain."""
-    return ">99%" if 0.995 <= confidence < 1 else f"{confidence:.0%}"
+    return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:

@@ -3,7 +3,8 @@
     0001.png frame_7.png                      numbers; one frame period each
     20210326-230536_110.png                   a sequence that began then, and a number in it
     20210326-230536.png 20210326_230537.png   dates; with 3, 6 or 9 digits more, fractions of a second
-    1616799936.125.png                        seconds with a fraction; of 13 digits, ms since 1970 with one
+    1616799936.125.png 0.033.png              seconds with a fraction; of 13 digits, ms since 1970 with one
+    v1.1.png v1.2.png                         numbers: seconds that do not count from 1970 have 3 digits of fraction
     1616799936125.png                         s, ms, us or ns since 1970, by their size
     000000033333us.png                        us, ms or ns that say so, as ``tools/record.py`` writes
 
@@ -108,11 +109,24 @@ def _fractions(stems: list[str]) -> Found | None:
     if len({match and match[1] for match in found}) > 1 or None in found:
         return None
     whole = [int(match[2]) for match in found if match]
-    milli = all(EPOCH[0] * 1000 <= number < EPOCH[1] * 1000 for number in whole)
+    fractions = [match[3] for match in found if match]
+    milli, seconds = (all(EPOCH[0] * k <= number < EPOCH[1] * k for number in whole) for k in (1000, 1))
+    if not (milli or seconds or _is_precise(fractions)):
+        return None
     digits = 6 if milli else 9  # of the fraction, down to a nanosecond
-    rest = [int(match[3][:digits].ljust(digits, "0")) for match in found if match]
+    rest = [int(fraction[:digits].ljust(digits, "0")) for fraction in fractions]
     times = [a * 10**digits + b for a, b in zip(whole, rest)]
     return times, NANO, f"times from their names, in {'ms since 1970' if milli else 'seconds'}"
+
+
+def _is_precise(fractions: list[str]) -> bool:
+    """Are these digits fractions of a second, and no numbers of versions or frames?
+
+    Some have 3 digits; and if they differ in length, zeros at the end were left out, so that 1.100 is no time.
+    """
+    widths = {len(one) for one in fractions}
+    padded = any(one.endswith("0") for one in fractions if len(one) > 1)
+    return max(widths) >= 3 and not (padded and len(widths) > 1)
 
 
 def _numbers(names: list[str], stems: list[str], where: str) -> Found:

@@ -115,7 +115,7 @@ def settle(
     if own.camera is None:
         remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else beside.origin}")
     unit = known.unit_mm
-    if unit is None and CAMERAS.get(known.camera.name) == known.camera:
+    if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
         unit = UNIT_MM.get(known.camera.name, 1.0)
     if unit is None:
         if dtype.kind == "f":

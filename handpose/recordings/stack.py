@@ -121,15 +121,15 @@ class _Hdf5(_Frames):
         with hdf5.opened(path, "the depth frames") as file:
             found = {name: np.asarray(value) for name, value in file.attrs.items()}
             timed = "time" in file
-        stacks = hdf5.File(path, ("depth", "time") if timed else ("depth",)).datasets
-        self._rows = stacks[0]
+        (self._rows,) = hdf5.File(path, ("depth",)).datasets
         self.shape, self.dtype = Header(self._rows.shape, self._rows.dtype, 0).stack(str(path)), self._rows.dtype
-        self.times = _checked_times(stacks[1].numbers() if timed else None, self.shape[0], path)
+        times = hdf5.File(path, ("time",)).datasets[0].numbers() if timed else None
+        self.times = _checked_times(times, self.shape[0], path)
         self.own = _own(found, path)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         for number in range(self.shape[0]):
-            yield self._rows[number]
+            yield self._rows[number] if len(self._rows.shape) == 3 else self._rows[:]
 
 
 def _own(found: Mapping[str, NDArray[Any]], path: Path) -> Given:

@@ -24,7 +24,8 @@ FASTEST = 1  # compression, after which a minute of frames is there in seconds
 class StackWriter:
     """Keeps frames in a hidden file beside ``path``, which is made of them at the end; without any there is no file.
 
-    Raises OSError.
+    Both need place, and where a disk has none for the second they are lost: there is no file, or the old one. Raises
+    OSError.
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:

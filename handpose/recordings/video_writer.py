@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -31,8 +30,9 @@ class VideoWriter:
     unit_mm  what a stored value of 1 stands for; depths are rounded to it, and must fit into 16 bits
     rate     frames per second, if it is known; every frame keeps its own time all the same
 
-    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames, or when
-    the disk fails, there is no file, or the old one.
+    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
+    no file, or the old one. A disk that fails leaves a file that is cut, with all frames that reached it: FFmpeg holds
+    back up to five seconds.
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
@@ -84,8 +84,25 @@ class VideoWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
         with atomic.naming(self._path), self._stack:
-            if self._last is None or self._failed:
+            if self._last is None:
                 return
-            self._container.mux(self._stream.encode(None))
-            self._container.close()
-            atomic.replace(self._path, lambda fresh: os.replace(self._fresh, fresh))
+            failure = None
+            try:
+                if not self._failed:
+                    self._container.mux(self._stream.encode(None))
+                self._container.close()
+            except OSError as one:
+                failure = one
+            if failure is None or _has_a_frame(self._fresh):
+                atomic.take_place(self._fresh, self._path, sync=failure is None)
+            if failure is not None and not self._failed:  # else it has been told
+                raise failure
+
+
+def _has_a_frame(path: Path) -> bool:
+    """Did the first frame reach the disk?"""
+    try:
+        with ffmpeg.opened(path) as container:
+            return next(ffmpeg.frames(container, container.streams.video[0]), None) is not None
+    except Exception:  # of a damaged file FFmpeg may raise anything
+        return False

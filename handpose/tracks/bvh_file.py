@@ -7,9 +7,10 @@ channels that never change. A bone has the name of the joint at its end.
     axes    right-handed: x right, y up, z TOWARDS the camera; the camera is at the origin. A left hand is a left one
     length  1 is a metre, as in Blender: import it with its settings as they are. For programs that think in
             centimetres: scale 100
-    time    BVH has no times, only a rate. It is that of the recording, or the most frequent one, and every frame of BVH
-            shows the recording's frame that is nearest in time. While a hand is lost it keeps its last pose, before it
-            is seen for the first time it has its first: all files of a recording begin and end together
+    time    BVH has no times, only a rate. It is that of the recording, or the most frequent one, or where frames come
+            in bursts the one over these, and every frame of BVH shows the recording's frame that is nearest in time.
+            While a hand is lost it keeps its last pose, before it is seen for the first time it has its first: all
+            files of a recording begin and end together
 
 Poses that were taken for the other hand, before it was sure which one it is, are left out.
 """
@@ -34,6 +35,9 @@ TOWARDS = np.array([1.0, 1.0, -1.0])  # from camera axes, whose z is away
 METRE = 1000.0
 MOST_FRAMES = 10_000  # without another word, and more of those that ...
 MOST_EACH = 10  # ... stand for one of the recording: where that has gaps of hours, a pose would be kept for millions
+BURST = 24  # steps that are looked at together, at most, ...
+SHARE = 8  # ... and one in so many of all: a pause or two are then in few of them
+MOST_APART = 1.5  # times that one step may be off theirs: frames are lost, and clocks are coarse
 RATE = 30.0  # of a track of one frame
 
 
@@ -92,10 +96,13 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
     """For equally spaced moments from the first to the last, the numbers of the frames nearest to them; and the rate.
 
     times  (N,) s, ascending
-    rate   of the moments; None: as between most frames
+    rate   of the moments; None: as between most frames, or if they come in bursts, as over most bursts
     """
     if rate is None:
-        step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        step = _usual_step(times, 1)
+        over_bursts = _usual_step(times, min(BURST, max(1, (len(times) - 1) // SHARE)))
+        if max(step, over_bursts) > MOST_APART * min(step, over_bursts):
+            step = over_bursts
         rate = 1 / step if step > 0 else RATE
     length = (times[-1] - times[0]) * rate
     most = max(MOST_FRAMES, MOST_EACH * len(times))
@@ -104,6 +111,11 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
                         f"{length:.3g} frames of BVH; at most {most} are written")  # fmt: skip
     moments = times[0] + np.arange(round(length) + 1) / rate
     return np.searchsorted((times[1:] + times[:-1]) / 2, moments), rate
+
+
+def _usual_step(times: Array, count: int) -> float:
+    """The median time of so many steps together, by their number: s."""
+    return float(np.median(times[count:] - times[:-count])) / count if len(times) > count else 0.0
 
 
 def bvh_text(

@@ -94,9 +94,10 @@ class FrameValues:
 
     def values(self, frame: TrackedFrame) -> dict[str, Any]:
         """One frame as an object."""
-        lost = [{"id": l.id, "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason} for l in frame.lost]
+        lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
+                for l in frame.lost]  # fmt: skip
         hands = [self._hand_values(hand) for hand in frame.hands]
-        return {"number": frame.number, "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
+        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
 
     def _hand_values(self, hand: TrackedHand) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
@@ -104,7 +105,7 @@ class FrameValues:
         new = {} if self._bones.get(hand.id) == bones else {"bones_mm": bones}
         self._bones[hand.id] = bones
         return {
-            "id": hand.id, "hand": hand.hand,
+            "id": int(hand.id), "hand": hand.hand,
             "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
             "positions_mm": rounded(hand.xyz, 2),
             "angles_rad": dict(zip(self._angles, rounded(theta[self._dofs.angles], 5))),

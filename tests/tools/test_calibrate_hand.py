@@ -10,6 +10,7 @@ import pytest
 
 from handpose.facts.cameras import KINECT2
 from handpose.facts.nyu import EVALUATION_JOINTS
+from handpose.fitting.depth.size_calibration import GRID, HandSize
 from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -192,6 +193,20 @@ def test_size_from_depth(tmp_path, monkeypatch, capsys):
     cv2.imwrite("empty.png", np.zeros((424, 512), np.uint16))
     assert calibrate_hand.main(["empty.png", *options, "--force"]) == 1
     assert "empty.png: no depth anywhere in the image" in capsys.readouterr().err
+
+
+def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch, capsys):
+    """Is told as such: the hand may be larger still."""
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("a.png", np.full((424, 512), 700, np.uint16))
+    for best, warned in ((20, True), (0, True), (19, False)):
+        misfits = np.abs(np.arange(len(GRID)) - best)
+        found = HandSize(float(GRID[best]), 1.0, 0.0, GRID, misfits)
+        monkeypatch.setattr(calibrate_hand, "hand_of", lambda *_, size=found: ("right", size))
+        command = ["a.png", "--from-depth", "--camera", "kinect2", "--out", "me.prototxt", "--force"]
+        assert calibrate_hand.main(command) == 0
+        said = "warning: that is the end of what is tried, 0.74 to 1.35: the hand may lie beyond it"
+        assert (said in capsys.readouterr().err) == warned
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,24 @@ def test_what_ends_it_keeps_what_was_done(error: type[BaseException]) -> None:
     assert cv2.imread("a.png") is not None and len(outputs.written) == 4
 
 
+@pytest.mark.parametrize("stopped", [False, True])
+def test_one_that_fails_at_the_end(stopped: bool) -> None:
+    """Leaves the others whole, which know whether more was to come; it is told, and of several failures the first."""
+    Path("a_right_1.bvh").mkdir()
+    with pytest.raises(OSError, match="a_right_1"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
+        for depth, frame in frames():
+            outputs.write(depth, frame)
+        if stopped:
+            raise KeyboardInterrupt
+    track = read_track("a.json")
+    assert bool(track.cut) == stopped and len(track.frames) == 4
+    assert len(Path("a.csv").read_text().splitlines()) == 5 and cv2.imread("a.png") is not None
+    with pytest.raises(NetlibError, match="the camera"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
+        outputs.write(*next(frames()))
+        raise NetlibError("the camera was unplugged")
+    assert read_track("a.json").cut
+
+
 def test_no_frames() -> None:
     """No sheet, for there is nothing to show; the other files say that there is nothing."""
     assert written(*ALL, count=0) == ["a.json", "a.csv"]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handpose.fitting.depth.body import GIRTH, SIZE
+from handpose.fitting.depth.body import GIRTH, SIZE, SIZE_LIMIT
 from handpose.fitting.depth.descent import Stage, descend
 from handpose.fitting.depth.fit import STARTS_TOGETHER, DepthFitter
 from handpose.fitting.depth.objective import Objective
@@ -24,7 +24,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.rows import blocks
 
-GRID = np.exp(np.linspace(-0.24, 0.24, 17))  # sizes that are tried
+GRID = np.exp(np.linspace(-SIZE_LIMIT, SIZE_LIMIT, 21))  # sizes that are tried: all that fits allow
 FEWEST = 5  # frames of which a size can be said
 STAGES = (Stage(15, 4), Stage(10, 3))
 
@@ -44,6 +44,11 @@ class HandSize:
     deviation: float
     sizes: Array
     misfits: Array
+
+    @property
+    def at_the_edge(self) -> bool:
+        """Is the first or the last of the sizes the best one? Then the hand may be beyond it."""
+        return int(self.misfits.argmin()) in (0, len(self.sizes) - 1)
 
 
 def calibrate_size(

@@ -12,7 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop, crop_pixels, crops_of_windows, normalise_joints, restore_joints, window
+from handpose.data.crops import (
+    crop,
+    crop_pixels,
+    crop_scale,
+    crops_of_windows,
+    normalise_joints,
+    restore_joints,
+    window,
+)
 from handpose.data.nyu_files import read_nyu_depth
 from handpose.facts.cameras import CAMERAS, NYU, Camera
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
@@ -105,6 +113,19 @@ def test_window_is_square_in_space() -> None:
     columns, rows = window([[320, 240, 800]], 200, wide)
     assert (columns >= 0).all()
     np.testing.assert_array_equal(np.flatnonzero(rows[0] >= 0), np.arange(32, 96))
+
+
+@pytest.mark.parametrize("distance", [350, 600, 1000])
+def test_crop_scale_is_half_a_pixel_before_the_window(distance: float) -> None:
+    """On average over the pixels that are picked, for which ``crop_pixels`` is right."""
+    centers = np.stack([np.linspace(200.1, 300.7, 37), np.full(37, 200.3), np.full(37, distance)], axis=1)
+    columns = window(centers, 300.0).columns
+    first, factor = crop_scale(centers, 300.0)
+    n, i = np.nonzero(columns >= 0)
+    scaled = first[n, 0] + factor[n, 0] * columns[n, i]
+    assert (scaled - i).mean() == pytest.approx(-0.5, abs=0.04)
+    uvd = np.stack([columns, columns, np.full_like(columns, distance)], axis=2).astype(float)
+    np.testing.assert_allclose(crop_pixels(uvd, centers, 300.0)[n, i, 0], scaled + 0.5)
 
 
 def test_crop_pixels_undo_the_window() -> None:

@@ -17,5 +17,5 @@ def test_words() -> None:
     """Whole per cent, none where nobody has measured; a loss with its time and its reason."""
     assert spoken("right", 0.934) == "right 93%"
     assert spoken("left", float("nan")) == "left"
-    assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", "100%"]
+    assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]
     assert spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43) == "left hand lost 0.4 s: left the image"

@@ -99,8 +99,9 @@ def test_nothing_is_guessed() -> None:
     """No camera, no size, and no unit of floating-point numbers, which may be metres."""
     with pytest.raises(DataError, match=r"take: nothing says which camera .*camera\.json.*--camera, nyu, icvl"):
         settle(NOTHING, NOTHING, NOTHING, (48, 64), U16, "take")
-    with pytest.raises(DataError, match="take: float32 depth of unknown unit; give --unit 1 for mm"):
-        settle(Given(CAMERA), NOTHING, NOTHING, (48, 64), F32, "take")
+    for camera, shape in ((CAMERA, (48, 64)), (SR305, (480, 640))):  # whose unit is that of its pictures
+        with pytest.raises(DataError, match="take: float32 depth of unknown unit; give --unit 1 for mm"):
+            settle(Given(camera), NOTHING, NOTHING, shape, F32, "take")
     assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
     with pytest.raises(DataError, match="take: 48 x 64 pixels; camera own has 64 x 48"):
         sized(CAMERA, (64, 48), "take")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import errno
+import contextlib
+import resource
+import signal
 import sys
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,6 +42,19 @@ def write(path: Path, written: list[DepthFrame], unit_mm: float = 0.125, rate: f
         for frame in written:
             video.write(frame)
     return path
+
+
+@contextlib.contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """No file of this process can grow beyond a size within the block, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
 
 
 def write_other(path: Path, codec: str, pixels: str, count: int = 3, **options: str) -> Path:
@@ -248,22 +263,28 @@ class TestWriter:
             write(tmp_path / "a.mkv", [first, first._replace(number=1, **{"time": 0.1, **change})])
         assert len(list(open_video(tmp_path / "a.mkv", Given()))) == 1
 
-    def test_a_disk_that_fails(self, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("failing_at", ["a frame", "the end"])
+    def test_a_disk_that_fails(self, tmp_path: Path, failing_at: str) -> None:
+        """Leaves a file that is cut, with the frames that reached it; one line is told."""
+        written = frames(60)
+        size = write(tmp_path / "a.mkv", written[:40]).stat().st_size
+        count = 60 if failing_at == "a frame" else 35  # of less than five seconds
+        with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(size // 2):
+            write(tmp_path / "a.mkv", written[:count])
+        recording = open_video(tmp_path / "a.mkv", Given())
+        read = list(recording)
+        assert recording.cut and 0 < len(read) < 35
+        assert all(np.array_equal(a.depth, b.depth) for a, b in zip(read, written))
+        assert [one.name for one in tmp_path.iterdir()] == ["a.mkv"]
+
+    @pytest.mark.parametrize("room", [0, 1000, 5000])
+    def test_a_disk_that_fails_before_the_first_frame(self, tmp_path: Path, room: int) -> None:
         """Leaves the old file."""
         path = write(tmp_path / "a.mkv", frames(2))
-
-        def full(packets: object) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        def fill() -> None:
-            with VideoWriter(path, CAMERA, 0.125, 30) as video:
-                video.write(frames()[0])
-                video._container = SimpleNamespace(mux=full)  # one of PyAV's cannot be changed
-                video.write(frames()[1])
-
-        with pytest.raises(OSError, match=r"No space left on device: .*a\.mkv"):
-            fill()
-        assert len(list(open_video(path, Given()))) == 2
+        before = path.read_bytes()
+        with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(room):
+            write(path, frames(60))
+        assert path.read_bytes() == before
         assert [one.name for one in tmp_path.iterdir()] == ["a.mkv"]
 
     def test_where_nothing_can_be_written(self, tmp_path: Path) -> None:

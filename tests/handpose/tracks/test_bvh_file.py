@@ -212,3 +212,19 @@ def test_nearest_frames() -> None:
         nearest_frames(np.array([0, 0.1, 0.2, 1e9]))
     with pytest.raises(DataError, match="at most 10000 are written"):  # a camera that paused for hours
         nearest_frames(np.array([0, 0.03, 0.06, 18000, 18000.03]))
+
+
+@pytest.mark.parametrize(
+    ("steps", "rate"),
+    [
+        ([0.001, 0.0657] * 150 + [0.001], 30.0),
+        ([0.0657, 0.001] * 150 + [0.0657], 30.0),
+        (([0.001] * 5 + [0.195]) * 50, 30.0),
+        ([1 / 30] * 100 + [20.0] + [1 / 30] * 100 + [20.0] + [1 / 30] * 20, 30.0),
+        ([1 / 30, 1 / 30, 1 / 15, 1 / 30] * 50, 30.0),
+    ],
+    ids=["pairs", "pairs, the other half", "bursts of six", "pauses", "lost frames"],
+)
+def test_the_rate_of_uneven_times(steps: list[float], rate: float) -> None:
+    """Bursts do not multiply it, pauses and lost frames do not lessen it."""
+    assert nearest_frames(np.cumsum([0.0, *steps]))[1] == pytest.approx(rate, rel=0.2)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from made_tracks import any_hand, any_skeleton, any_track, header_of
 
 from handpose.tracks.json_file import JsonLinesWriter, JsonWriter, Track, read_track
-from handpose.tracks.track import TrackedFrame, TrackHeader, joints_of
+from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError
 
@@ -66,6 +66,16 @@ def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
     check_same(track, HAND, frames)
     assert not track.cut
     assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4  # of two hands that grow once
+
+
+@both
+def test_numbers_of_numpy(tmp_path: Path, layout: str) -> None:
+    """Of frames and of hands, as who counts by arrays has them."""
+    hand = replace(any_hand(HAND, np.random.default_rng(0)), id=np.int64(3))
+    lost = LostHand(np.int32(4), "left", np.float32(0.5), "left the image")
+    track = written(tmp_path / f"a.{layout}", HAND, [TrackedFrame(np.int64(7), np.float64(0.25), (hand,), (lost,))])
+    (frame,) = track.frames
+    assert (frame.number, frame.hands[0].id, frame.lost[0].id) == (7, 3, 4)
 
 
 def test_keys_and_units(tmp_path: Path) -> None:

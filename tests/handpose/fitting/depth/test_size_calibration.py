@@ -16,19 +16,20 @@ from netlib.errors import DataError
 from tests.handpose.fitting.depth.conftest import Scene
 
 
-def test_the_size_of_a_hand(model: FleshModel, scene: Scene) -> None:
-    """Twelve frames of a hand that is 0.92 times as large and 1.15 times as thick, fitted with some other size."""
+@pytest.mark.parametrize(("size", "girth"), [(0.92, 1.15), (0.761, 1.0), (1.329, 1.0)])
+def test_the_size_of_a_hand(model: FleshModel, scene: Scene, size: float, girth: float) -> None:
+    """Twelve frames of a hand that is so large and so thick, fitted with some other size."""
     truth = scene.truth.copy()
-    truth[:, SIZE], truth[:, GIRTH] = np.log(0.92), np.log(1.15)
+    truth[:, SIZE], truth[:, GIRTH] = np.log(size), np.log(girth)
     capsules = model.capsules(truth, NYU.unproject(scene.center_uvd))
     depth = render_crop(capsules, scene.center_uvd, 300.0)
     seen = observe(normalise_depth(depth, scene.center_uvd[:, 2], 300.0), scene.center_uvd, NYU, 300.0, 200)
     fitted = scene.truth + np.random.default_rng(0).normal(0, 0.03, scene.truth.shape)
     done: list[int] = []
     found = calibrate_size(DepthFitter(model), seen, fitted, done.append)
-    assert found.size == pytest.approx(0.92, abs=0.012) and found.girth == pytest.approx(1.15, abs=0.05)
+    assert found.size == pytest.approx(size, abs=0.012) and found.girth == pytest.approx(girth, abs=0.05)
     assert found.deviation < 0.02 and sum(done) == 12 * len(GRID)
-    assert found.misfits.argmin() == np.abs(GRID - 0.92).argmin()
+    assert found.misfits.argmin() == np.abs(GRID - size).argmin() and not found.at_the_edge
 
 
 def test_sizes_that_are_tried(model: FleshModel, scene: Scene) -> None:
@@ -44,7 +45,7 @@ def test_sizes_that_are_tried(model: FleshModel, scene: Scene) -> None:
     np.testing.assert_array_equal(found.sizes, near)
     assert found.misfits.shape == (6,)
     larger = calibrate_size(fitter, seen, truth, sizes=1.05 * near[-3:] / near[-3])
-    assert larger.size <= 1.05 and larger.misfits.argmin() == 0
+    assert larger.size <= 1.05 and larger.misfits.argmin() == 0 and larger.at_the_edge
 
 
 def test_too_few_frames(model: FleshModel, scene: Scene) -> None:
