@@ -35,6 +35,7 @@ class Dropout(Layer):
 
     param_type = DropoutParameter
     bottoms = tops = (1, 1)
+    keeps_signs = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param.dropout_ratio

@@ -55,8 +55,8 @@ class PhysLimit(Layer):
         self.upper = np.where(skeleton.fixed, np.inf, skeleton.upper).astype(self.dtype)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        N, D = bottom[0].shape[0], len(self.lower)
-        if bottom[0].count != N * D:
+        D = len(self.lower)
+        if not bottom[0].shape or bottom[0].count != bottom[0].num * D:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, the skeleton has {D} DoFs")
         top[0].reshape(())
 

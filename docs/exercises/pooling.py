@@ -68,6 +68,8 @@ class Pooling(Layer):
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
             if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
                 raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
+            if block and bool(block.values(f"{each}_h")) != bool(block.values(f"{each}_w")):
+                raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
         if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
             raise self.fail("global_pooling takes no kernel size", "global_pooling")
         self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))

@@ -7,7 +7,8 @@ top[0]     y  same shape, may be the same blob
 y  = g x
 dx = g dy        g = 1 where x > 0, slope elsewhere (as in Caffe, also at 0)
 
-In place x is y by the time of backward; its sign tells the same, unless the slope is negative.
+In place x is y by the time of backward; its sign tells the same, unless the slope is negative or another layer in place
+has changed it since.
 """
 
 from __future__ import annotations
@@ -35,8 +36,10 @@ class ReLU(Layer):
     param_type = ReLUParameter
     param_name = "relu_param"
     bottoms = tops = (1, 1)
+    keeps_signs = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
+        self.reads_signs = bottom[0] is top[0]
         self.slope = self.dtype.type(self.param.negative_slope)
         if self.slope < 0 and bottom[0] is top[0]:
             raise self.fail("with a negative negative_slope cannot run in place", "negative_slope")

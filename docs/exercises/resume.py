@@ -136,7 +136,7 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
         )
     for i, array in enumerate(state.history):
         param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
-        if array.shape != target.shape:
+        if weights_of.legacy_shape(array, target.shape).shape != target.shape:
             raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
                                f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
 

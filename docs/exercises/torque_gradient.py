@@ -108,7 +108,7 @@ class Kinematics:
         axis = pose.axis[:, :, None]
         arm = pose.joints[:, None, chosen] - pose.pivot[:, :, None]
         J = np.where(sk.turns[:, None, None], np.cross(axis, arm), axis) * sk.moves[:, chosen, None]
-        return np.asarray(J.reshape(*J.shape[:2], -1))
+        return np.asarray(J.reshape(*J.shape[:2], 3 * len(chosen)))
 
     def bone_directions(self, pose: Pose) -> Array:
         """(N, K, 3): how each joint, and all below it, moves as its signed bone grows; 0 for a joint without a bone."""
