@@ -43,7 +43,7 @@ from netlib.net import Net
 from netlib.paths import ROOT
 from tools import pictures
 from tools.advice import on_missing_data
-from tools.arguments import add_engine, parser_of
+from tools.arguments import add_engine, parser_of, refuse_given
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
@@ -74,6 +74,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.picture and not args.picture.lower().endswith(".png"):
         parser.error(f"--picture must end in .png, found {args.picture}")
+    if not args.fit:
+        refuse_given(parser, args, ["deploy"], "is the net of a fit; say --fit, too")
     return guarded(run, args)
 
 
