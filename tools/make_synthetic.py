@@ -5,7 +5,8 @@
 
 writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt
 that HDF5Data layers read. What is already there and the same is kept: a second run returns at once, and an
-interrupted run goes on where it stopped. Data of another origin, or of another body, are replaced only with --force.
+interrupted run goes on where it stopped. Data of another origin, of another body, or places where frames are to be, are
+replaced only with --force.
 
     python tools/make_synthetic.py --raw --out data/nyu_raw --train 200 --test 100
 

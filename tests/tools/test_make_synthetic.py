@@ -332,7 +332,8 @@ def test_another_body_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: py
     before = (tmp_path / "train_000.h5").read_bytes()
     capsys.readouterr()
     assert tool.main(arguments(tmp_path, *body, train=10)) == 1
-    assert "shows the body of nyu.prototxt, not of arm.prototxt" in capsys.readouterr().err
+    expected = "train_000.h5: holds frames of nyu.prototxt, expected frames of arm.prototxt; choose another folder"
+    assert expected in capsys.readouterr().err
     assert (tmp_path / "train_000.h5").read_bytes() == before
     assert tool.main(arguments(tmp_path, *body, "--force", train=10)) == 0
     assert (tmp_path / "train_000.h5").read_bytes() != before
