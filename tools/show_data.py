@@ -31,7 +31,7 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError
 from tools import outputs, pictures
-from tools.arguments import parser_of, positive
+from tools.arguments import name_in, parser_of, positive
 from tools.console import DONE, guarded, say
 
 LARGEST_PX = 65000  # of a JPEG, nearly
@@ -42,16 +42,15 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops")
-    parser.add_argument("--out", metavar="FILE", required=True, help="the picture, .png or .jpg")
+    parser.add_argument(
+        "--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True, help="the picture, .png or .jpg"
+    )
     parser.add_argument("--frames", type=positive, default=16, metavar="N", help="per set (default: %(default)s)")
     parser.add_argument("--columns", type=positive, default=8, metavar="N", help="per row (default: %(default)s)")
     parser.add_argument("--zoom", type=positive, default=1, metavar="N", help="enlarge N times (default: %(default)s)")
     parser.add_argument("--skeleton", metavar="FILE", help="of the bodies (default: NYU's hand)")
     parser.add_argument("--plain", action="store_true", help="do not draw what is annotated")
-    args = parser.parse_args(argv)
-    if not args.out.lower().endswith((".png", ".jpg")):
-        parser.error(f"--out must end in .png or .jpg, found {args.out}")
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -93,3 +93,10 @@ def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path, capsys: pyte
     assert show_data.main([str(frames), *options]) == 1
     error = capsys.readouterr().err
     assert "frames have 31 joints" in error and "one.prototxt has 1" in error and not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.parametrize("name", [".png", "a.gif"])
+def test_pictures_of_no_name_or_another_kind(frames: Path, tmp_path: Path, name: str) -> None:
+    """Are wrong usage."""
+    with pytest.raises(SystemExit, match="2"):
+        show_data.main([str(frames), "--out", str(tmp_path / name)])

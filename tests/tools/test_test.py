@@ -94,11 +94,18 @@ def test_fit(work, small_data, capsys):
     assert "fit: all joints mm" in capsys.readouterr().out and cv2.imread("x.png") is not None
 
 
-def test_usage(capsys):
-    """A net that only a fit would run is not ignored without one."""
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--deploy", "own.prototxt"], "--deploy is the net of a fit; say --fit, too"),
+        (["--picture", "folder/.png"], "--picture: expected a name in .png, found 'folder/.png'"),
+    ],
+)
+def test_usage(capsys, options, message):
+    """A net that only a fit would run, and a picture without a name."""
     with pytest.raises(SystemExit, match="2"):
-        test.main(["net.caffemodel.h5", "--deploy", "own.prototxt"])
-    assert "--deploy is the net of a fit; say --fit, too" in capsys.readouterr().err
+        test.main(["net.caffemodel.h5", *options])
+    assert message in capsys.readouterr().err
 
 
 def test_frames_that_cannot_be_fitted(work, small_data, snapshot, capsys):
