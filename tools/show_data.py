@@ -64,13 +64,15 @@ def run(args: argparse.Namespace) -> int:
     _refuse_large(sets, columns, args.zoom)
     images, titles = [], []
     for name, examples in zip(args.sets, sets):
-        for number, (crop, joints) in enumerate(examples):
+        for number, (crop, joints, where) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
                 raise DataError(f"{name}: frames have {found} joints, "
                                 f"{args.skeleton} has {len(skeleton.parents)}")  # fmt: skip
             if args.plain or joints is None or found != len(skeleton.parents):
                 images.append(hands.picture(crop, args.zoom))
+            elif not np.isfinite(joints).all():
+                raise DataError(f"{where}: its joints are not finite; with --plain no hands are drawn")
             else:
                 images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))
             titles.append(Path(name).name if number == 0 else "")
@@ -84,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _refuse_large(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> None:
     """Raise DataError for what is more than a picture can be."""
-    size = zoom * max(len(crop) for examples in sets for crop, _ in examples)
+    size = zoom * max(len(crop) for examples in sets for crop, *_ in examples)
     width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
     if max(width, height) > LARGEST_PX or width * height > LARGEST:
         raise DataError(f"{width} x {height} pixels are more than a picture can have, {LARGEST_PX} each way and "
