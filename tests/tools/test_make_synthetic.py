@@ -227,7 +227,9 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
 
 
-@pytest.mark.parametrize("wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--tset", "5")])
+@pytest.mark.parametrize(
+    "wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--seed", "4294967296"), ("--tset", "5")]
+)
 def test_usage(tool: ModuleType, capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]) -> None:
     """Wrong numbers and options exit 2 and are named."""
     with pytest.raises(SystemExit) as exit_:

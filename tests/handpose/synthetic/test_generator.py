@@ -150,6 +150,7 @@ def test_mistakes() -> None:
     """Impossible numbers and splits are named."""
     for make, message in (
         (lambda: Generator(-1), "seed -1"),
+        (lambda: Generator(1 << 32), "seed 4294967296, expected 0 to 4294967295"),  # 0 again, of the other split
         (lambda: Generator(0, "tset"), "'tset', expected one of train, test"),  # type: ignore[arg-type]
     ):
         with pytest.raises(DataError, match=message):
