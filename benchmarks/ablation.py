@@ -6,12 +6,13 @@
 
 Every training is that of prototxt/synthetic_solver.prototxt with one change; its rate rises in the first tenth of the
 iterations and falls to 0 at the last. All are scored on the same held-out frames of the recipe. Data and weights go to
-snapshots/ablation. A finished training is not repeated if its prototxt files are the same.
+snapshots/ablation. A finished training is not repeated if its prototxt files and its training data are the same.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -219,6 +220,7 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     own = {"net": net, "max_iter": args.iterations, "display": 500, "random_seed": seed}
     own |= {"rampup_interval": round(study.rampup * args.iterations)}
     own |= {"snapshot_format": "HDF5", "snapshot_prefix": prefix}
+    net_text += f"# data {_recipe_sum(data)}\n"  # or weights of data that were since made anew would be taken
     solver, tree = Path(f"{prefix}.prototxt"), with_fields(prototxt.parse(study.solver(SOLVER)), own)
     if weights.is_file() and atomic.text_of(net) == net_text and _tree_of(solver) == tree:
         return DONE, weights, net
@@ -226,6 +228,12 @@ def trained(study: Study, data: Path, test: Path, seed: int, args: argparse.Name
     atomic.replace_text(net, net_text)
     atomic.replace_text(solver, str(tree))
     return training.train(solver), weights, net
+
+
+def _recipe_sum(data: Path) -> str:
+    """A checksum of what the file of a list was made from."""
+    recipe = (parts.attributes(data.with_suffix(".h5")) or {}).get("recipe")
+    return hashlib.sha256(str(recipe).encode()).hexdigest()[:16]
 
 
 def _tree_of(path: Path) -> Message | None:

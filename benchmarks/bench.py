@@ -42,6 +42,7 @@ from benchmarks.paper import WEIGHTS, Paper
 from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet, onnx_model
 from layers.hand.skeleton import load
 from netlib.net import Net
+from tools.arguments import parser_of, positive
 from tools.console import DONE, guarded
 
 FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
@@ -50,13 +51,13 @@ BURST = 0.2  # seconds; one call if that is longer
 Job = Callable[[], Any]
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run all comparisons."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=15, help="timings of each (default: %(default)s)")
-    parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser = parser_of(__doc__)
+    parser.add_argument("--rounds", type=positive, default=15, help="timings of each (default: %(default)s)")
+    parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--json", metavar="FILE", help="write the figures here as well")
-    return guarded(run, parser.parse_args())
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -42,6 +42,7 @@ from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
 from netlib.updates import RULES
+from tools.arguments import parser_of, positive
 from tools.console import DONE, guarded
 
 BURST = 0.15  # seconds of one timing; one call if that is longer
@@ -99,13 +100,17 @@ PARTS: dict[str, Off] = {
 }
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Time all parts."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=7, help="timings of each (default: %(default)s)")
-    parser.add_argument("--threads", type=int, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser = parser_of(__doc__)
+    parser.add_argument("--rounds", type=positive, default=7, help="timings of each (default: %(default)s)")
+    parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
     parser.add_argument("--only", nargs="+", metavar="PART", help="such parts whose names contain one of these")
-    return guarded(run, parser.parse_args())
+    args = parser.parse_args(argv)
+    for word in args.only or ():
+        if not any(word in part for part in PARTS):
+            parser.error(f"--only {word}: in no name of a part; expected words of {', '.join(PARTS)}")
+    return guarded(run, args)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,8 @@ import argparse
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from handpose.facts.cameras import CAMERAS, Camera
 from handpose.facts.cubes import CUBES_MM
@@ -119,6 +120,17 @@ def named_file(text: str) -> tuple[str, str]:
     if not name.strip() or not path:
         raise argparse.ArgumentTypeError(f"expected NAME=FILE, found {text!r}")
     return name.strip(), path
+
+
+def name_in(*endings: str) -> Callable[[str], str]:
+    """Checks a file's name: it ends in one of these."""
+
+    def checked(text: str) -> str:
+        if Path(text).suffix.lower() not in endings and not text == "-" in endings:
+            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(endings)}, found {text!r}")
+        return text
+
+    return checked
 
 
 def camera(text: str) -> Camera:

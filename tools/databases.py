@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -106,8 +107,9 @@ def write_databases(paths: Sequence[Path], fill: Callable[[Sequence[Writer]], ob
     They are written under other names and renamed in the end. Raises NetlibError, also for a name that is taken.
     """
     lmdb = _lmdb()
-    for path in paths:
-        if path.exists() or list(paths).count(path) > 1:
+    places = [os.path.realpath(path) for path in paths]
+    for path, place in zip(paths, places):
+        if path.exists() or places.count(place) > 1:
             what = "is there already" if path.exists() else "is named twice"
             raise NetlibError(f"{path}: {what}; a new database needs a name of its own")
     try:

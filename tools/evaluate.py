@@ -37,7 +37,7 @@ from handpose.scoring.metrics import joint_errors
 from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, Benchmark, Score
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
-from tools import plots
+from tools import outputs, plots
 from tools.arguments import named_file, parser_of
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
@@ -73,6 +73,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Compare as the parsed arguments say."""
+    if args.plot:
+        outputs.refuse_inputs(args.plot, [args.groundtruth, *(path for _, path in args.predictions)])
     benchmark = BENCHMARKS[args.dataset]()
     truth = published.read_joints(args.groundtruth, len(benchmark.joints), args.groundtruth_format, benchmark.camera)
     scores, predictions = {}, {}

@@ -118,8 +118,9 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
 
 def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     """Inputs (N, D) and residuals (N, K) in mm of the frames of all files of a list, which are written beside links."""
-    if args.swarm or args.frames:
-        raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm and --frames are for text files of joints")
+    if args.swarm or args.frames or args.format != "uvd":
+        raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format are for text files of "
+                          "joints")  # fmt: skip
     if not args.out:
         raise NetlibError(f"{args.joints}: a list of HDF5 files; expected --out FOLDER for their angles")
     name = Path(args.joints).name

@@ -5,7 +5,8 @@
 
 writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt
 that HDF5Data layers read. What is already there and the same is kept: a second run returns at once, and an
-interrupted run goes on where it stopped. Data of another origin, or of another body, are replaced only with --force.
+interrupted run goes on where it stopped. Data of another origin, of another body, or places where frames are to be, are
+replaced only with --force.
 
     python tools/make_synthetic.py --raw --out data/nyu_raw --train 200 --test 100
 
@@ -46,7 +47,7 @@ tools.begin(__name__)
 
 from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import Generator, Recipe, Split
+from handpose.synthetic.generator import MOST_SEED, Generator, Recipe, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
@@ -71,7 +72,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--test", type=positive, default=2000, metavar="N", help="frames or places (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=natural, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument("--seed", type=lambda text: natural(text, MOST_SEED), default=0, metavar="N",
+                        help="random seed (default: %(default)s)")  # fmt: skip
     parser.add_argument("--recipe", choices=recipes.NAMES, help="whose hands, before which camera (default: nyu)")
     parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")  # fmt: skip

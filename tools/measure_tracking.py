@@ -40,6 +40,7 @@ from handpose.tracking.tracker import Tracker
 from tools.arguments import add_engine, natural, parser_of, positive, positive_number
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
+from tools.sources import rate
 
 Row = dict[str, str | float | None]
 TITLES = {  # of the columns, and how they are written
@@ -61,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
                         help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
     parser.add_argument("--seeds", type=natural, nargs="+", default=[0], metavar="N",
                         help="of the recordings (default: 0)")  # fmt: skip
-    parser.add_argument("--rate", type=positive_number, default=30.0, metavar="HZ",
+    parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")  # fmt: skip
     parser.add_argument("--seconds", type=positive_number, metavar="S", help="of each (default: the scripts')")
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")

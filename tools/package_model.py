@@ -33,7 +33,7 @@ from handpose.fitting.depth.network_errors import NetworkErrors, covariance, dou
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
 from handpose.synthetic import recipes
-from handpose.synthetic.generator import Generator
+from handpose.synthetic.generator import MOST_SEED, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools import outputs
@@ -54,7 +54,7 @@ def main(argv: list[str] | None = None) -> int:
         "--recipe", choices=recipes.NAMES, default="cameras", help="of the frames (default: %(default)s)"
     )
     parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=natural, default=1000, metavar="N",
+    parser.add_argument("--seed", type=lambda text: natural(text, MOST_SEED), default=1000, metavar="N",
                         help="of the frames; not that of the training (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.bits > 23:

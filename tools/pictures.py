@@ -48,18 +48,20 @@ def make_folder(out: Path) -> None:
         raise NetlibError(f"{out}: cannot write pictures there: {reason_of(error)}") from error
 
 
-def places(images: Sequence[str], out: Path, ending: str) -> dict[str, Path]:
+def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
     """Where the picture of each image goes: into the folder ``out``, under the image's name with another ending.
 
-    Raises NetlibError if two would go to one place, or one over an input.
+    Where an image comes again, its further pictures are numbered from 2 on. Raises NetlibError if two would go to one
+    place, or one over an input.
     """
-    found: dict[str, Path] = {}
-    for image in images:
-        place = out / f"{Path(image).stem}{ending}"
-        if place in found.values() and image not in found:
+    found: list[Path] = []
+    for n, image in enumerate(images):
+        before = images[:n].count(image)
+        place = out / f"{Path(image).stem}{f'_{before + 1}' if before else ''}{ending}"
+        if place in found:
             raise NetlibError(f"{image}: its picture {place} would overwrite another's; run once per folder")
         outputs.refuse_inputs(place, images)
-        found[image] = place
+        found.append(place)
     return found
 
 

@@ -22,7 +22,7 @@ tools.begin(__name__)
 
 from netlib import files
 from netlib.errors import DataError
-from tools import pictures
+from tools import outputs, pictures
 from tools.arguments import parser_of
 from tools.console import DONE, guarded, say
 
@@ -55,6 +55,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Draw as the parsed arguments say."""
+    outputs.refuse_inputs(args.out, args.logs)
     logs = {path: read_log(path) for path in args.logs}
     plot(logs, args.out)
     say(f"wrote {args.out}")

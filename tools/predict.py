@@ -112,20 +112,20 @@ def run(args: argparse.Namespace) -> int:
     centers = given if len(given) > 1 else given * len(args.images)
     places = pictures.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     results, hands = [], []
-    for image, depth, middle in zip(args.images, depths, centers):
+    for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         if isinstance(found, FramePrediction) and predictor.is_hand:
             say_doubts(image, depth, found.camera, args.unit)
         hands.append((image, found))
-        findings.draw(places[image], found, predictor)
+        findings.draw(place, found, predictor)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
-            results.append({"image": image, "picture": str(places[image]), "cube_mm": predictor.cube_mm,
+            results.append({"image": image, "picture": str(place), "cube_mm": predictor.cube_mm,
                             **findings.facts(found, predictor), "joints_mm": rounded})  # fmt: skip
         else:
             words = f"{findings.in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
-            say(f"{image}: {words}; picture {places[image]}")
+            say(f"{image}: {words}; picture {place}")
             for name, (x, y, z) in joints.items():
                 say(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
     if args.html:

@@ -31,7 +31,7 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError
 from tools import outputs, pictures
-from tools.arguments import parser_of, positive
+from tools.arguments import name_in, parser_of, positive
 from tools.console import DONE, guarded, say
 
 LARGEST_PX = 65000  # of a JPEG, nearly
@@ -42,16 +42,15 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops")
-    parser.add_argument("--out", metavar="FILE", required=True, help="the picture, .png or .jpg")
+    parser.add_argument(
+        "--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True, help="the picture, .png or .jpg"
+    )
     parser.add_argument("--frames", type=positive, default=16, metavar="N", help="per set (default: %(default)s)")
     parser.add_argument("--columns", type=positive, default=8, metavar="N", help="per row (default: %(default)s)")
     parser.add_argument("--zoom", type=positive, default=1, metavar="N", help="enlarge N times (default: %(default)s)")
     parser.add_argument("--skeleton", metavar="FILE", help="of the bodies (default: NYU's hand)")
     parser.add_argument("--plain", action="store_true", help="do not draw what is annotated")
-    args = parser.parse_args(argv)
-    if not args.out.lower().endswith((".png", ".jpg")):
-        parser.error(f"--out must end in .png or .jpg, found {args.out}")
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,13 +64,15 @@ def run(args: argparse.Namespace) -> int:
     _refuse_large(sets, columns, args.zoom)
     images, titles = [], []
     for name, examples in zip(args.sets, sets):
-        for number, (crop, joints) in enumerate(examples):
+        for number, (crop, joints, where) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
                 raise DataError(f"{name}: frames have {found} joints, "
                                 f"{args.skeleton} has {len(skeleton.parents)}")  # fmt: skip
             if args.plain or joints is None or found != len(skeleton.parents):
                 images.append(hands.picture(crop, args.zoom))
+            elif not np.isfinite(joints).all():
+                raise DataError(f"{where}: its joints are not finite; with --plain no hands are drawn")
             else:
                 images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))
             titles.append(Path(name).name if number == 0 else "")
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _refuse_large(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> None:
     """Raise DataError for what is more than a picture can be."""
-    size = zoom * max(len(crop) for examples in sets for crop, _ in examples)
+    size = zoom * max(len(crop) for examples in sets for crop, *_ in examples)
     width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
     if max(width, height) > LARGEST_PX or width * height > LARGEST:
         raise DataError(f"{width} x {height} pixels are more than a picture can have, {LARGEST_PX} each way and "

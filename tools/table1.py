@@ -73,6 +73,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--lambda-length", type=positive, metavar="N",
                         help="iterations by weight of PhysLimit (default: where ours was done)")  # fmt: skip
     args = parser.parse_args(argv)
+    if args.networks and not (args.page or args.speed or args.lambda_length or _jobs(args)):
+        parser.error(f"--networks {' '.join(args.networks)}: no training of that --setting and --recipe is of these")
     args.command = shlex.join(["python", "tools/table1.py", *(sys.argv[1:] if argv is None else argv)])
     return guarded(run, args)
 

@@ -43,7 +43,7 @@ from netlib.net import Net
 from netlib.paths import ROOT
 from tools import pictures
 from tools.advice import on_missing_data
-from tools.arguments import add_engine, parser_of
+from tools.arguments import add_engine, name_in, parser_of, refuse_given
 from tools.console import DONE, aligned, guarded, say
 from tools.progress import ProgressBar
 
@@ -67,13 +67,14 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
     parser.add_argument("--deploy", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
                         help="with --fit: the same net with an input (default: nyu_deploy.prototxt)")  # fmt: skip
-    parser.add_argument("--picture", metavar="FILE", help=f"draw {DRAWN} frames as the last snapshot sees them")
+    parser.add_argument("--picture", metavar="FILE.png", type=name_in(".png"),
+                        help=f"draw {DRAWN} frames as the last snapshot sees them")  # fmt: skip
     parser.add_argument("--joints", action="store_true", help="list the joints with the last snapshot's errors")
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
-    if args.picture and not args.picture.lower().endswith(".png"):
-        parser.error(f"--picture must end in .png, found {args.picture}")
+    if not args.fit:
+        refuse_given(parser, args, ["deploy"], "is the net of a fit; say --fit, too")
     return guarded(run, args)
 
 

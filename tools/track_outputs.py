@@ -24,6 +24,7 @@ from handpose.tracks.track import TrackedFrame, TrackHeader
 from handpose.tracks.writing import TrackWriter, open_writer
 from netlib.errors import NetlibError
 from tools import outputs, pictures
+from tools.arguments import name_in
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
@@ -31,31 +32,20 @@ DRAWN = ("video", "sheet", "rerun")
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """The options that name what is to be written."""
-    parser.add_argument("--json", metavar="FILE|-", type=_name_in(".json", ".jsonl", "-"),
+    parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
                         help="joints, angles, crops: .json, .jsonl (a line per frame, as it comes), or - for such "
                              "lines on standard output")  # fmt: skip
-    parser.add_argument("--csv", metavar="FILE.csv", type=_name_in(".csv"), help="a row per frame and hand, for tables")
-    parser.add_argument("--bvh", metavar="FILE.bvh", type=_name_in(".bvh"),
+    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="a row per frame and hand, for tables")
+    parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
                         help="bones and angles for Blender and others; a file for each hand")  # fmt: skip
-    parser.add_argument("--video", metavar="FILE.mp4", type=_name_in(".mp4"),
+    parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
-    parser.add_argument("--sheet", metavar="FILE.png", type=_name_in(".png", ".jpg"),
+    parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="the whole track on one page")  # fmt: skip
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=_name_in(".rrd"),
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
-    parser.add_argument("--look", metavar="FILE.png", type=_name_in(".png", ".jpg"),
+    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="only the first look, and the first hand as a picture")  # fmt: skip
-
-
-def _name_in(*endings: str) -> Callable[[str], str]:
-    """Checks a name on the command line: it ends in one of these."""
-
-    def checked(text: str) -> str:
-        if Path(text).suffix.lower() not in endings and not text == "-" in endings:
-            raise argparse.ArgumentTypeError(f"expected a name in {', '.join(endings)}, found {text!r}")
-        return text
-
-    return checked
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:

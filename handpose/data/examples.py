@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,18 @@ from handpose.data.images import read_crop
 from netlib.errors import DataError
 from netlib.hdf5 import File, read_list
 
-# A crop (size, size) in [-1, 1], and the joints in half-cubes, if the data set has them.
-Example = tuple[NDArray[np.float32], "NDArray[np.float64] | None"]
+
+class Example(NamedTuple):
+    """One frame.
+
+    crop    (size, size) in [-1, 1]
+    joints  half-cubes, if the data set has them
+    where   its file, and its row in it
+    """
+
+    crop: NDArray[np.float32]
+    joints: NDArray[np.float64] | None
+    where: str
 
 
 def examples_of(path: Path, count: int) -> list[Example]:
@@ -22,7 +33,7 @@ def examples_of(path: Path, count: int) -> list[Example]:
         crops = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
         if not crops:
             raise DataError(f"{path}: no PNG pictures in this folder; expected crops")
-        return [(read_crop(crops[i]), None) for i in spread(len(crops), count)]
+        return [Example(read_crop(crops[i]), None, str(crops[i])) for i in spread(len(crops), count)]
     files = [path] if path.suffix == ".h5" else read_list(str(path), None)
     rows = [(file, row) for file in map(_open, files) for row in range(file.rows)]
     return [_example(*rows[i]) for i in spread(len(rows), count)]
@@ -45,4 +56,6 @@ def _open(path: Path) -> File:
 def _example(file: File, row: int) -> Example:
     crop, *joints = (dataset[row] for dataset in file.datasets)
     with np.errstate(all="ignore"):  # numbers of other kinds; a pixel that is none is drawn as none
-        return crop.reshape(crop.shape[-2:]).astype(np.float32), joints[0].astype(np.float64) if joints else None
+        depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
+        found = joints[0].astype(np.float64) if joints else None
+    return Example(depth, found, f"{file.path}: frame {row}")

@@ -44,20 +44,34 @@ def parts_of(frames: PublishedFrames, out: Path) -> list[Part]:
     return parts
 
 
+def is_current(frames: PublishedFrames, part: Part) -> bool:
+    """Is the file of a part whole, and are those frames that it leaves out still bad, and bad in the same way?
+
+    The recipe knows the images by their sizes, so one that was repaired may have left it as it was.
+    """
+    return is_whole(part) and all(frames.flaw(i) == kind for i, kind in _left_out(part))
+
+
+def _left_out(part: Part) -> list[tuple[int, str]]:
+    """The frames that a whole part has no rows of: index and kind of flaw."""
+    with hdf5.opened(part.path, "the data") as file:
+        kinds = json.loads(file.attrs["bad"])
+    return [(i, kind) for kind, indices in kinds.items() for i in indices]
+
+
 def write_parts(
     frames: PublishedFrames,
     parts: Sequence[Part],
+    missing: Sequence[Part],
     workers: int,
     advance: Callable[[int], None],
     on_bad: Callable[[int, BadFrameError], None],
-    force: bool = False,
 ) -> Outcome:
-    """Write those parts of a split that are not there yet.
+    """Write those parts of a split that are missing, and take the others as they are.
 
     workers  number of threads
     advance  is called with numbers of frames that were dealt with
     on_bad   is called for every bad frame with its index, for those of parts that were kept, too
-    force    write all parts anew
 
     An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
     """
@@ -65,10 +79,10 @@ def write_parts(
         writer = _Writer(frames, Outcome(list(parts)), pool, _AHEAD * workers, advance, on_bad)
         start = 0
         for part in parts:
-            if not force and is_whole(part):
-                writer.recall(part)
-            else:
+            if part in missing:
                 writer.write(part, start)
+            else:
+                writer.recall(part)
             start += part.rows
     return writer.outcome
 
@@ -88,11 +102,9 @@ class _Writer:
         """Take the outcome of a part from its file."""
         with hdf5.opened(part.path, "the data") as file:
             self.outcome.index += file["index"][...].tolist()
-            kinds = json.loads(file.attrs["bad"])
-            bad = [(i, kind, self.frames.files[i]) for kind, indices in kinds.items() for i in indices]
-        for i, kind, path in bad:
+        for i, kind in _left_out(part):
             self.outcome.bad[i] = kind
-            self.on_bad(i, BadFrameError(path, kind))
+            self.on_bad(i, BadFrameError(self.frames.files[i], kind))
 
     def write(self, part: Part, start: int) -> None:
         """Write a part of the frames from ``start`` on."""

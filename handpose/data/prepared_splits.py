@@ -8,7 +8,7 @@ from pathlib import Path
 
 from handpose.data import parts as files
 from handpose.data.bad_frames import BadFrameError
-from handpose.data.preparation import Outcome, parts_of, write_parts
+from handpose.data.preparation import Outcome, is_current, parts_of, write_parts
 from handpose.data.published_frames import PublishedFrames, statistics
 from netlib import atomic
 from netlib.errors import DataError, printable
@@ -24,9 +24,9 @@ class PreparedSplit:
     """
 
     def __init__(self, frames: PublishedFrames, out: Path, force: bool = False) -> None:
-        self.frames, self.force = frames, force
+        self.frames = frames
         self.parts = parts_of(frames, out)
-        self.missing = [part for part in self.parts if force or not files.is_whole(part)]
+        self.missing = [part for part in self.parts if force or not is_current(frames, part)]
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
 
     def write(
@@ -41,7 +41,7 @@ class PreparedSplit:
 
         if self.missing:
             self.list.unlink(missing_ok=True)  # no list may name files of two kinds
-        outcome = write_parts(self.frames, self.parts, workers, advance, name, self.force)
+        outcome = write_parts(self.frames, self.parts, self.missing, workers, advance, name)
         if named:
             atomic.replace_text(self.bad, "".join(named))
         else:

@@ -78,6 +78,14 @@ class PublishedFrames:
             raise BadFrameError(path, EMPTY, f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm")
         return made
 
+    def flaw(self, i: int) -> str | None:
+        """The kind of flaw of frame ``i``, None of a good one."""
+        try:
+            self.crop(i)
+        except BadFrameError as error:
+            return error.kind
+        return None
+
     def recipe(self, start: int, stop: int) -> str:
         """All that the crops of frames ``start`` to ``stop`` depend on; of the images their names and sizes only."""
         digest = hashlib.sha256()

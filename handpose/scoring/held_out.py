@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, printable
+from netlib.hdf5 import File
 from netlib.net import Net
 
 
@@ -35,7 +36,10 @@ class Predictions:
 def predict_all(
     net: Net, prediction: str = "pred", truth: str = "joint", progress: Callable[[int], None] = lambda done: None
 ) -> Predictions:
-    """Run the whole test set once, from its first frame. ``progress`` is told the number of frames done."""
+    """Run the whole test set once, from its first frame. ``progress`` is told the number of frames done.
+
+    Raises NetlibError, DataError for labels that no figure can be made of.
+    """
     data, hand = data_layer(net), hand_layer(net)
     for name in (prediction, truth):
         if name not in net.blobs:
@@ -60,6 +64,7 @@ def predict_all(
         done += take
         progress(done)
     arrays = {name: np.concatenate(parts) for name, parts in found.items()}
+    _check_annotated(arrays[truth], data.files)
     return Predictions(
         joints=arrays[prediction].reshape(done, -1, 3),
         truth=arrays[truth].reshape(done, -1, 3),
@@ -69,6 +74,18 @@ def predict_all(
         outputs={name: float(np.mean(values)) for name, values in sums.items()},
         made_from=", ".join(sorted({printable(file.made_from) for file in data.files})),
     )
+
+
+def _check_annotated(joints: Array, files: Sequence[File]) -> None:
+    """Raise DataError if joints (N, ...) of the files' frames, one file after the other, are not finite."""
+    wrong, start = np.asarray(~np.isfinite(joints).all(axis=1)), 0
+    for file in files:
+        own = wrong[start : start + file.rows]
+        if own.any():
+            raise DataError(
+                f"{file.path}: the annotated joints of frame {own.argmax()} are not finite ({own.sum()} such frames)"
+            )
+        start += file.rows
 
 
 def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
@@ -88,12 +105,9 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
                       larger body at most the same part of its cube, in whole mm
     out_of_limits     frames with an angle beyond its limit (only for nets with a model of the body)
     """
-    for what, values in (("predicted", p.joints), ("annotated", p.truth)):
-        wrong = ~np.isfinite(values).all(axis=(1, 2))
-        if wrong.any():
-            raise DataError(
-                f"the {what} joints of frame {int(wrong.argmax())} are not finite ({wrong.sum()} such frames)"
-            )
+    wrong = ~np.isfinite(p.joints).all(axis=(1, 2))
+    if wrong.any():
+        raise DataError(f"the predicted joints of frame {wrong.argmax()} are not finite ({wrong.sum()} such frames)")
     scale = p.half_cube[:, None, None]
     errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
     figures = {"error_mm": metrics.mean_error(errors)}

@@ -36,7 +36,7 @@ class Act:
     gestures  show them in any order, each for a while, the place swaying a little
     wave      with an open hand
     moving    fingers, palm and place at once, in bouts, with a rest after each
-    away      leave the image and come back at the end; as the first act, come; the last one ends away
+    away      leave the image and come back at the end; as the first act, come
     """
 
     kind: Kind
@@ -61,13 +61,16 @@ class Actor:
         self.movement = Movement(sampler, person, side, fingers, palm, arm, volume.place(rng))
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
-        """Do the acts, again and again, until so many seconds are over."""
+        """Do the acts, again and again, until so many seconds are over, whose number does not change the movement.
+
+        So what begins while a hand still comes back is done, too.
+        """
         n = 0
-        while self.time < seconds:
+        while min(self.time, _begin(self.movement.place.strokes, self.time, np.inf)) < seconds:
             act = acts[n % len(acts)]
             end = self.time + act.seconds
             if act.kind == "away":
-                self._away(end, first=n == 0, last=end >= seconds)
+                self._away(end, first=n == 0)
             else:
                 {"gestures": self._gestures, "wave": self._wave, "moving": self._moving}.get(act.kind, _still)(end)
             self.time = end
@@ -111,7 +114,7 @@ class Actor:
                 pass
             self.time = bout + self.rng.uniform(*HOLD)
 
-    def _away(self, end: float, first: bool, last: bool) -> None:
+    def _away(self, end: float, first: bool) -> None:
         place = self.movement.place
         inside = place.keys[-1]
         outside = self.volume.outside(inside)
@@ -119,9 +122,8 @@ class Actor:
             place.keys[-1] = outside
         else:
             self._go(outside, self.time, np.inf)
-        if not last:
-            lasts = TOP_SPEED * float(np.linalg.norm(outside - inside)) / HAND_SPEED
-            place.move(max(end - lasts, place.strokes.end), lasts, inside)
+        lasts = TOP_SPEED * float(np.linalg.norm(outside - inside)) / HAND_SPEED
+        place.move(max(end - lasts, place.strokes.end), lasts, inside)
 
     # ------------------------------------------------------------------------------------------ strokes
 

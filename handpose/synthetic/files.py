@@ -39,20 +39,22 @@ def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
     return pieces
 
 
-def _body_of(recipe: object) -> object:
-    """The skeleton file that the frames of a recipe show; None if it names none."""
+def _kind_of(recipe: object) -> str | None:
+    """What a recipe makes, in words: places, or frames of a skeleton file; None if it is none of ours."""
     try:
-        return json.loads(str(recipe))["prior"]["skeleton"]
+        facts = json.loads(str(recipe))
+        return "places" if "places" in facts else f"frames of {facts['prior']['skeleton']}"
     except (ValueError, KeyError, TypeError):
         return None
 
 
-def _refuse_another_body(part: Part) -> None:
-    """Raise DataError if there are frames of another body where the part is to be."""
+def _refuse_another_kind(part: Part) -> None:
+    """Raise DataError if there are places, or frames of another body, where the part is to be."""
     found = parts.attributes(part.path) if part.path.is_file() else None
-    there, asked = _body_of((found or {}).get("recipe")), _body_of(part.recipe)
+    there, asked = _kind_of((found or {}).get("recipe")), _kind_of(part.recipe)
     if there and there != asked:
-        raise DataError(f"{part.path} shows the body of {there}, not of {asked}; choose another folder, or --force")
+        raise DataError(f"{part.path}: holds {there}, expected {asked}; choose another folder, or use --force to "
+                        "replace it")  # fmt: skip
 
 
 class DataSet:
@@ -62,7 +64,7 @@ class DataSet:
     sources  a generator for each split, and how many of its rows
     force    write everything anew, and replace data of another origin
 
-    Raises DataError where data of another origin, or of another body, would be replaced, and where no room is left.
+    Raises DataError where data of another origin or kind would be replaced, and where no room is left.
     """
 
     def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
@@ -73,7 +75,7 @@ class DataSet:
         self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
         parts.refuse_foreign([piece.part.path for piece in every], list(self.lists), [MADE_FROM], force)
         for piece in () if force else every:
-            _refuse_another_body(piece.part)
+            _refuse_another_kind(piece.part)
         self.missing = [piece for piece in every if force or not parts.is_whole(piece.part)]
 
     @property

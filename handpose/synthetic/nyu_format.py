@@ -18,7 +18,7 @@ from handpose.data import nyu_files, parts
 from handpose.data.crops import restore_joints, window
 from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
-from handpose.facts.nyu import frame_name
+from handpose.facts.nyu import CUBE_MM, frame_name
 from handpose.synthetic.generator import BLOCK, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
 from netlib import atomic, files
@@ -38,7 +38,8 @@ class RawDataSet:
     recipe   what they are drawn by; seen by NYU's camera
     force    write everything anew, even into a folder that holds other things
 
-    Raises DataError for a folder that holds other things, and for other cameras.
+    Raises DataError for a folder that holds other things, for other cameras, and for other cubes, which the annotation
+    has no place for.
     """
 
     def __init__(
@@ -49,6 +50,10 @@ class RawDataSet:
         recipe = recipe or Recipe()
         if any(view.camera != NYU for view in recipe.views):
             raise DataError("NYU's format is for frames of NYU's camera; expected a recipe without others")
+        for cube_mm in (recipe.prior.cube_mm, *(subject.cube_mm for subject in recipe.others)):
+            if cube_mm != CUBE_MM:
+                raise DataError(f"NYU's format holds no cubes, they are taken for {CUBE_MM:g} mm; this recipe also has "
+                                f"one of {cube_mm:g} mm: make it without --raw")  # fmt: skip
         for generator in (Generator(seed, split, recipe) for split in counts):
             folder = out / generator.split
             marker = atomic.text_of(folder / MARKER)

@@ -28,7 +28,12 @@ def decode_image(content: bytes, color: bool | None, what: str) -> Array:
 
 
 def resize_image(image: Array, height: int, width: int) -> Array:
-    """The picture in another size, by linear interpolation; OpenCV drops a single channel, here it stays."""
+    """The picture in another size, by linear interpolation; OpenCV drops a single channel, here it stays.
+
+    Raises DataError for more pixels than a picture may have that is read.
+    """
+    if height * width > pictures.MOST_PIXELS:
+        raise DataError(f"pictures resized to {width} x {height} pixels; expected at most {pictures.MOST_PIXELS}")
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, -1)
 
 

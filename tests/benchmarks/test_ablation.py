@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import h5py
 import pytest
 
 from benchmarks import ablation
@@ -58,6 +59,13 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
     ablation.trained(ablation.OF_NYU[0], *data, 1, args)
     assert len(trained) == 2
     assert "base_lr: 0.1\n" in trained[1]
+    for count in (3, 4):  # the data were made anew, as of another version of the generator
+        for _ in range(2):
+            with h5py.File(tmp_path / "data.h5", "w") as file:
+                file.attrs["recipe"] = f"version {count}"
+            _, _, net = ablation.trained(ablation.OF_NYU[0], *data, 1, args)
+            assert len(trained) == count
+    load_parameter(prototxt.parse(net.read_text(), "net"))
 
 
 def test_a_study_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:

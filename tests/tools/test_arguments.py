@@ -71,6 +71,7 @@ def test_a_camera_by_its_numbers() -> None:
             "1,2,3,nan",
             "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics that its SDK tells",
         ),
+        (arguments.name_in(".png", ".jpg"), "folder/.png", "a name in .png, .jpg"),
         (arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

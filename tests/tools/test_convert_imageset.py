@@ -134,6 +134,8 @@ def test_sizes(pictures, capsys):
                                   "as in 'pim 0.png'"),
         (["p/", "none.txt", "db"], "none.txt: cannot read the list of images: No such file or directory"),
         (["p/", "list.txt", "p"], "p: is there already; a new database needs a name of its own"),
+        (["-resize_width=1000000", "-resize_height=1000000", "p/", "list.txt", "db"],
+         "pictures resized to 1000000 x 1000000 pixels; expected at most 268435456"),
         (["-encode_type=tga7", "p/", "list.txt", "db"], "p/im 0.png: OpenCV cannot encode pictures of type 'tga7'; say "
                                                         "-encode_type png, for example"),
     ],

@@ -95,6 +95,8 @@ def test_names_that_are_taken(tmp_path):
         write_databases([tmp_path / "b", tmp_path / "a"], put(1))
     with pytest.raises(NetlibError, match="b: is named twice"):
         write_databases([tmp_path / "b", tmp_path / "b"], put(1))
+    with pytest.raises(NetlibError, match="b: is named twice"):
+        write_databases([tmp_path / "b", tmp_path / "sub" / ".." / "b"], put(1))
     assert names(tmp_path) == ["a"]
 
 

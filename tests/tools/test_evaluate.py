@@ -132,6 +132,18 @@ def test_mistakes(files, capsys, arguments, message):
     assert not list(files.glob(".*.tmp"))
 
 
+@pytest.mark.parametrize("plot", ["truth.png", "near.png"])
+def test_joints_are_not_drawn_over(files, capsys, plot):
+    """Neither the annotation nor predictions, whatever they are called."""
+    for name in ("truth", "near"):
+        (files / f"{name}.txt").rename(f"{name}.png")
+    before = (files / plot).read_bytes()
+    argv = ["icvl", "--groundtruth", "truth.png", "--predictions", "A=near.png", "--plot", plot]
+    assert evaluate.main(argv) == 1
+    assert capsys.readouterr() == ("", f"{plot}: is read in this run; write to another place\n")
+    assert (files / plot).read_bytes() == before
+
+
 def test_joints_of_another_data_set(files, capsys):
     """ICVL's 16 joints are not NYU's 14."""
     assert run("A=near.txt", dataset="nyu") == 1

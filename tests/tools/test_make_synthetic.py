@@ -227,7 +227,9 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
 
 
-@pytest.mark.parametrize("wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--tset", "5")])
+@pytest.mark.parametrize(
+    "wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--seed", "4294967296"), ("--tset", "5")]
+)
 def test_usage(tool: ModuleType, capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]) -> None:
     """Wrong numbers and options exit 2 and are named."""
     with pytest.raises(SystemExit) as exit_:
@@ -332,7 +334,8 @@ def test_another_body_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: py
     before = (tmp_path / "train_000.h5").read_bytes()
     capsys.readouterr()
     assert tool.main(arguments(tmp_path, *body, train=10)) == 1
-    assert "shows the body of nyu.prototxt, not of arm.prototxt" in capsys.readouterr().err
+    expected = "train_000.h5: holds frames of nyu.prototxt, expected frames of arm.prototxt; choose another folder"
+    assert expected in capsys.readouterr().err
     assert (tmp_path / "train_000.h5").read_bytes() == before
     assert tool.main(arguments(tmp_path, *body, "--force", train=10)) == 0
     assert (tmp_path / "train_000.h5").read_bytes() != before

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from tools import measure_tracking
 
 SHORT = ["--cameras", "icvl", "--seconds", "0.3", "--rate", "10"]
@@ -31,3 +33,10 @@ def test_json(capsys):
     assert hand["hand"] == "0 right" and hand["in_sight"] == 3 and hand["alone_found"] == 1
     assert hand["alone"] > 0 and hand["lag"] is None
     assert {**total, "script": "rest", "camera": "icvl", "seed": "3", "hand": "0 right"} == hand
+
+
+def test_a_rate_that_no_camera_has(capsys):
+    """Is wrong usage: the run would not end."""
+    with pytest.raises(SystemExit, match="2"):
+        measure_tracking.main(["--scripts", "rest", "--rate", "1e300"])
+    assert "argument --rate: expected a number of more than 0 and at most" in capsys.readouterr().err

@@ -69,6 +69,8 @@ def test_terms(capsys):
     ("tool", "arguments", "message"),
     [
         (package_model, ["a", "--model", "b", "--out", "c", "--bits", "24"], "--bits must be at most 23, found 24"),
+        (package_model, ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
+        (measure_fit, ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
         (measure_fit, ["--weights", "a"], "--weights and --model belong together"),
     ],
 )

@@ -74,6 +74,15 @@ def test_a_format_that_is_not_known(tmp_path, capsys):
     assert error.count("\n") == 1 and [path.name for path in tmp_path.iterdir()] == ["a.log"]
 
 
+def test_a_log_is_not_drawn_over(tmp_path, capsys):
+    """Whatever it is called, and by whatever name."""
+    (tmp_path / "a.svg").write_text(LOG)
+    (tmp_path / "folder").mkdir()
+    assert plot_log.main([str(tmp_path / "a.svg"), "--out", f"{tmp_path}/folder/../a.svg"]) == 1
+    assert "is read in this run; write to another place" in capsys.readouterr().err
+    assert (tmp_path / "a.svg").read_text() == LOG
+
+
 def test_caffes_own_log(caffe_data):
     """A log recorded from Caffe is read whole."""
     log = plot_log.read_log(caffe_data / "logs" / "deepmodel_train.log")

@@ -211,6 +211,17 @@ def test_centers(frame, capsys):
         assert [found["center_uvd"] for found in both] == [given[0], given[-1]]
 
 
+def test_the_hands_of_one_frame_have_pictures_of_their_own(frame, capsys):
+    """The second is numbered; a frame of that name does not lose its own."""
+    options = ["--camera", "kinect2", "--refine", "0", "--center=250,200,690", "--center=300,200,690"]
+    found = predicted(capsys, "frame.png", "frame.png", *options)
+    assert [hand["picture"] for hand in found] == ["p/frame_hand.png", "p/frame_2_hand.png"]
+    assert not np.array_equal(*(cv2.imread(hand["picture"]) for hand in found))
+    shutil.copy("frame.png", "frame_2.png")
+    error = mistake(capsys, "frame.png", "frame.png", "frame_2.png", "--camera", "kinect2")
+    assert error == "frame_2.png: its picture frame_2_hand.png would overwrite another's; run once per folder"
+
+
 @pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
 def test_the_crop_is_moved_to_the_palm(frame, capsys, monkeypatch, times, moved):
     """As often as --refine says, each time to where the last prediction has it."""

@@ -93,3 +93,21 @@ def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path, capsys: pyte
     assert show_data.main([str(frames), *options]) == 1
     error = capsys.readouterr().err
     assert "frames have 31 joints" in error and "one.prototxt has 1" in error and not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.parametrize("name", [".png", "a.gif"])
+def test_pictures_of_no_name_or_another_kind(frames: Path, tmp_path: Path, name: str) -> None:
+    """Are wrong usage."""
+    with pytest.raises(SystemExit, match="2"):
+        show_data.main([str(frames), "--out", str(tmp_path / name)])
+
+
+def test_joints_that_are_not_finite(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The line names the file, not only the list; the crops can be seen."""
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["joint"][4, 1] = np.nan
+    argv = [str(frames), "--out", str(tmp_path / "out.png")]
+    assert show_data.main(argv) == 1
+    expected = f"{tmp_path}/a.h5: frame 4: its joints are not finite; with --plain no hands are drawn\n"
+    assert capsys.readouterr().err == expected
+    assert show_data.main([*argv, "--plain"]) == 0

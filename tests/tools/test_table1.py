@@ -302,7 +302,15 @@ def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "options", [["--longest", "0"], ["--seeds", "-1"], ["--networks", "other"], ["--list", "--page"]]
+    "options",
+    [
+        ["--longest", "0"],
+        ["--seeds", "-1"],
+        ["--networks", "other"],
+        ["--list", "--page"],
+        ["--list", "--setting", "one_hand", "--networks", "ours_scale", "ours_bones"],
+        ["--list", "--recipe", "paper", "--networks", "ours_scale"],
+    ],
 )
 def test_usage(options):
     """Wrong usage is argparse's own message and status 2."""

@@ -94,6 +94,20 @@ def test_fit(work, small_data, capsys):
     assert "fit: all joints mm" in capsys.readouterr().out and cv2.imread("x.png") is not None
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--deploy", "own.prototxt"], "--deploy is the net of a fit; say --fit, too"),
+        (["--picture", "folder/.png"], "--picture: expected a name in .png, found 'folder/.png'"),
+    ],
+)
+def test_usage(capsys, options, message):
+    """A net that only a fit would run, and a picture without a name."""
+    with pytest.raises(SystemExit, match="2"):
+        test.main(["net.caffemodel.h5", *options])
+    assert message in capsys.readouterr().err
+
+
 def test_frames_that_cannot_be_fitted(work, small_data, snapshot, capsys):
     """Without the places where their crops were cut, or of several cameras."""
     (work / "data").mkdir()

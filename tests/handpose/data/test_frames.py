@@ -6,6 +6,7 @@ import numpy as np
 
 from handpose.data.frames import Frames, empty_frames
 from handpose.facts.cameras import NYU
+from netlib.paths import ROOT
 
 
 def made(n: int, dof: np.ndarray | None = None) -> Frames:
@@ -40,3 +41,11 @@ def test_some_of_the_frames() -> None:
     assert len(some) == 2 and some.index.tolist() == [1, 2]
     for name, array in some.arrays().items():
         np.testing.assert_array_equal(array, frames.arrays()[name][1:3])
+
+
+def test_all_columns_are_documented() -> None:
+    """In the table of the files."""
+    page = (ROOT / "docs" / "data.md").read_text()
+    for name, array in empty_frames(31, 47, bones=True).arrays().items():
+        shape = ", ".join(map(str, ("n", *array.shape[1:])))
+        assert f"| `{name}` | ({shape}{',' if array.ndim == 1 else ''}) " in page

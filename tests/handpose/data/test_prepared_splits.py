@@ -52,6 +52,14 @@ def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
     assert told[0].startswith("test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: joints x 0 to 0")
 
 
+def test_a_repaired_frame_is_taken_in(tmp_path: Path) -> None:
+    """Though its file has the size that it had, so that the recipe is the same; other parts are kept."""
+    for bad, missing, index in ((range(4, 6), 3, [0, 1, 2, 3, 6]), (range(5, 6), 1, [0, 1, 2, 3, 4, 6])):
+        split = PreparedSplit(split_of(tmp_path, bad), tmp_path)
+        assert len(split.missing) == missing
+        assert sorted(split.write(1, lambda count: None, lambda i, error: None).index) == index
+
+
 def test_a_split_without_good_frames(tmp_path: Path) -> None:
     """Gets no list, and an old one is gone."""
     (tmp_path / "test.txt").write_text("old.h5\n")

@@ -1,5 +1,6 @@
 """A net's predictions over a test set, and their figures."""
 
+import shutil
 from pathlib import Path
 
 import h5py
@@ -70,10 +71,20 @@ def test_a_half_cube_that_gives_no_millimetres(frames: Path) -> None:
 
 
 def test_joints_that_are_not_finite(frames: Path) -> None:
+    """The file and the frame in it are named."""
+    shutil.copy(frames / "a.h5", frames / "b.h5")
+    (frames / "list.txt").write_text("a.h5\nb.h5\n")
+    with h5py.File(frames / "b.h5", "a") as file:
+        file["joint"][3, 5] = np.nan
+    with pytest.raises(DataError, match=r"b\.h5: the annotated joints of frame 3 are not finite \(1 such frames\)"):
+        held_out.predict_all(net_of(frames))
+
+
+def test_predictions_that_are_not_finite(frames: Path) -> None:
     """The frame is named."""
     with h5py.File(frames / "a.h5", "a") as file:
-        file["joint"][3, 5] = np.nan
-    with pytest.raises(DataError, match="the annotated joints of frame 3 are not finite"):
+        file["x"][3, 5] = np.nan
+    with pytest.raises(DataError, match="the predicted joints of frame 3 are not finite"):
         held_out.figures_of(held_out.predict_all(net_of(frames)), skeleton.load())
 
 

@@ -63,11 +63,19 @@ def test_the_same_acts_make_the_same_movement() -> None:
         assert np.abs(short.pose_at(time).xyz - other.pose_at(time).xyz).max() > 1
 
 
+def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
+    """Also where that ends on its way back."""
+    acts = (Act("moving", 3), Act("away", 6))
+    short, long = played(*acts, seconds=8.9), played(*acts, seconds=20)
+    np.testing.assert_allclose(short.place.at(8.8), long.place.at(8.8), atol=1e-6)
+    assert 0 < NYU.project(short.place.at(8.8))[0] < NYU.width
+
+
 @pytest.mark.parametrize("first", [True, False])
 def test_away(first: bool) -> None:
-    """A hand goes to the side and comes back where it was; as the first act it comes, as the last one it stays away."""
+    """A hand goes to the side and comes back where it was; as the first act it comes; it may be long away."""
     acts = (Act("away", 4),) if first else (Act("rest", 1), Act("away", 4))
-    movement = played(*acts, Act("rest", 2), Act("away", 3), seconds=10 - first)
+    movement = played(*acts, Act("rest", 2), Act("away", 9), seconds=10 - first)
     u = [float(NYU.project(movement.place.at(t))[0]) for t in np.arange(0, 10 - first, 0.5)]
     gone = [not 0 < column < NYU.width for column in u]
     assert gone[0] is first and gone[-1] and any(not now for now in gone)

@@ -18,9 +18,10 @@ from handpose.facts.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
 from handpose.flesh.render import Capsules, normalise_depth, render_crop
 from handpose.predicting.finding import palm_frame
 from handpose.synthetic import prior_file, recipes
-from handpose.synthetic.generator import BLOCK, Generator, Recipe, View
+from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError
+from netlib.paths import ROOT
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:
@@ -146,10 +147,17 @@ def test_crops_look_like_real_ones(generator: Generator) -> None:
     assert np.median(depth[depth < 1]) * 150 == pytest.approx(-27, abs=15)
 
 
+def test_the_present_version_is_documented() -> None:
+    """In the last row of the table of versions, and nowhere else."""
+    rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if "present version" in line]
+    assert len(rows) == 1 and rows[0].startswith(f"| {VERSION} |")
+
+
 def test_mistakes() -> None:
     """Impossible numbers and splits are named."""
     for make, message in (
         (lambda: Generator(-1), "seed -1"),
+        (lambda: Generator(1 << 32), "seed 4294967296, expected 0 to 4294967295"),  # 0 again, of the other split
         (lambda: Generator(0, "tset"), "'tset', expected one of train, test"),  # type: ignore[arg-type]
     ):
         with pytest.raises(DataError, match=message):

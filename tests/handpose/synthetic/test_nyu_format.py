@@ -10,6 +10,8 @@ import pytest
 from handpose.data.crops import crop
 from handpose.synthetic.generator import Generator, Split
 from handpose.synthetic.nyu_format import RawDataSet, whole_image
+from handpose.synthetic.recipes import recipe
+from netlib.errors import DataError
 
 COUNTS: dict[Split, int] = {"train": 3, "test": 2}
 
@@ -42,3 +44,11 @@ def test_whole_splits_are_kept(tmp_path: Path) -> None:
     assert RawDataSet(tmp_path, 0, COUNTS).is_whole
     assert RawDataSet(tmp_path, 0, COUNTS, force=True).missing_frames == 5
     assert RawDataSet(tmp_path, 1, COUNTS).missing_frames == 5
+
+
+def test_a_person_with_another_cube_is_refused(tmp_path: Path) -> None:
+    """The format has no place for it: the frames would come back with the first person's."""
+    with pytest.raises(
+        DataError, match="holds no cubes, they are taken for 300 mm; this recipe also has one of 261 mm"
+    ):
+        RawDataSet(tmp_path, 0, COUNTS, recipe("one_hand"))

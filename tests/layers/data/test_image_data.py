@@ -180,6 +180,7 @@ def test_notes(tmp_path, pictures, net_of):
         (b"empty 1", "", r"empty: not an image that OpenCV can decode \(0 bytes\)"),
         (b"picture 0.png 1", "batch_size: 0", "layer 'd': batch_size must be at least 1"),
         (b"picture 0.png 1", "new_width: 3", "new_height 0 and new_width 3 must be given together"),
+        (b"picture 0.png 1", "new_height: 99999 new_width: 99999", "pictures resized to 99999 x 99999 pixels"),
         (b"picture 0.png 1", "rand_skip: 900", "rand_skip 900 would skip all 1 images"),
     ],
 )
