@@ -93,7 +93,7 @@ def test_a_few_of_them(block: PlaceRows) -> None:
 
 def test_a_seed_below_zero() -> None:
     """Or another split: one line."""
-    with pytest.raises(DataError, match="seed -1, expected 0 or more"):
+    with pytest.raises(DataError, match="seed -1, expected 0 to 4294967295"):
         PlaceGenerator(-1)
     with pytest.raises(DataError, match="split 'valid', expected one of train, test"):
         PlaceGenerator(0, "valid")  # type: ignore[arg-type]
