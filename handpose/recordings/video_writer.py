@@ -31,8 +31,8 @@ class VideoWriter:
     rate     frames per second, if it is known; every frame keeps its own time all the same
 
     Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
-    no file, or the old one. A disk that fails leaves a file that is cut, with all frames that reached it: FFmpeg holds
-    back up to five seconds.
+    no file, or the old one. A disk that fails leaves the old file, or where there is none one that is cut, with all
+    frames that reached it: FFmpeg holds back up to five seconds.
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
@@ -93,8 +93,9 @@ class VideoWriter:
                 self._container.close()
             except OSError as one:
                 failure = one
-            if failure is None or _has_a_frame(self._fresh):
-                atomic.take_place(self._fresh, self._path, sync=failure is None)
+            cut = self._failed or failure is not None
+            if not cut or (not self._path.exists() and _has_a_frame(self._fresh)):
+                atomic.take_place(self._fresh, self._path, sync=not cut)
             if failure is not None and not self._failed:  # else it has been told
                 raise failure
 

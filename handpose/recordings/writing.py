@@ -28,8 +28,8 @@ class _Writer(Protocol):
 class RecordingWriter:
     """A recording that is there after the block; if an exception or Ctrl-C ends that, with the frames till then.
 
-    On a full disk a folder keeps them all, FILE.mkv all but the last seconds, and FILE.npz, which is made at the end,
-    none: an old file stays.
+    On a full disk a folder keeps them all, FILE.mkv all but the last seconds, unless it was to replace an old one, and
+    FILE.npz, which is made at the end, none: an old file stays.
 
     path     a folder, FILE.npz, or FILE.mkv
     camera   of the frames, with their size and without distortion, which frames have no more

@@ -19,6 +19,7 @@ NO_READERS = {
     "handpose/experiments/machine.py": "reads what Linux says of the processor",
     "handpose/experiments/results.py": "asks netlib/hdf5.py for rows, and looks at their shape",
     "handpose/drawing/page/assembly.py": "reads the page that comes with the project",
+    "handpose/recordings/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
     "netlib/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files.py": "opens for all others what a user names",
     "netlib/locks.py": "opens a file to lock it, and reads the number of the process that has it",

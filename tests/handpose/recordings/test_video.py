@@ -269,8 +269,14 @@ class TestWriter:
         written = frames(60)
         size = write(tmp_path / "a.mkv", written[:40]).stat().st_size
         count = 60 if failing_at == "a frame" else 35  # of less than five seconds
+        path = tmp_path / "a.mkv"
+        before = path.read_bytes()
         with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(size // 2):
-            write(tmp_path / "a.mkv", written[:count])
+            write(path, written[:count])
+        assert path.read_bytes() == before  # an old file stays
+        path.unlink()
+        with pytest.raises(OSError, match=r"File too large: .*a\.mkv"), room_for(size // 2):
+            write(path, written[:count])
         recording = open_video(tmp_path / "a.mkv", Given())
         read = list(recording)
         assert recording.cut and 0 < len(read) < 35
