@@ -188,6 +188,7 @@ class WholeStep(Step):
     def __init__(self, at: Connection) -> None:
         super().__init__(at)
         self._steady = at.layer.type != "Python"  # a Python layer may do what it likes
+        self._blobs = [*at.bottom, *at.top]
         self._shapes: list[tuple[int, ...]] | None = None
 
     def forward(self) -> None:
@@ -199,4 +200,4 @@ class WholeStep(Step):
 
     def _now(self) -> list[tuple[int, ...]]:
         """The shapes of all its blobs, which a caller may have changed."""
-        return [blob.shape for blob in (*self.at.bottom, *self.at.top)]
+        return [blob.shape for blob in self._blobs]
