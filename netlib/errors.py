@@ -18,9 +18,9 @@ class NetlibError(RuntimeError):  # which is what pycaffe raises
     """Base of every error that a user's input can cause."""
 
     def __init__(self, message: str = "") -> None:
-        if len(message) > LONGEST:  # a file may hold a name of any length
+        if len(message := printable(message)) > LONGEST:  # a file may hold a name of any length
             message = f"{message[: LONGEST - 300]} ... ({len(message)} characters) ... {message[-200:]}"
-        super().__init__(printable(message))
+        super().__init__(message)
 
 
 class PrototxtError(NetlibError):

@@ -75,4 +75,5 @@ def test_a_message_of_any_length_is_a_line_that_can_be_read() -> None:
     assert len(found) < 2000
     assert found.startswith("net.prototxt:1:7: unknown layer type 'xxx")
     assert " ... (150057 characters) ... xxx" in found
+    assert len(str(NetlibError("\0" * 1900))) <= 2000  # each is shown as four characters
     assert found.endswith("x'; known types: ...")

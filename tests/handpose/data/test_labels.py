@@ -151,6 +151,17 @@ def test_centers_that_tell_no_camera(tmp_path):
             labels.read_crop_centers([File(path, ("joint",))])
 
 
+@pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
+def test_centers_that_are_nowhere(tmp_path, value):
+    """One line, whatever the quotients are."""
+    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
+    xyz = NYU.unproject(uvd)
+    xyz[2, 2] = value
+    path = write(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=xyz)
+    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
+        labels.read_crop_centers([File(path, ("joint",))])
+
+
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_camera_of_one_frame(tmp_path, name):
     """A known one maps its centre exactly."""
