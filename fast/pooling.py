@@ -9,8 +9,9 @@ from fast.max_tiles import MaxTiles
 from fast.tiles import pitch_of, tile_of
 from fast.twin import Twin
 from layers.vision.pooling import Pooling
-from netlib.blob import Blobs
+from netlib.blob import Blob, Blobs
 
+Layout = tuple[tuple[int, ...], int | None, int]  # of a blob: shape, tile, pitch
 LARGEST_TILE = 15  # a winner is a byte
 
 
@@ -23,7 +24,7 @@ class FastPooling(Twin, Pooling):
         k = self.kernel[0]
         side_by_side = self.kernel == self.stride == (k, k) and self.pad == (0, 0) and self.param.round_mode == "CEIL"
         self.fits = self.is_max and len(top) == 1  # the plain layer writes a mask
-        self.layout: list[tuple[tuple[int, ...], int | None, int]] = []
+        self.layout: list[Layout] = []
         self.tile = k if self.fits and side_by_side and 1 < k <= LARGEST_TILE else None
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
@@ -41,10 +42,9 @@ class FastPooling(Twin, Pooling):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Lay out the windows; where none has moved, the winners of the last pass stay."""
         super().reshape(bottom, top)
-        layout = [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in (bottom[0], top[0])]
-        if self.tile and layout != self.layout:
+        if self.tile and _layout(bottom[0], top[0]) != self.layout:
             self.tiles = MaxTiles(self, self.tile, bottom[0], top[0])
-            self.layout = [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in (bottom[0], top[0])]
+            self.layout = _layout(bottom[0], top[0])  # of which the tiles have set the top's pitch
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Maximum and winners."""
@@ -63,3 +63,7 @@ class FastPooling(Twin, Pooling):
             self.tiles.backward(top[0], bottom[0])
         elif not self.tile:
             super().backward(top, propagate_down, bottom)
+
+
+def _layout(*blobs: Blob) -> list[Layout]:
+    return [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in blobs]

@@ -73,7 +73,7 @@ class SlicedStep(Step):
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
         self._reshape()
-        self.weights = [(p.data, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
+        self.weights = self._weights_now()
         for blob in self._outputs:
             self._ensure(blob, "data")  # memory is taken here, not by several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
@@ -87,7 +87,7 @@ class SlicedStep(Step):
         """Run the layers backwards on all slices, and add up the gradients of the parameters."""
         if not self._needs_backward:
             return
-        self.weights_back = [(p.data, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
+        self.weights_back = self._weights_now()
         for blob in self._gradients:
             self._ensure(blob, "diff")
         caller = threading.get_ident()
@@ -116,21 +116,29 @@ class SlicedStep(Step):
             at = self._user[id(blob)]
             raise memory.of_layer(at.layer, half, at.bottom, at.top, error) from error
 
+    def _weights_now(self) -> list[tuple[Array, Array]]:
+        return [(p.data, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
+
+    def _is_cut(self) -> bool:
+        """Is the batch cut into slices, for the shapes that the inputs have now?"""
+        return bool(self._lanes) and [b.shape for b in self._inputs] == self._shapes
+
     def is_even(self) -> bool:
         """Shape the blobs anew, if inputs have other shapes: have all the same number of items, still?"""
-        if [b.shape for b in self._inputs] == self._shapes and self._lanes:
+        if self._is_cut():
             return True
+        self._shape_blobs()
+        return len({b.shape[:1] for at in self.run.connections for b in [*at.bottom, *at.top]}) == 1
+
+    def _shape_blobs(self) -> None:
         for at in self.run.connections:
             guarded(at.layer, "reshape", at.bottom, at.top)
-        return len({b.shape[:1] for at in self.run.connections for b in [*at.bottom, *at.top]}) == 1
 
     def _reshape(self) -> None:
         """Cut the batch into slices, if that is not done yet for these shapes."""
-        shapes = [b.shape for b in self._inputs]
-        if shapes == self._shapes and self._lanes:
+        if self._is_cut():
             return
-        for at in self.run.connections:
-            guarded(at.layer, "reshape", at.bottom, at.top)
+        self._shape_blobs()
         items = self.at.bottom[0].shape[0]
         largest = max(b.count * b.dtype.itemsize // max(items, 1) for at in self.run.connections for b in at.top)
         lanes: list[Lane] = []
@@ -141,7 +149,7 @@ class SlicedStep(Step):
             else:
                 params = [at.layer.blobs for at in lanes[i % LANES][0]]
             lanes[i % LANES].append(self._piece(rows, params))
-        self._lanes, self._shapes = lanes, shapes
+        self._lanes, self._shapes = lanes, [b.shape for b in self._inputs]
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """The layers for one slice."""

@@ -252,9 +252,10 @@ class Solver:
     def apply_update(self) -> None:
         """Change the weights by the gradients, at the rate of this iteration."""
         rate = learning_rate(self.param, self.iter)
-        step = steps_taken(self.param, self.iter)
-        if self.param.lr_policy == "multistep" and step > (steps_taken(self.param, self.iter - 1) if self.iter else 0):
-            log.info("MultiStep Status: Iteration %d, step = %d", self.iter, step)
+        if self.param.lr_policy == "multistep":
+            before, now = (steps_taken(self.param, i) for i in (self.iter - 1, self.iter))
+            if now > before:
+                log.info("MultiStep Status: Iteration %d, step = %d", self.iter, now)
         if self._display_is_due():
             log.info("Iteration %d, lr = %.6g", self.iter, np.float32(rate))
         self.update.apply(rate, self.iter + 1)
