@@ -10,6 +10,7 @@ import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
+import numpy as np
 from numpy.typing import DTypeLike
 
 from fast import parallel
@@ -76,8 +77,8 @@ class FastEngine(Engine):
         parallel.run(jobs)
 
     def copy(self, source: Array, target: Array) -> None:
-        """On all threads if it is large."""
-        if target.nbytes < LARGE:
+        """On all threads if it is large; parts of arrays that share memory would overwrite each other's sources."""
+        if target.nbytes < LARGE or np.may_share_memory(source, target):
             target[...] = source
             return
 

@@ -1,15 +1,19 @@
-"""The fast executor: rows of layers in slices (slices.py), others whole, and blobs that are true whoever looks.
+"""The fast executor: rows of layers in slices (slices.py), others whole.
 
-A blob inside a slice is *hidden*: it does not exist for the whole batch. When somebody first looks at its ``data`` or
-``diff``, it is stored from then on, and what the last pass put there is computed again. That is true as long as the
-inputs of that pass have not been overwritten and, for a diff, until the next forward. Who looks at two hidden blobs is
-going to look at all: then none is hidden any more, and looking through all blobs of a net costs two passes at most.
+A blob inside a slice is *hidden*: it does not exist for the whole batch. On the first access to its ``data`` or
+``diff``, it is stored from then on, and the values of the last pass are computed again: by the weights of that pass,
+and by its inputs, which are copied when a caller first accesses them after the pass and so may write them. An array
+that the caller took before the pass escapes this: whoever writes into that changes what is computed again. A hidden
+diff can be computed again until the next forward.
+
+After the access to a second hidden blob none is hidden any more, so a loop over all blobs costs two passes at most.
 """
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from functools import partial
 from typing import cast
 
@@ -21,8 +25,9 @@ from fast.tiles import FastBlob, LazilyCleared
 from fast.twin import Twin
 from netlib.blob import Array, Blob
 from netlib.errors import NetlibError
-from netlib.one_thread import OneThread
 from netlib.plain import Connection, Executor, Passed, Step, guarded
+
+Halves = tuple["Array | None", "Array | None"]  # data and diff, as far as there is memory for them
 
 
 class SlicedExecutor(Executor):
@@ -31,15 +36,17 @@ class SlicedExecutor(Executor):
     steps: Sequence[WholeStep | SlicedStep]
 
     def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
-        self.connections = list(connections)
-        self.one_thread, self._fits = OneThread(name), False
+        super().__init__(connections, outside, name)
         for at in self.connections:
             if isinstance(at.layer, Twin):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
-        self._stored = {id(blob) for blob in outside}
+        self._stored = {id(blob) for blob in self._outside}
         self._looked = False
         self._by_layer = False
         self._seen = [False, False]  # has forward, has backward run
+        self._watched: list[FastBlob] = []
+        self._kept: dict[int, tuple[Blob, Array]] = {}  # by id: blobs a caller has accessed, their data in forward
+        self._kept_back: dict[int, Halves] = {}  # the same of the last backward, data and diff
         self._plan()
 
     def _plan(self) -> None:
@@ -65,9 +72,11 @@ class SlicedExecutor(Executor):
         with self.one_thread:
             if self._is_part(first, last):
                 self._run_by_layer()
+            self.forget_last_pass()
             super().forward(first, last)
             if not self._is_part(first, last):
                 self._seen = [True, False]
+                self._watch()
 
     def in_order(self, first: int, last: int | None) -> Iterator[WholeStep | SlicedStep]:
         """What runs the layers. Where the layers before have left blobs of unequal numbers of items, a step that would
@@ -94,20 +103,28 @@ class SlicedExecutor(Executor):
     def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards."""
         with self.one_thread:
-            if self._is_part(first, last):
+            if self._is_part(first, last) or self._is_rewritten():
                 self._run_by_layer()
+            self._unwatch()
+            self._kept_back.clear()
             super().backward(first, last, passed)
             if not self._is_part(first, last):
                 self._seen[1] = True
+            self._watch()
 
-    def reshape(self) -> None:
+    def reshape(self) -> bool:
         """Shape all blobs anew; where no shape has changed, all stays as it is."""
         with self.one_thread:
-            before = [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
-            super().reshape()
-            if before != [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]:
+            try:
+                changed = super().reshape()
+            except NetlibError:
+                self._seen = [False, False]  # half of the blobs have new shapes: nothing can be computed again
+                raise
+            if changed:
                 self._seen = [False, False]
+                self.forget_last_pass()
                 self._plan()
+        return changed
 
     def clear_diffs(self, params: Iterable[Blob]) -> None:
         """Set gradients of parameters to zero, or see to it that they read as zeros."""
@@ -121,48 +138,95 @@ class SlicedExecutor(Executor):
     def _is_part(first: int, last: int | None) -> bool:
         return (first, last) != (0, None)
 
+    def _is_rewritten(self) -> bool:
+        """Has a caller written into what forward read? Slices may no longer hold what backward needs of it."""
+        return any(not np.array_equal(data, blob.data) for blob, data in self._kept.values())
+
     def _run_by_layer(self) -> None:
         """A net that is run in parts runs layer by layer from then on: indices of steps are those of layers."""
         if not self._by_layer:
             self._by_layer = True
             self._replan()
 
-    # ------------------------------------------------------------------------------------------ looking
+    # ------------------------------------------------------------------------------------------ hidden blobs
 
     def reveal(self, blob: Blob) -> None:
-        """Somebody looks at a hidden blob: store it from now on, with what the last pass put there."""
+        """Store a hidden blob from now on, with its values of the last pass."""
         with self.one_thread:
             self._stored |= {id(b) for b in self.hidden()} if self._looked else {id(blob)}
             self._looked = True
             self._replan()
+            self._watch()
 
     def _replan(self) -> None:
-        """Plan anew, and let the new steps know what the old ones knew: values, winners, masks."""
+        """Plan anew, and give the new steps what the old ones knew: values, winners, masks."""
         old = [step for step in self.steps if isinstance(step, SlicedStep)]
+        self._unwatch()
         self._plan()
         with np.errstate(all="ignore"):  # as in the pass whose values are computed again
             for step in old:
                 self._repeat(step)
 
     def _repeat(self, old: SlicedStep) -> None:
-        """Compute again what ``old`` computed in the last pass; whatever others can see stays as it is."""
+        """Compute again what ``old`` computed in the last pass; whatever a caller can see stays as it is."""
         inside = {id(at) for at in old.run.connections}
         steps = [step for step in self.steps if id(step.at) in inside]
-        params = [p for at in old.run.connections for p in at.layer.blobs]
-        now = [(p.data, p.data.copy()) for p in params]
-        _put_back(old.weights)
+        read, written = old.run.outside("bottom"), old.run.outside("top")
         if self._seen[0]:
-            kept = [(b.data, b.data.copy()) for b in old.run.outside("top")]
-            for step in steps:
-                step.forward()
-            _put_back(kept)
+            with ExitStack() as stack:
+                self._set_back(stack, old.weights)
+                for blob in read:
+                    stack.enter_context(blob.holding(self._kept.get(id(blob), (blob, None))[1]))
+                for blob in written:
+                    stack.enter_context(blob.holding(data=blob.data.copy()))
+                for step in steps:
+                    step.forward()
         if self._seen[1]:
-            _put_back(old.weights_back)
-            kept = [(b.diff, b.diff.copy()) for b in [*old.run.outside("bottom"), *params]]
-            for step in reversed(steps):
-                step.backward()
-            _put_back(kept)
-        _put_back(now)
+            with ExitStack() as stack:
+                self._set_back(stack, old.weights_back)
+                for blob in [*read, *written]:
+                    stack.enter_context(blob.holding(*self._kept_back.get(id(blob), (None, None))))
+                for blob in [*read, *(param for param, _ in old.weights_back)]:
+                    stack.enter_context(blob.holding(diff=blob.diff.copy()))
+                for step in reversed(steps):
+                    step.backward()
+
+    @staticmethod
+    def _set_back(stack: ExitStack, weights: list[tuple[Blob, Array]]) -> None:
+        for param, values in weights:
+            stack.enter_context(param.holding(data=values))
+
+    # What the last pass read is kept from the moment when a caller may write it.
+
+    def _watch(self) -> None:
+        """Have a copy made of whatever is read to compute hidden blobs again, once it is accessed."""
+        kept = self._kept_back if self._seen[1] else self._kept
+        for step in self.steps:
+            if isinstance(step, SlicedStep) and step.run.hidden:
+                for blob in [*step.run.outside("bottom"), *(step.run.outside("top") if self._seen[1] else [])]:
+                    if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
+                        blob.on_look = partial(_keep, weakref.ref(self), blob)
+                        self._watched.append(blob)
+
+    def _unwatch(self) -> None:
+        for blob in self._watched:
+            blob.on_look = None
+        self._watched.clear()
+
+    def keep(self, blob: FastBlob) -> None:
+        """Copy a blob that a caller is going to access."""
+        blob.on_look = None
+        data, diff = blob.copies()
+        if data is not None:
+            self._kept.setdefault(id(blob), (blob, data))
+        if self._seen[1]:
+            self._kept_back[id(blob)] = data, diff
+
+    def forget_last_pass(self) -> None:
+        """Drop the copies."""
+        self._unwatch()
+        self._kept.clear()
+        self._kept_back.clear()
 
 
 def _step_of(run: Run) -> WholeStep | SlicedStep:
@@ -170,16 +234,20 @@ def _step_of(run: Run) -> WholeStep | SlicedStep:
 
 
 def _look(executor: weakref.ref[SlicedExecutor], blob: Blob) -> None:
-    """Tell the executor that somebody looks at a hidden blob."""
+    """Before the first access to a hidden blob."""
     owner = executor()
     if owner is None:
         raise NetlibError("this blob was computed in slices and its net is gone; look at it, or copy it, before")
     owner.reveal(blob)
 
 
-def _put_back(kept: list[tuple[Array, Array]]) -> None:
-    for array, values in kept:
-        array[...] = values
+def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:
+    """Before the first access, after a pass, to a blob that the pass has read."""
+    owner = executor()
+    if owner is None:
+        blob.on_look = None
+    else:
+        owner.keep(blob)
 
 
 class WholeStep(Step):

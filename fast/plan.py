@@ -151,10 +151,16 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
             and facts_of(pool.layer).takes_maximum
             and pool.bottom[0] is at.top[0]
             and id(pool.top[0]) in secret  # else its diff would be seen with the layer's gradient in it
+            and not _is_overwritten(pool.top[0], order[i + 2 :])  # backward reads the signs of what the layer wrote
         ):
             moved = Connection(at.layer, Blobs(pool.top[:1]), Blobs(pool.top[:1]), at.propagate_down, at.needs_backward)
             order[i], order[i + 1] = pool, moved
     return order
+
+
+def _is_overwritten(blob: Blob, later: list[Connection]) -> bool:
+    """Does a later layer in place change which values of the blob are positive?"""
+    return any(top is blob and not facts_of(at.layer).monotone for at in later for top in at.top)
 
 
 def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[int, int]:

@@ -5,6 +5,8 @@ A single window over the whole map is one argmax. Other options are the plain la
 
 from __future__ import annotations
 
+import math
+
 from fast.max_tiles import MaxTiles
 from fast.tiles import pitch_of, tile_of
 from fast.twin import Twin
@@ -51,7 +53,7 @@ class FastPooling(Twin, Pooling):
         if self.tile:
             self.tiles.forward(bottom[0], top[0])
         elif self.fits and self.kernel == bottom[0].shape[2:] and top[0].shape[2:] == (1, 1) and self.pad == (0, 0):
-            flat = bottom[0].data.reshape(*bottom[0].shape[:2], -1)
+            flat = bottom[0].data.reshape(*bottom[0].shape[:2], math.prod(self.kernel))  # there may be no items
             self.winners = flat.argmax(axis=2)[..., None, None]
             top[0].data[...] = flat.max(axis=2)[..., None, None]
         else:

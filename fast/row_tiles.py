@@ -113,6 +113,7 @@ class RowTiles:
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
         multiply(self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L))
         if direct:
+            x.diff[H:] = 0  # padding, which may hold the rows of a higher image
             return
         plain, own = untile(dx, H, W), tile_of(x)
         if own is None:

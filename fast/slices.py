@@ -58,10 +58,11 @@ class SlicedStep(Step):
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
-        self.weights: list[tuple[Array, Array]] = []  # parameters, and their values in the last forward ...
-        self.weights_back: list[tuple[Array, Array]] = []  # ... and backward
+        self.weights: list[tuple[Blob, Array]] = []  # parameters, and their values in the last forward ...
+        self.weights_back: list[tuple[Blob, Array]] = []  # ... and backward
         self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
         down = {id(b) for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
+        self._whole = [*self._inputs, *self._outputs]
         self._gradients = [b for b in self._inputs if id(b) in down] + self._outputs  # whose diff is written or read
         self._user = {id(b): at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
 
@@ -116,12 +117,12 @@ class SlicedStep(Step):
             at = self._user[id(blob)]
             raise memory.of_layer(at.layer, half, at.bottom, at.top, error) from error
 
-    def _weights_now(self) -> list[tuple[Array, Array]]:
-        return [(p.data, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
+    def _weights_now(self) -> list[tuple[Blob, Array]]:
+        return [(p, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
 
     def _is_cut(self) -> bool:
         """Is the batch cut into slices, for the shapes that the inputs have now?"""
-        return bool(self._lanes) and [b.shape for b in self._inputs] == self._shapes
+        return bool(self._lanes) and [b.shape for b in self._whole] == self._shapes
 
     def is_even(self) -> bool:
         """Shape the blobs anew, if inputs have other shapes: have all the same number of items, still?"""
@@ -149,7 +150,7 @@ class SlicedStep(Step):
             else:
                 params = [at.layer.blobs for at in lanes[i % LANES][0]]
             lanes[i % LANES].append(self._piece(rows, params))
-        self._lanes, self._shapes = lanes, [b.shape for b in self._inputs]
+        self._lanes, self._shapes = lanes, [b.shape for b in self._whole]
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """The layers for one slice."""

@@ -72,16 +72,21 @@ class FastBlob(Blob):
     @property
     def data(self) -> Array:
         """Values."""
-        if self.on_look is not None:
+        while self.on_look is not None:  # a hidden blob is first stored, and then copied
             self.on_look()
         return super().data if self._data is None else self._data  # a call less: one image looks 60 times
 
     @property
     def diff(self) -> Array:
         """Gradient of the loss at the values."""
-        if self.on_look is not None:
+        while self.on_look is not None:
             self.on_look()
         return super().diff if self._diff is None else self._diff
+
+    def copies(self) -> tuple[Array | None, Array | None]:
+        """Copies of data and diff; None where there is no memory for them yet."""
+        data, diff = (None if array is None else array.copy() for array in (self._data, self._diff))
+        return data, diff
 
     def adopt(self, data: Array) -> None:
         """Make ``data`` the blob's data, without a copy."""
@@ -158,7 +163,7 @@ def sparse_of(blob: Blob) -> SparseTiles | None:
 def tiles_of(blob: Blob, array: Array, tile: int, pitch: int, out: Array) -> Array:
     """``array`` (a data or diff of ``blob``) as tiles of ``tile``: itself, or copied into ``out``.
 
-    ``out`` has the storage shape of such tiles; its padding is left alone.
+    ``out`` has the storage shape of such tiles; its padding becomes zero.
     """
     if tile_of(blob) == tile and pitch_of(blob) == pitch:
         return array
@@ -167,10 +172,16 @@ def tiles_of(blob: Blob, array: Array, tile: int, pitch: int, out: Array) -> Arr
 
 
 def tile_into(plain: Array, tile: int, out: Array) -> Array:
-    """(N, C, H, W) → tiles, written into ``out``."""
+    """(N, C, H, W) → tiles, written into ``out``; its padding becomes zero.
+
+    The memory may hold an image of another size whose tiles have the same shape.
+    """
+    H = plain.shape[2]
     for phase in range(tile):
         columns = plain[..., phase::tile]
-        out[: plain.shape[2], phase, ..., : columns.shape[-1]] = columns.transpose(2, 1, 0, 3)
+        out[:H, phase, ..., : columns.shape[-1]] = columns.transpose(2, 1, 0, 3)
+        out[:H, phase, ..., columns.shape[-1] :] = 0
+    out[H:] = 0
     return out
 
 

@@ -7,7 +7,8 @@ that nobody needs costs nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,19 @@ class Blob:
             owner = owner._owner
         if owner is not self:
             self._owner, self._data = owner, None
+
+    @contextmanager
+    def holding(self, data: Array | None = None, diff: Array | None = None) -> Iterator[None]:
+        """For a while, use other arrays as ``data`` and ``diff``; blobs that share this one's memory keep theirs."""
+        before = self._owner, self._data, self._diff_owner, self._diff
+        if data is not None:
+            self._owner, self._data = None, data
+        if diff is not None:
+            self._diff_owner, self._diff = None, diff
+        try:
+            yield
+        finally:
+            self._owner, self._data, self._diff_owner, self._diff = before
 
     # Caffe's names for the first axes
     @property

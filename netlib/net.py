@@ -121,9 +121,12 @@ class Net:
         Those of a whole net are its outputs. ``inputs`` are arrays for input blobs; a new shape reshapes the net.
         ``blobs`` names more blobs to return.
         """
+        part = self._part(start, end)
         with self.executor.one_thread:  # or another thread's inputs would be overwritten
+            if part == (0, None):
+                self.executor.forget_last_pass()
             self._set_inputs({name: _numbers(array, f"input {name!r}") for name, array in inputs.items()})
-            self.executor.forward(*self._part(start, end))
+            self.executor.forward(*part)
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
@@ -242,6 +245,10 @@ class Net:
                 if not np.isfinite(blob.data).all():
                     return f"top blob {name!r} of layer {at.layer.name!r}"
         return None
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        raise NetlibError("a net cannot be copied or pickled; build a second one from its file and give it the weights "
+                          "with copy_from, or save them")  # fmt: skip
 
     # ------------------------------------------------------------------------------------------ weights and states
 

@@ -71,6 +71,9 @@ class Executor:
         self.connections = list(connections)
         self.one_thread = OneThread(name)
         self._fits = False  # is there memory for all blobs, as far as can be known
+        self._outside = list(outside)
+        self._shapes: list[tuple[int, ...]] = []  # of the blobs outside, in the last forward
+        self._has_run = [False] * len(self.connections)
         self.steps: Sequence[Step] = [Step(at) for at in connections]
 
     def forward(self, first: int = 0, last: int | None = None) -> None:
@@ -80,6 +83,25 @@ class Executor:
                 self._ask_for_memory()
             for step in self.in_order(first, last):
                 step.forward()
+            self._note_forward(first, last)
+
+    def _note_forward(self, first: int, last: int | None) -> None:
+        """Remember which layers have run, for the shapes that the blobs have now."""
+        shapes = [blob.shape for blob in self._outside]
+        if shapes != self._shapes:
+            self._has_run = [False] * len(self.connections)
+            self._shapes = shapes
+        self._has_run[first:last] = [True] * len(self._has_run[first:last])
+
+    def _require_forward(self, first: int, last: int | None) -> None:
+        """Raise LayerError if a layer that is to run backwards has not run forwards since its blobs were shaped."""
+        reshaped = self._shapes != [blob.shape for blob in self._outside]
+        for at, has_run in zip(self.connections[first:last], self._has_run[first:last]):
+            if at.needs_backward and (reshaped or not has_run):
+                raise at.layer.fail("backward needs a forward pass first; none has run with the present shapes")
+
+    def forget_last_pass(self) -> None:
+        """Called before the inputs of a whole pass are written. Nothing is kept here."""
 
     def in_order(self, first: int, last: int | None) -> Iterator[Step]:
         """What runs the layers ``first`` to before ``last`` forwards."""
@@ -88,6 +110,7 @@ class Executor:
     def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
         """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
         with self.one_thread, np.errstate(all="ignore"):
+            self._require_forward(first, last)
             for step in reversed(self.steps[first:last]):
                 step.backward(passed)
                 if passed is not None:
@@ -109,12 +132,20 @@ class Executor:
                 f"{memory.written(top.bytes)}, of {error}", top)) from error  # fmt: skip
         self._fits = True
 
-    def reshape(self) -> None:
-        """Shape all blobs anew, after an input was reshaped."""
+    def reshape(self) -> bool:
+        """Shape all blobs anew, after an input was reshaped. Has any shape changed?"""
         self._fits = False
         with self.one_thread:
+            before = self._all_shapes()
             for at in self.connections:
                 guarded(at.layer, "reshape", at.bottom, at.top)
+            changed = before != self._all_shapes()
+        if changed:
+            self._has_run = [False] * len(self.connections)
+        return changed
+
+    def _all_shapes(self) -> list[tuple[int, ...]]:
+        return [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
 
     def hidden(self) -> list[Blob]:
         """Blobs that do not exist for the whole batch; here none."""

@@ -187,8 +187,11 @@ class _HookedExecutor(Executor):
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
 
-    def reshape(self) -> None:
-        self._inner.reshape()
+    def reshape(self) -> bool:
+        return self._inner.reshape()
+
+    def forget_last_pass(self) -> None:
+        self._inner.forget_last_pass()
 
     def hidden(self) -> list[Blob]:
         return self._inner.hidden()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -225,9 +227,34 @@ def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
     two.share_params(one)
     assert np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
     one.params["a"][0].diff[...] = 5
+    two.forward()
     two.backward(a=np.ones(two.blobs["a"].shape))
     two.clear_param_diffs()
     assert (one.params["a"][0].diff == 5).all()
+
+
+@pytest.mark.parametrize("before", ["nothing", "a part", "another shape", "net.reshape"])
+def test_backward_needs_a_forward_pass(net_of: MakeNet, before: str) -> None:
+    """With the shapes that the blobs have now, of all layers that are to run."""
+    net = net_of("force_backward: true " + X + ip("a", "x", "a") + ip("b", "a", "b"))
+    if before == "a part":
+        net.forward(end="a")
+    elif before != "nothing":
+        net.forward()
+        net.blobs["x"].reshape(7, *net.blobs["x"].shape[1:])
+        if before == "net.reshape":
+            net.reshape()
+    with pytest.raises(netlib.LayerError, match=r"layer '(b|a|x)': backward needs a forward pass first"):
+        net.backward()
+    net.forward()
+    net.backward()
+
+
+@pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -> None:
+    """It would share half of its blobs with the copy."""
+    with pytest.raises(netlib.NetlibError, match="a net cannot be copied or pickled; build a second one"):
+        how(net_of(X + ip("a", "x", "a")))
 
 
 @pytest.mark.parametrize("other", ["shape", "dtype"])

@@ -1,0 +1,21 @@
+"""Random nets used at random: the plain engine, the fast one on 1 and on 4 threads agree after every operation."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support import random_programs
+
+PER_TEST = 80
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("block", range(20))
+def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None:
+    """After every operation; ``python -m tests.support.random_programs --show SEED`` shows a program that fails."""
+    caplog.set_level("ERROR", "netlib")
+    for seed in range(block * PER_TEST, (block + 1) * PER_TEST):
+        try:
+            random_programs.check(seed)
+        except AssertionError as error:
+            pytest.fail(f"program {seed}: {error}")

@@ -1,0 +1,159 @@
+"""Memory that is used again, and blobs that are computed again, hold nothing of another pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import netlib
+
+MakeNet = Callable[..., netlib.Net]
+
+CONVOLUTION = """
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 6 } } }
+    layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+            convolution_param { num_output: 1 kernel_size: 2 weight_filler { type: "gaussian" std: 1 } } }
+    %s
+    layer { name: "l" type: "Reduction" bottom: "%s" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }
+"""
+POOLING = """
+    layer { name: "r" type: "ReLU" bottom: "c" top: "c" }
+    layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+"""
+IN_PLACE = """
+    layer { name: "f" bottom: "p" top: "p" %s }
+    layer { name: "d" type: "Convolution" bottom: "p" top: "d"
+            convolution_param { num_output: 1 kernel_size: 1 weight_filler { type: "gaussian" std: 1 } } }
+"""
+TWO_SIZES = """
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 5 } } }
+    layer { name: "y" type: "Input" top: "y" input_param { shape { dim: 3 dim: 1 dim: 7 dim: 6 } } }
+    layer { name: "c" type: "Convolution" bottom: "x" bottom: "y" top: "a" top: "b"
+            convolution_param { num_output: 1 kernel_size: 2 weight_filler { type: "gaussian" std: 1 } } }
+    layer { name: "l" type: "Reduction" bottom: "a" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }
+    layer { name: "m" type: "Reduction" bottom: "b" top: "m" loss_weight: 1 reduction_param { operation: SUMSQ } }
+"""
+
+
+def both(net_of: MakeNet, text: str, **options: int) -> tuple[netlib.Net, netlib.Net]:
+    """The same net under the fast and the plain engine, in float64."""
+    fast, plain = (net_of(text, engine=engine, dtype=np.float64, **options) for engine in ("fast", "plain"))
+    return fast, plain
+
+
+def assert_same_gradients(fast: netlib.Net, plain: netlib.Net, **inputs: np.ndarray) -> None:
+    """Of the parameters, after one more pass."""
+    for net in (fast, plain):
+        net.clear_param_diffs()
+        net.forward(**inputs)
+        net.backward()
+    for got, want in zip(fast.learnable, plain.learnable):
+        np.testing.assert_allclose(got.blob.diff, want.blob.diff, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("between, loss", [("", "c"), (POOLING, "p")], ids=["convolution", "pooling"])
+def test_narrower_and_lower_images_after_wider_and_higher_ones(
+    net_of: MakeNet, rng: np.random.Generator, between: str, loss: str
+) -> None:
+    """The padding of tiles, which have the same shape for both, is that of the present images."""
+    fast, plain = both(net_of, CONVOLUTION % (between, loss))
+    for height, width in [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]:
+        assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, height, width)))
+
+
+def test_a_convolution_of_two_bottoms_of_different_sizes(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """One bottom's gradients leave nothing in the memory that the other's use."""
+    fast, plain = both(net_of, TWO_SIZES)
+    for _ in range(3):
+        assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, 9, 5)), y=rng.normal(size=(3, 1, 7, 6)))
+
+
+@pytest.mark.parametrize(
+    "function",
+    ['type: "Power" power_param { scale: -1 shift: 0.5 }', 'type: "Power" power_param { shift: 1 }',
+     'type: "Sigmoid"', 'type: "TanH"', 'type: "ReLU" relu_param { negative_slope: 0.1 }', 'type: "ReLU"'],
+)  # fmt: skip
+def test_a_layer_that_overwrites_pooled_values(net_of: MakeNet, rng: np.random.Generator, function: str) -> None:
+    """A ReLU before the pooling needs their signs if it runs behind the pooling, so there it does not."""
+    fast, plain = both(net_of, CONVOLUTION % (POOLING + IN_PLACE % function, "d"))
+    assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, 9, 6)))
+
+
+@pytest.mark.parametrize("start", ["c", "p", "l"])
+def test_a_part_runs_on_from_the_last_pass(net_of: MakeNet, rng: np.random.Generator, start: str) -> None:
+    """Whatever was written into the input since."""
+    fast, plain = both(net_of, CONVOLUTION % (POOLING, "p"))
+    for net in (fast, plain):
+        net.forward(x=np.arange(162.0).reshape(3, 1, 9, 6) % 7)
+        net.blobs["x"].data[...] = 3 + np.arange(6)
+    assert fast.forward(start=start)["l"] == pytest.approx(float(plain.forward(start=start)["l"]), rel=1e-12)
+
+
+@pytest.mark.parametrize("change", ["input", "parameters", "shared parameters", "output"])
+@pytest.mark.parametrize("half", ["data", "diff"])
+def test_a_first_look_shows_the_last_pass(net_of: MakeNet, rng: np.random.Generator, half: str, change: str) -> None:
+    """Whatever was written or shared since."""
+    text = CONVOLUTION % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d")
+    fast, plain = both(net_of, text)
+    x, value = rng.normal(size=(3, 1, 9, 6)), rng.normal(size=(3, 1, 4, 3))
+    for net, other in zip((fast, plain), both(net_of, text, seed=2)):
+        net.forward(x=x)
+        net.backward()
+        if change == "input":
+            net.blobs["x"].data[...] = 0
+        elif change == "parameters":
+            net.params["c"][0].data[...] = 1
+        elif change == "shared parameters":
+            net.share_params(other)
+        else:
+            net.blobs["d"].data[...] = net.blobs["d"].diff[...] = value
+    for name in ("c", "p"):
+        got, want = getattr(fast.blobs[name], half), getattr(plain.blobs[name], half)
+        np.testing.assert_allclose(got, want, rtol=1e-11, atol=1e-11)
+
+
+def test_a_look_leaves_shared_parameters_alone(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """Values of the last pass are never written into parameters that another net may be using."""
+    fast, _ = both(net_of, CONVOLUTION % (POOLING, "p"))
+    fast.forward(x=rng.normal(size=(3, 1, 9, 6)))
+    weights = fast.params["c"][0].data
+    weights[...] = 7
+    weights.flags.writeable = False
+    assert fast.blobs["c"].data.any()
+
+
+def test_input_written_between_forward_and_backward(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """The gradient of the kernel is that of the new values, also where forward saw background."""
+    text = CONVOLUTION.replace("dim: 9 dim: 6", "dim: 8 dim: 8").replace("kernel_size: 2", "kernel_size: 3")
+    fast, plain = both(net_of, text % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d"))
+    x = np.zeros((3, 1, 8, 8))
+    x[:, :, :3, :3] = -1 - rng.random((3, 1, 3, 3))
+    y = rng.normal(size=x.shape)
+    for net in (fast, plain):
+        net.forward(x=x)
+        net.blobs["x"].data[...] = y
+        net.backward()
+    np.testing.assert_allclose(fast.params["c"][0].diff, plain.params["c"][0].diff, rtol=1e-11, atol=1e-11)
+
+
+def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
+    """Of one window over the whole image."""
+    net = net_of(
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 dim: 4 dim: 4 } } }'
+        'layer { name: "p" type: "Pooling" bottom: "x" top: "p" pooling_param { kernel_size: 4 } }'
+    )
+    assert net.forward(x=np.empty((0, 3, 4, 4)))["p"].shape == (0, 3, 1, 1)
+
+
+@pytest.mark.parametrize("items", [2, 64])
+def test_an_input_given_as_a_view_of_itself(net_of: MakeNet, rng: np.random.Generator, items: int) -> None:
+    """Copied as NumPy copies it, also when it is large enough to be copied by several threads."""
+    net = net_of(
+        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 100 dim: 100 } } }'
+        'layer { name: "y" type: "Power" bottom: "x" top: "y" }'
+    )
+    x = rng.normal(size=(items, 100, 100)).astype(np.float32)
+    net.forward(x=x)
+    assert np.array_equal(net.forward(x=net.blobs["x"].data[::-1])["y"], x[::-1])
