@@ -202,7 +202,7 @@ class SlicedExecutor(Executor):
         """Have a copy made of whatever is read to compute hidden blobs again, once it is accessed."""
         kept = self._kept_back if self._seen[1] else self._kept
         for step in self.steps:
-            if isinstance(step, SlicedStep) and step.run.hidden:
+            if isinstance(step, SlicedStep):
                 for blob in [*step.run.outside("bottom"), *(step.run.outside("top") if self._seen[1] else [])]:
                     if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
                         blob.on_look = partial(_keep, weakref.ref(self), blob)

@@ -51,7 +51,7 @@ class FastInnerProduct(Twin, InnerProduct):
             _each(partial(job, slice(None)), len(w))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """dw = dyᵀ x by blocks of outputs, dx = dy w by blocks of inputs."""
+        """dw = dyᵀ x and db by blocks of outputs, dx = dy w by blocks of inputs."""
         x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.blobs[0].data)
         diff, is_zero = _to_add_to(self.blobs[0])
         dw = self.output_first(diff)
@@ -61,10 +61,10 @@ class FastInnerProduct(Twin, InnerProduct):
                 np.matmul(dy[:, o].T, x, out=dw[o])
             else:
                 dw[o] += dy[:, o].T @ x
+            if self.param.bias_term:
+                self.blobs[1].diff[o] += dy[:, o].sum(axis=0, dtype=np.float64)
 
         _each(weight_job, len(dw))
-        if self.param.bias_term:
-            self.blobs[1].diff[...] += dy.sum(axis=0)
         if propagate_down[0]:
             dx = self.rows(bottom[0].diff)
 

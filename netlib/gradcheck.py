@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from netlib import engine as engines
 from netlib import prototxt, schema
@@ -51,8 +51,9 @@ def make_layer(
     phase: Phase = "TRAIN",
     seed: int = 0,
     engine: str | None = None,
+    dtype: DTypeLike = np.float64,
 ) -> Layer:
-    """A layer from the inside of a ``layer { ... }``, set up in float64 for bottoms of these shapes.
+    """A layer from the inside of a ``layer { ... }``, set up for bottoms of these shapes, in float64 for a check.
 
     ``engine`` "plain", the default unless NETLIB_ENGINE is set, is the layer as layers/ has it; "fast" is its twin.
     """
@@ -65,7 +66,7 @@ def make_layer(
     }
     spec = schema.changed(spec, **changes)
     chosen = engines.get(engine, default="plain")
-    layer = create(spec, phase, np.random.default_rng(seed), np.float64, chosen.twin)
+    layer = create(spec, phase, np.random.default_rng(seed), dtype, chosen.twin)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
 

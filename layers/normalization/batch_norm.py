@@ -83,13 +83,25 @@ class BatchNorm(Layer):
         if self.uses_sums:
             scale = 0 if weight[0] == 0 else 1 / weight[0]
             m, v = scale * mean, scale * variance
+            centred = x - self._per_channel(m)
         else:
-            m = x.mean(axis=self.others)
-            v = np.square(x - m.reshape(self.wide)).mean(axis=self.others)
+            m = self._mean(x)
+            centred = x - self._per_channel(m)
+            centred -= self._per_channel(self._mean(centred))  # what rounding m to the precision of x left
+            v = self._mean(np.square(centred))
             self._add_to_sums(m, v, x.size // len(m))
-        self.s = np.sqrt(v + self.dtype.type(self.param.eps)).reshape(self.wide)
-        self.y = (x - m.reshape(self.wide)) / self.s
+        self.s = self._per_channel(np.sqrt(v + self.param.eps))
+        self.y = np.divide(centred, self.s, out=centred)
         top[0].data[...] = self.y
+
+    def _mean(self, x: Array) -> Array:
+        """Mean of each channel, (C,). Rows are summed in pairs, and the rows' sums in float64: a float32 sum of many
+        items would lose three digits."""
+        return x.sum(axis=self.others[1:]).sum(axis=0, dtype=np.float64) / (x.size // x.shape[1])
+
+    def _per_channel(self, values: Array) -> Array:
+        """One value per channel, (C,), in a shape that broadcasts over x and in its precision."""
+        return values.astype(self.dtype).reshape(self.wide)
 
     def _add_to_sums(self, m: Array, v: Array, values: int) -> None:
         mean, variance, weight = (blob.data for blob in self.blobs)
@@ -104,5 +116,5 @@ class BatchNorm(Layer):
         if self.uses_sums:
             bottom[0].diff[...] = dy / self.s
         else:
-            along_y = (dy * y).mean(axis=self.others, keepdims=True)
-            bottom[0].diff[...] = (dy - dy.mean(axis=self.others, keepdims=True) - y * along_y) / self.s
+            mean, along_y = self._per_channel(self._mean(dy)), self._per_channel(self._mean(dy * y))
+            bottom[0].diff[...] = (dy - mean - y * along_y) / self.s

@@ -138,7 +138,7 @@ class Recurrent(Layer):
         (T, N, G), x = dz.shape, bottom[0]
         flat = dz.reshape(T * N, G)
         self.blobs[0].diff[...] += flat.T @ x.data.reshape(T * N, -1)
-        self.blobs[1].diff[...] += flat.sum(axis=0)
+        self.blobs[1].diff[...] += flat.sum(axis=0, dtype=np.float64)
         if propagate_down[0]:
             x.diff[...] = (flat @ self.blobs[0].data).reshape(x.shape)
         if self.has_static:

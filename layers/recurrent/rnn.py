@@ -54,7 +54,7 @@ class RNN(Recurrent):
         dw_h, dw_o, db_o = (blob.diff for blob in self.blobs[self.w_h :])
         cont, da = bottom[1].data[:, :, None], top[0].diff * (1 - self.o**2)
         dw_o += flat(da).T @ flat(self.h)
-        db_o += flat(da).sum(axis=0)
+        db_o += flat(da).sum(axis=0, dtype=np.float64)
         dh, dz = da @ w_o, np.empty_like(da)
         before = np.zeros_like(dh[0])
         for t in reversed(range(len(dz))):

@@ -14,8 +14,12 @@ PER_TEST = 80
 def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None:
     """After every operation; ``python -m tests.support.random_programs --show SEED`` shows a program that fails."""
     caplog.set_level("ERROR", "netlib")
+    undecided = 0
     for seed in range(block * PER_TEST, (block + 1) * PER_TEST):
         try:
             random_programs.check(seed)
+        except random_programs.UndecidedError:
+            undecided += 1
         except AssertionError as error:
             pytest.fail(f"program {seed}: {error}")
+    assert undecided <= 1

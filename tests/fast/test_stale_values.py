@@ -138,6 +138,26 @@ def test_input_written_between_forward_and_backward(net_of: MakeNet, rng: np.ran
     np.testing.assert_allclose(fast.params["c"][0].diff, plain.params["c"][0].diff, rtol=1e-11, atol=1e-11)
 
 
+def test_part_backward_through_a_pooling_whose_bottom_was_written(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """The winners are those of the last forward pass, also where the pooling alone ran in slices and hid no blob."""
+    text = """
+        force_backward: true
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 6 } } }
+        layer { name: "b" type: "BNLL" bottom: "x" top: "b" }
+        layer { name: "p" type: "Pooling" bottom: "b" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+        layer { name: "e" type: "BNLL" bottom: "p" top: "e" }
+    """
+    x, written, de = (rng.normal(size=shape) for shape in [(3, 1, 9, 6), (3, 1, 9, 6), (3, 1, 5, 3)])
+    gradients = []
+    for net in both(net_of, text):
+        net.forward(x=x)
+        net.backward(e=de)
+        net.blobs["b"].data[...] = written
+        net.backward(start="p")
+        gradients.append(net.blobs["b"].diff.copy())
+    np.testing.assert_allclose(*gradients, rtol=1e-11, atol=1e-11)
+
+
 def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
     """Of one window over the whole image."""
     net = net_of(

@@ -1,4 +1,4 @@
-"""How the tests of the layers run one layer alone, in float64."""
+"""How the tests of the layers run one layer alone, in float64 unless a test says otherwise."""
 
 from __future__ import annotations
 
@@ -30,13 +30,14 @@ class Run:
         phase: Phase = "TRAIN",
         params: Sequence[ArrayLike] = (),
         in_place: bool = False,
+        dtype: type = np.float64,
     ) -> None:
-        arrays = [np.asarray(x, np.float64) for x in bottoms]
-        self.layer = gradcheck.make_layer(f'name: "it" {text}', arrays, tops, phase)
+        arrays = [np.asarray(x, dtype) for x in bottoms]
+        self.layer = gradcheck.make_layer(f'name: "it" {text}', arrays, tops, phase, dtype=dtype)
         for blob, values in zip(self.layer.blobs, params):
             blob.data[...] = values
-        self.bottom = Blobs([Blob(x.shape, np.float64) for x in arrays])
-        self.top = Blobs([Blob((), np.float64) for _ in range(tops)])
+        self.bottom = Blobs([Blob(x.shape, dtype) for x in arrays])
+        self.top = Blobs([Blob((), dtype) for _ in range(tops)])
         if in_place:
             self.top[0] = self.bottom[0]
         for blob, x in zip(self.bottom, arrays):

@@ -98,3 +98,13 @@ def test_a_batch_without_items(run):
     with pytest.raises(netlib.LayerError, match=r"bottom 'bottom0' \(0, 2\) has no values to take a mean of"):
         run('type: "BatchNorm"', np.zeros((0, 2)))
     assert run('type: "BatchNorm" batch_norm_param { use_global_stats: true }', np.zeros((0, 2))).y.shape == (0, 2)
+
+
+@pytest.mark.parametrize("shape", [(4096, 2, 16, 16), (8192, 3)])
+@pytest.mark.parametrize("mean", [0, 1000])
+def test_float32_keeps_its_digits(run, rng, mean, shape):
+    """For many items, and a mean far larger than the deviation: y and dx as in float64, rounded."""
+    x, dy = rng.normal(mean, 1, shape).astype(np.float32), rng.normal(size=shape).astype(np.float32)
+    single, double = (run(TEXT, x, dtype=dtype) for dtype in (np.float32, np.float64))
+    assert np.allclose(single.y, double.y, rtol=0, atol=2e-6)
+    assert np.allclose(single.backward(dy)[0], double.backward(dy)[0], rtol=0, atol=4e-6)
