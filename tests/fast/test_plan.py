@@ -1,0 +1,54 @@
+"""What the fast engine decides for the paper's network. A decision that gets lost makes it slow, never wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import netlib
+from fast.slice_blobs import Hidden
+from fast.slices import SlicedStep
+from netlib import prototxt
+
+TRAIN_TEST = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"
+INPUT = """layer {
+    name: "data" type: "Input" top: "depth" top: "joint"
+    input_param { shape { dim: 512 dim: 1 dim: 128 dim: 128 } shape { dim: 512 dim: 93 } }
+}"""
+
+# In the order in which they run: the poolings before the ReLUs, on a sixteenth and a quarter of the values.
+LAYERS_OF_A_SLICE = [
+    ("convL1", "FastConvolution"), ("poolL1", "FastPooling"), ("ReLUconvL1", "FastReLU"),
+    ("convL2", "FastConvolution"), ("poolL2", "FastPooling"), ("ReLUconvL2", "FastReLU"),
+    ("convL3", "FastConvolution"), ("ReLUconvL3", "FastReLU"),
+]  # fmt: skip
+WHOLE_LAYERS = [
+    ("data", "Input"), ("FC1", "FastInnerProduct"), ("ReLUFC1", "FastReLU"), ("DropoutFC1", "Dropout"),
+    ("FC2", "FastInnerProduct"), ("ReLUFC2", "FastReLU"), ("DropoutFC2", "Dropout"), ("DoF", "FastInnerProduct"),
+    ("DoF_DoF_0_split", "Split"), ("HandModel", "FastHandModel"), ("joint_loss", "EuclideanLoss"),
+    ("limit_loss", "PhysLimit"),
+]  # fmt: skip
+TILES = {"convL1": 4, "poolL1": 2, "convL2": 2, "poolL2": 2}  # of all hidden blobs
+SPARSE = {"convL1"}  # stored only where the image is not background
+ITEMS_PER_SLICE = 32
+
+
+def paper_network() -> netlib.Net:
+    """The network in training, a batch of 512 images, fed by the caller."""
+    text = TRAIN_TEST.read_text()
+    first = text.index("# Rows of the HDF5 files")
+    return netlib.Net(prototxt.parse(INPUT + text[text.index("# Features", first) :]), netlib.TRAIN, engine="fast")
+
+
+def test_the_plan_of_the_papers_network() -> None:
+    """The convolutional layers run together, 32 images at a time; what they hand on is hidden, in tiles."""
+    net = paper_network()
+    [sliced] = [step for step in net.executor.steps if isinstance(step, SlicedStep)]
+    pieces = sliced.pieces()
+    blobs = {at.layer.name: at.top[0] for at in pieces[0] if not at.layer.name.startswith("ReLU")}  # in place
+    whole = [step.at.layer for step in net.executor.steps if step is not sliced]
+
+    assert [(at.layer.name, type(at.layer).__name__) for at in pieces[0]] == LAYERS_OF_A_SLICE
+    assert [(layer.name, type(layer).__name__) for layer in whole] == WHOLE_LAYERS
+    assert [piece[0].bottom[0].shape[0] for piece in pieces] == [ITEMS_PER_SLICE] * (512 // ITEMS_PER_SLICE)
+    assert {name: blob.tile for name, blob in blobs.items() if isinstance(blob, Hidden)} == TILES
+    assert {name for name, blob in blobs.items() if isinstance(blob, Hidden) and blob.may_be_sparse} == SPARSE
