@@ -22,6 +22,7 @@ writes what the locator learns from (models/hand_locator): small crops of places
          any_roll     hands turned by any angle, 250 to 1200 mm away
          cameras      those, of anybody, in sleeves, before Kinects, RealSense and time-of-flight cameras: to train for
                       a camera of one's own
+         people       adults and children seen from any side by those cameras, the arm coming from anywhere
          one_hand     always the same hand, turned as NYU's are, and in the test split a second, smaller one: the
                       paper's setting (docs/results/table1.md)
          many_hands   the same poses of hands of many people

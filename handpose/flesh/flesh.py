@@ -32,6 +32,7 @@ class Flesh:
     start, end (M,) joints that the capsules go from and to
     radii      (M, 2) at both
     limbs      (M,) bool: it ends at a joint that only the flesh has
+    trunk      (M,) bool: it moves with the root alone
     offsets    per joint f that has some: the joints j, and their o_j (n, 3) in its axes
     apart      two arrays (P,): pairs of capsules that should not be in each other
     """
@@ -56,6 +57,10 @@ class Flesh:
                 raise PrototxtError(schema.position_of(o), found)
         self.radii = np.array([(c.radius * 2)[:2] for c in flesh.capsule])
         self.limbs = self.end >= len(skeleton.joint_names)
+        of_root = [m.row for own, parent in zip(self.whole.motions, self.whole.parents) if parent < 0 for m in own]
+        others = np.delete(self.whole.moves, [row for row in of_root if row >= 0], axis=0)
+        bent = np.asarray(others.any(axis=0))
+        self.trunk = ~bent[self.start] & ~bent[self.end]
         self.offsets: dict[int, tuple[NDArray[np.int_], Array]] = {}
         axes = np.array([self._joint(o, "axes", o.axes) for o in flesh.offset], dtype=int)
         joints = np.array([self._joint(o, "joint", o.joint) for o in flesh.offset], dtype=int)

@@ -52,6 +52,7 @@ class BodySampler:
         self.rotation = self._dofs(turn.dof for turn in prior.turn)
         self.translation = self._translation()
         self._bent = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
+        self._proportions = [[self.skeleton.joint_names.index(name) for name in p.joint] for p in prior.proportion]
         self._spread = [self._dofs(spread.dof) for spread in prior.spread]
         self._between = [self._dofs(between.dof) for between in prior.between]
         drawn = [dofs for chains in self._bent for dofs in chains] + self._spread + self._between
@@ -61,9 +62,11 @@ class BodySampler:
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
         """Draw ``count`` bodies in poses in which parts do not run through each other."""
         p, sk, flesh, kinematics = self.prior, self.skeleton, self.flesh, self.flesh.kinematics
-        scale = 1 + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
+        scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
         own = flesh.whole.bones
         bones = own * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip))
+        for group, own_bones in zip(p.proportion, self._proportions):
+            bones[:, own_bones] *= 1 + group.std * cut_normal(rng, (count, 1), p.scale_clip)
         inputs = np.zeros((count, len(flesh.whole.initial)))
         inputs[:, self.rotation] = self.rotations(rng, count) - sk.initial[self.rotation]
         todo = np.arange(count)
@@ -195,7 +198,10 @@ def _angles(rng: np.random.Generator, turn: TurnParameter, count: int) -> Array:
         angles = turn.mean + turn.std * rng.standard_normal(count)
     else:
         anywhere = rng.random(count) < turn.any
-        angles = np.where(anywhere, rng.uniform(-180, 180, count), turn.mean + turn.std * rng.standard_normal(count))
+        angles = rng.uniform(-180, 180, count)
+        if turn.evenly:
+            angles = np.rad2deg(np.arcsin(angles / 180))
+        angles = np.where(anywhere, angles, turn.mean + turn.std * rng.standard_normal(count))
     return np.clip(angles, -turn.most, turn.most)
 
 

@@ -5,6 +5,7 @@ degrees and of the whole DoF (input + initial); all other values of DoFs are par
 its input, 0 at the lower and 1 at the upper. Lengths are in mm.
 
     turn     which way the body as a whole looks: normal, or for a fraction of bodies any angle
+    proportion  bones that are longer or shorter together, as all of a finger are
     bend     chains of DoFs that bend together, as the joints of a limb do
     spread   DoFs about their initial value: normal
     between  DoFs anywhere between their limits: Beta
@@ -33,6 +34,7 @@ from netlib.schema import Double
 FARTHEST_MM = 1e5  # that a depth camera sees
 MOST_REDRAWS = 1000
 NYU_PRIOR = NYU_HAND.with_name("nyu_prior.prototxt")
+PEOPLE_PRIOR = NYU_HAND.with_name("people_prior.prototxt")
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,9 @@ class TurnParameter:
     dof: str
     mean: Double = 0.0
     std: Double = 0.0
-    any: Double | None = None  # this fraction of bodies: any angle
+    any: Double | None = None  # this fraction of bodies: any angle ...
+    evenly: bool = False  # ... from -90 to 90 with a uniform sine: as the second of three turns that are any, every
+    # direction is then as likely as any other
     most: Double = np.inf  # largest absolute value
 
 
@@ -105,6 +109,14 @@ class BetweenParameter:
     dof: tuple[str, ...]
     a: Double = 1.0  # Beta
     b: Double = 1.0
+
+
+@dataclass(frozen=True)
+class ProportionParameter:
+    """A ``proportion { ... }``: bones that differ together from those of the skeleton."""
+
+    joint: tuple[str, ...]  # the bones that end there
+    std: Double  # normal, of the common factor about 1
 
 
 @dataclass(frozen=True)
@@ -157,9 +169,11 @@ class PosePrior:
     blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
     penetration: Double = np.inf  # that parts may sink into each other; deeper ones are drawn again
     redraws: int = 8  # at most so often
-    scale_std: Double = 0.0  # normal: the whole body, relative to the skeleton
-    bone_std: Double = 0.0  # normal: each bone
-    scale_clip: Double = 2.5  # both are cut at so many deviations
+    scale_mean: Double = 1.0  # normal: the whole body, relative to the skeleton ...
+    scale_std: Double = 0.0
+    proportion: tuple[ProportionParameter, ...] = ()  # ... groups of bones, relative to the body's size ...
+    bone_std: Double = 0.0  # ... and each bone by itself
+    scale_clip: Double = 2.5  # all are cut at so many deviations
 
     def turned(self, dof: str, **changes: float | None) -> PosePrior:
         """The same with other numbers of one ``turn``."""
@@ -196,7 +210,15 @@ def _check(prior: PosePrior) -> None:
     if prior.center is not None and prior.center.joint not in skeleton.joint_names:
         raise _unknown(prior.center, "joint", prior.center.joint, skeleton.joint_names)
     normals = (prior.lateral_x, prior.lateral_y)
-    drawn: tuple[object, ...] = (prior, *normals, *prior.turn, *prior.bend, *prior.spread, *prior.between)
+    drawn: tuple[object, ...] = (
+        prior,
+        *normals,
+        *prior.turn,
+        *prior.bend,
+        *prior.spread,
+        *prior.between,
+        *prior.proportion,
+    )
     for message in (*drawn, *(prior.center,) * (prior.center is not None)):
         _check_numbers(message)
     _check_sizes(prior)
@@ -228,14 +250,22 @@ def _check_numbers(message: object) -> None:
             _expect(message, name, value >= 0, "0 or more")
         elif name == "penetration":
             _expect(message, name, not np.isnan(value), "a depth in mm")
+        elif name == "scale_mean":
+            _expect(message, name, 0 < value <= FARTHEST_MM, "a factor above 0")
         elif name in ("any", "independent", "wide", "blend") and value is not None:
             _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
 
 
 def _check_sizes(prior: PosePrior) -> None:
     """No body, and no bone, is drawn smaller than nothing."""
-    for name, std in (("scale_std", prior.scale_std), ("bone_std", prior.bone_std)):
-        _expect(prior, name, not std or std * prior.scale_clip < 1, "less than 1 / scale_clip, so that none is below 0")
+    expected = "less than 1 / scale_clip, so that none is below 0"
+    _expect(prior, "scale_std", not prior.scale_std or prior.scale_std * prior.scale_clip < prior.scale_mean, expected)
+    _expect(prior, "bone_std", not prior.bone_std or prior.bone_std * prior.scale_clip < 1, expected)
+    for group in prior.proportion:
+        _expect(group, "std", not group.std or group.std * prior.scale_clip < 1, expected)
+        for joint in group.joint:
+            if joint not in prior.body().joint_names:
+                raise _unknown(group, "joint", joint, prior.body().joint_names)
 
 
 def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:

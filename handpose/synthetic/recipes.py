@@ -12,7 +12,7 @@ import numpy as np
 from handpose.facts.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.facts.nyu import CUBE_MM
 from handpose.synthetic import prior_file
-from handpose.synthetic.flesh_prior import ANYBODY, OTHER_FLESH, FleshPrior
+from handpose.synthetic.flesh_prior import ANYBODY, EVERYBODY, OTHER_FLESH, FleshPrior
 from handpose.synthetic.generator import Generator, Recipe, Subject, View
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
 from handpose.synthetic.sensor import CODED_LIGHT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
@@ -43,6 +43,12 @@ def like_nyu() -> PosePrior:
     return turned.but(blend=0.75)
 
 
+def _people() -> Recipe:
+    views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
+             View(ICVL, TIME_OF_FLIGHT), View(ICVL, CODED_LIGHT))  # fmt: skip
+    return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), EVERYBODY, views)
+
+
 def _cameras() -> Recipe:
     views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
              View(ICVL, TIME_OF_FLIGHT))  # fmt: skip
@@ -54,6 +60,7 @@ _RECIPES: dict[str, Callable[[], Recipe]] = {
     "other_flesh": lambda: Recipe(flesh=OTHER_FLESH, views=(View(NYU, NOISY_KINECT),)),
     "any_roll": lambda: Recipe(any_roll()),
     "cameras": _cameras,  # anybody before any camera
+    "people": _people,  # adults and children, seen from any side
     "one_hand": lambda: Recipe(like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)),
     "many_hands": lambda: Recipe(like_nyu()),
 }

@@ -89,3 +89,13 @@ def test_a_forearm_ends_before_the_camera(sampler: BodySampler) -> None:
     near = drawn(sampler, replace(EXACT, redraws=0), depth=260)
     assert (near.b[:, -1, 2] - near.radius_b[:, -1]).min() >= CLEAR_MM - 1e-9
     assert (drawn(sampler, EXACT, depth=900).b[:, -1, 2] > 500).all()
+
+
+def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
+    """Their radii have a factor of their own; a finger's and an arm's are those of the whole flesh."""
+    prior = replace(EXACT, thickness_mean=1.5, trunk_mean=2.0)
+    thin, thick = (drawn(sampler, own, count=20) for own in (EXACT, prior))
+    factor = np.concatenate([thick.radius_a / thin.radius_a, thick.radius_b / thin.radius_b])
+    parts = np.array(sampler.flesh.parts)
+    np.testing.assert_allclose(factor[:, parts == "palm"], 3.0)
+    np.testing.assert_allclose(factor[:, (parts == "thumb") | (parts == "index") | sampler.flesh.limbs], 1.5)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from handpose.facts.nyu import CENTER_IN_PALM
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.prior_file import ProportionParameter
 from layers.hand.bodies import kinematics_of
+from netlib import schema
 
 
 @pytest.fixture(scope="module")
@@ -59,3 +62,28 @@ def test_center_is_in_the_palm(sampler: BodySampler) -> None:
     distance = np.linalg.norm(hands.joints[:, sampler.skeleton.joint_names.index("palm")], axis=1) * 150
     assert np.median(distance) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=2)
     assert distance.max() < 70
+
+
+def test_bones_of_a_group_differ_together() -> None:
+    """All of a finger's are longer, or shorter, by one factor; the others keep the body's size."""
+    group = ProportionParameter(("index_pip_a", "index_pip_b"), 0.1)
+    prior = prior_file.load().but(scale_mean=0.8, scale_std=0.0, bone_std=0.0, proportion=(group,))
+    sampler = BodySampler(prior)
+    bones, own = sampler.draw(np.random.default_rng(0), 500).bones, sampler.flesh.whole.bones
+    index = [sampler.skeleton.joint_names.index(joint) for joint in group.joint]
+    others = np.setdiff1d(np.arange(len(own)), index)
+    np.testing.assert_allclose(bones[:, others], np.tile(0.8 * own[others], (500, 1)))
+    factor = bones[:, index] / own[index]
+    np.testing.assert_allclose(factor[:, 0], factor[:, 1])
+    assert factor[:, 0].std() == pytest.approx(0.08, rel=0.15)
+
+
+def test_people_are_seen_from_every_side() -> None:
+    """Of directions in which a palm, or its fingers, may point, each eighth of the sphere has its share."""
+    sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
+    everywhere = tuple(schema.changed(turn, any=1.0) for turn in sampler.prior.turn)
+    angles = BodySampler(sampler.prior.but(turn=everywhere)).rotations(np.random.default_rng(0), 4000)
+    for axis in np.eye(3):
+        pointing = Rotation.from_euler("ZXY", angles).apply(axis) > 0
+        octant = np.bincount(pointing @ [1, 2, 4], minlength=8)
+        assert octant == pytest.approx([500] * 8, rel=0.15)

@@ -150,6 +150,13 @@ def test_one_hand_and_a_second() -> None:
         ("cube_mm: 1000", "cube_mm: 1000 bone_std: 1e308", "bone_std: expected 0 or more"),
         ("cube_mm: 1000", "cube_mm: 1000 scale_clip: nan", "scale_clip: expected 0 or more"),
         ("cube_mm: 1000", "cube_mm: 1000 scale_std: 0.4", "scale_std: expected less than 1 / scale_clip"),
+        ("cube_mm: 1000", "cube_mm: 1000 scale_mean: 0", "scale_mean: expected a factor above 0"),
+        (
+            "cube_mm: 1000",
+            "cube_mm: 1000 proportion { std: 0.4 joint: 'root' }",
+            "std: expected less than 1 / scale_clip",
+        ),
+        ("cube_mm: 1000", "cube_mm: 1000 proportion { std: 0.1 joint: 'rot' }", "unknown joint 'rot'.*'root'"),
         ("cube_mm: 1000", "cube_mm: 1000 lateral_x { mean: inf }", "mean: expected a number between"),
         ('joint: "root"', 'joint: "first"', r":4:\d+: error: joint: expected one without a parent that translates"),
         ('center { joint: "root" y: 100 }', "center_jitter: 5", "center_jitter: expected a center"),
