@@ -11,8 +11,10 @@
 # make docs    what documents show of the code: code, figures, exercises, made anew
 # make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
 # make lint    the style and type checks of the continuous integration
+#
+# ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
+# program of demo, table1, bench, twins, ranks or docs.
 PYTHON ?= python3
-ITERATIONS ?= 1000
 CASES ?= 1500
 BIN := .venv/bin
 RUN := $(BIN)/python
@@ -25,10 +27,11 @@ help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
 
 demo: .venv/tools
-	$(RUN) tools/demo.py --out demo
+	$(RUN) tools/demo.py --out demo $(OPTIONS)
 
+train: ITERATIONS ?= 1000
 train: .venv/tools
-	$(RUN) tools/make_synthetic.py
+	$(RUN) tools/make_synthetic.py $(FRAMES)
 	$(RUN) tools/train.py $(SOLVER) --max-iter $(ITERATIONS) --log snapshots/train.log
 	$(RUN) tools/test.py $(SNAPSHOT) --picture snapshots/hands.png
 	$(RUN) tools/plot_log.py snapshots/train.log --out snapshots/curves.png
@@ -41,7 +44,7 @@ arm: FRAMES := --train 5000 --test 1000
 person arm: .venv/tools
 	$(RUN) tools/make_synthetic.py --body prototxt/body/$@_prior.prototxt $(FRAMES)
 	$(RUN) tools/show_data.py data/$@/test.txt --skeleton prototxt/body/$@.prototxt --out data/$@/frames.png
-	$(RUN) tools/train.py prototxt/body/$@_solver.prototxt --log snapshots/$@.log
+	$(RUN) tools/train.py prototxt/body/$@_solver.prototxt $(if $(ITERATIONS),--max-iter $(ITERATIONS)) --log snapshots/$@.log
 	$(RUN) tools/test.py $$(ls -t snapshots/$@_iter_*.caffemodel.h5 | head -n 1) --joints \
 		--model prototxt/body/$@_train_test.prototxt --picture snapshots/$@.png
 	$(RUN) tools/plot_log.py snapshots/$@.log --out snapshots/$@_curves.png
@@ -49,16 +52,16 @@ person arm: .venv/tools
 	@echo "Pictures: data/$@/frames.png, snapshots/$@.png (predictions), snapshots/$@_curves.png (the training)."
 
 table1: .venv/tools
-	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS))
+	$(RUN) tools/table1.py $(if $(HOURS),--hours $(HOURS)) $(OPTIONS)
 
 bench: .venv/bench
-	$(RUN) benchmarks/bench.py
+	$(RUN) benchmarks/bench.py $(OPTIONS)
 
 twins: .venv/tools
-	$(RUN) benchmarks/twins.py
+	$(RUN) benchmarks/twins.py $(OPTIONS)
 
 ranks: .venv/mpi
-	$(RUN) benchmarks/ranks.py
+	$(RUN) benchmarks/ranks.py $(OPTIONS)
 
 test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal
@@ -67,7 +70,7 @@ faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")
 
 docs: .venv/tools
-	$(RUN) -m docs.making
+	$(RUN) -m docs.making $(OPTIONS)
 
 site: .venv/docs
 ifdef SERVE

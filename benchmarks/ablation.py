@@ -49,6 +49,7 @@ SOLVER = (ROOT / "prototxt" / "synthetic_solver.prototxt").read_text(encoding="u
 DROPOUT = (
     'layer {{ name: "Dropout{0}" type: "Dropout" bottom: "{0}" top: "{0}" dropout_param {{ dropout_ratio: 0.3 }} }}\n'
 )
+HELD_OUT = 2000  # frames that every training is scored on
 HAND = prior_file.load()
 NARROW = (
     HAND.turned("palm_rot_z", std=20.0, any=0.0).turned("palm_rot_x", std=16.0).turned("palm_rot_y", std=25.0, any=0.0)
@@ -181,7 +182,7 @@ def run(args: argparse.Namespace) -> int:
         args.work = args.work / args.recipe
     args.work.mkdir(parents=True, exist_ok=True)
     base = recipes.recipe(args.recipe)
-    test = write_frames(args.work / "test", Generator(split="test", recipe=base), 2000)
+    test = write_frames(args.work / "test", Generator(split="test", recipe=base), HELD_OUT)
     rows = ["| | 14 joints, mm | by seed |", "|---|---|---|"]
     for study in (s for s in STUDIES[args.recipe] if not args.only or s.name in args.only):
         frames = study.frames or args.frames

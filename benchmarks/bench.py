@@ -5,9 +5,9 @@
 
 First every peer's outputs, and PyTorch's gradients, are compared with ours; nothing is timed unless they agree. Then
 each pair is timed in turn, A B A B ..., and the median of each and the median of the ratios are printed. A timing is a
-burst of calls of one of them, BURST seconds long, after one call that is not counted: so each works with caches and
-threads of its own, as it does where nothing else runs. Depth images are synthetic hands. Run it on a quiet machine: it
-warns if the machine is busy.
+burst of calls of one of them, after one call that is not counted: so each works with caches and threads of its own, as
+it does where nothing else runs. Depth images are synthetic hands. Run it on a quiet machine: it warns if the machine is
+busy. Without the packages of the peers, --alone times this project alone.
 """
 
 from __future__ import annotations
@@ -34,20 +34,27 @@ tools.begin(__name__)
 
 import cv2
 import numpy as np
-import onnxruntime
-import torch
 
 import netlib
-from benchmarks.paper import WEIGHTS, Paper
-from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet, onnx_model
+from benchmarks.paper import WEIGHTS, Paper, add_batch, small
 from layers.hand.skeleton import load
+from netlib.errors import NetlibError
 from netlib.net import Net
-from tools.arguments import parser_of, positive
+from tools.arguments import parser_of, positive, positive_number
 from tools.console import DONE, guarded
+
+try:
+    import onnxruntime
+    import torch
+
+    from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet, onnx_model
+except ModuleNotFoundError as error:
+    MISSING: str | None = error.name
+else:
+    MISSING = None
 
 FLOPS_FORWARD = 2 * (124**2 * 8 * 25 + 27**2 * 8 * 200 + 12**2 * 8 * 72 + 1152 * 1024 + 1024**2 + 1024 * 47)  # an image
 FLOPS_TRAINING = 3 * FLOPS_FORWARD - 2 * 124**2 * 8 * 25  # the first convolution passes no gradient down
-BURST = 0.2  # seconds; one call if that is longer
 Job = Callable[[], Any]
 
 
@@ -56,36 +63,53 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=positive, default=15, help="timings of each (default: %(default)s)")
     parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser.add_argument("--burst", type=positive_number, default=0.2, metavar="S",
+                        help="seconds of one timing; one call if that is longer (default: %(default)s)")  # fmt: skip
+    add_batch(parser)
+    parser.add_argument("--alone", action="store_true", help="no peers: time this project alone")
     parser.add_argument("--json", metavar="FILE", help="write the figures here as well")
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare as the parsed arguments say."""
-    netlib.set_threads(args.threads)
-    torch.set_num_threads(args.threads)
+    """Compare as the parsed arguments say. Raises NetlibError if a package of the peers is missing."""
+    if MISSING and not args.alone:
+        raise NetlibError(f"{MISSING} is missing: pip install -e '.[bench]', or time this project alone by --alone")
+    set_threads(args.threads, args.alone)
     load = os.getloadavg()[0]
     if load > 0.5:
         print(f"warning: the machine is busy (load {load:.1f}); the figures will be uneven", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Path(folder), args.rounds, args.threads)
-        bench.check()
+        bench = Bench(Path(folder), args)
+        if not args.alone:
+            bench.check()
         bench.run()
     print(bench.table())
     if args.json:
-        versions = {peer.__name__: peer.__version__ for peer in (np, torch, onnxruntime, cv2)}
+        peers = () if args.alone else (torch, onnxruntime, cv2)
+        versions = {peer.__name__: peer.__version__ for peer in (np, *peers)}
         facts = {"blas": netlib.BLAS_NOTE, "threads": args.threads, "load": load, **versions}
         Path(args.json).write_text(json.dumps({**facts, "rows": bench.rows}, indent=2), encoding="utf-8")
     return DONE
 
 
+def set_threads(count: int, alone: bool) -> None:
+    """The threads of all that are timed."""
+    netlib.set_threads(count)
+    if not alone:
+        torch.set_num_threads(count)
+        cv2.setNumThreads(count)
+
+
 class Bench:
     """The data, the nets and the figures."""
 
-    def __init__(self, folder: Path, rounds: int, threads: int) -> None:
-        self.folder, self.rounds, self.threads = folder, rounds, threads
+    def __init__(self, folder: Path, args: argparse.Namespace) -> None:
+        self.folder, self.rounds, self.threads, self.burst = folder, args.rounds, args.threads, args.burst
+        self.alone = args.alone
+        self.large, self.small = args.batch, small(args.batch)
         self.rows: list[dict[str, Any]] = []
-        self.paper = Paper(folder, threads)
+        self.paper = Paper(folder, self.large, self.threads)
         self.depth, self.joint = self.paper.depth, self.paper.joint
         self.solver, self.deploy = self.paper.solver, self.paper.deploy
         self.skeleton = load()
@@ -94,17 +118,17 @@ class Bench:
 
     def check(self) -> None:
         """Outputs and gradients agree with the peers', or the run ends here."""
-        net = self.deploy(8)
         x = self.depth[:8]
+        net = self.deploy(len(x))
         ours = net.forward(depth=x)["pred"].copy()
         angles = net.blobs["DoF"].data.copy()
         peer = TorchNet(net, self.skeleton).eval()
         with torch.inference_mode():
             self._agree("PyTorch joints", ours, peer(torch.from_numpy(x)).numpy())
-        session = onnxruntime.InferenceSession(onnx_model(net, 8), providers=["CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(onnx_model(net, len(x)), providers=["CPUExecutionProvider"])
         self._agree("onnxruntime angles", angles, session.run(None, {"depth": x})[0])
-        self._agree("OpenCV angles", angles, self._opencv(net, 8)(x))
-        train = self.solver(64)
+        self._agree("OpenCV angles", angles, self._opencv(net, len(x))(x))
+        train = self.solver(self.small)
         train.net.copy_from(net)
         for layer in train.net.layers:
             if layer.type == "Dropout":
@@ -150,19 +174,20 @@ class Bench:
                 for _ in range(calls[name]):
                     job()
                 times[name].append((time.perf_counter() - begin) / calls[name])
+        if not theirs:
+            self.figure(what, float(np.median(times["ours"])) * 1e3, "ms", "")
         for (name, job_times), goal in zip([(n, times[n]) for n in theirs], goals):
             ratio = float(np.median(np.array(job_times) / np.array(times["ours"])))
             self.rows.append({"what": what, "peer": name, "ours_ms": float(np.median(times["ours"])) * 1e3,
                               "peer_ms": float(np.median(job_times)) * 1e3, "ratio": ratio, "goal": goal})  # fmt: skip
         return float(np.median(times["ours"]))
 
-    @staticmethod
-    def _calls(job: Job) -> int:
+    def _calls(self, job: Job) -> int:
         """How many calls a burst has."""
         job()
         begin = time.perf_counter()
         job()
-        return max(1, round(BURST / (time.perf_counter() - begin)))
+        return max(1, round(self.burst / (time.perf_counter() - begin)))
 
     def figure(self, what: str, value: float, unit: str, goal: str) -> None:
         """A row without a peer."""
@@ -170,28 +195,36 @@ class Bench:
 
     def run(self) -> None:
         """All rows of the table."""
-        step = {batch: self.training(batch) for batch in (512, 64)}
-        forward = self.forward_512()
-        self.forward_64()
+        step = {batch: self.training(batch) for batch in (self.large, self.small)}
+        forward = self.forward_large()
+        self.forward_small()
         self.one_image()
         self.hand()
         peak = self.sgemm_peak()
         self.figure("sgemm peak", peak / 1e9, "GFLOP/s", "")
-        self.figure("share of the peak, training", 100 * 512 * FLOPS_TRAINING / step[512] / peak, "%", ">= 38")
-        self.figure("share of the peak, forward", 100 * 512 * FLOPS_FORWARD / forward / peak, "%", ">= 48")
-        self.figure("time of 512 against 8 x 64", step[512] / (8 * step[64]), "x", "0.9 to 1.1")
+        training = 100 * self.large * FLOPS_TRAINING / step[self.large] / peak
+        self.figure("share of the peak, training", training, "%", ">= 38")
+        self.figure("share of the peak, forward", 100 * self.large * FLOPS_FORWARD / forward / peak, "%", ">= 48")
+        parts = self.large // self.small
+        ratio = step[self.large] / (parts * step[self.small])
+        self.figure(f"time of {self.large} against {parts} x {self.small}", ratio, "x", "0.9 to 1.1")
         self.figure("data, log and bookkeeping", self.overhead(), "% of a step", "< 5")
-        self.figure("peak memory, training at 512", self.memory(), "MB", "< 1500, 500")
+        self.figure(f"peak memory, training at {self.large}", self.memory(), "MB", "< 1500, 500")
 
     def training(self, batch: int) -> float:
         """solver.step(1) against PyTorch's training step."""
         solver = self.solver(batch)
-        depth, joint = torch.from_numpy(self.depth[:batch]), torch.from_numpy(self.joint[:batch])
         jobs: dict[str, Job] = {}
-        for name, form in (("PyTorch eager", torch.contiguous_format), ("PyTorch channels_last", torch.channels_last)):
-            jobs[name] = self._torch_step(TorchNet(solver.net, self.skeleton).train(), depth, joint, form)
-        goals = (5.0, 2.8) if batch == 512 else (0.0, 2.6)
+        if not self.alone:
+            depth, joint = torch.from_numpy(self.depth[:batch]), torch.from_numpy(self.joint[:batch])
+            for name, form in self._formats():
+                jobs[name] = self._torch_step(TorchNet(solver.net, self.skeleton).train(), depth, joint, form)
+        goals = (5.0, 2.8) if batch == self.large else (0.0, 2.6)
         return self.compare(f"training step, batch {batch}", lambda: solver.step(1), jobs, goals)
+
+    @staticmethod
+    def _formats() -> tuple[tuple[str, Any], ...]:
+        return ("PyTorch eager", torch.contiguous_format), ("PyTorch channels_last", torch.channels_last)
 
     def _torch_step(self, peer: TorchNet, depth: torch.Tensor, joint: torch.Tensor, form: Any) -> Job:
         peer.conv.to(memory_format=form)
@@ -205,40 +238,41 @@ class Bench:
 
         return job
 
-    def forward_512(self) -> float:
+    def forward_large(self) -> float:
         """net.forward against onnxruntime."""
-        net = self.deploy(512)
-        x = self.depth[:512]
-        session = self._session(net, 512, self.threads)
-        return self.compare("forward, batch 512", lambda: net.forward(depth=x),
-                            {"onnxruntime (no hand)": lambda: session.run(None, {"depth": x})}, (1.2,))  # fmt: skip
+        net = self.deploy(self.large)
+        x = self.depth[: self.large]
+        jobs: dict[str, Job] = {}
+        if not self.alone:
+            session = self._session(net, self.large, self.threads)
+            jobs["onnxruntime (no hand)"] = lambda: session.run(None, {"depth": x})
+        return self.compare(f"forward, batch {self.large}", lambda: net.forward(depth=x), jobs, (1.2,))
 
-    def forward_64(self) -> None:
+    def forward_small(self) -> None:
         """net.forward against OpenCV's dnn."""
-        net = self.deploy(64)
-        x = self.depth[:64]
-        cv2.setNumThreads(self.threads)
-        peer = self._opencv(net, 64)
-        self.compare(
-            "forward, batch 64", lambda: net.forward(depth=x), {"OpenCV dnn (no hand)": lambda: peer(x)}, (2.0,)
-        )
+        net = self.deploy(self.small)
+        x = self.depth[: self.small]
+        jobs: dict[str, Job] = {}
+        if not self.alone:
+            peer = self._opencv(net, self.small)
+            jobs["OpenCV dnn (no hand)"] = lambda: peer(x)
+        self.compare(f"forward, batch {self.small}", lambda: net.forward(depth=x), jobs, (2.0,))
 
     def one_image(self) -> None:
         """One image on one thread, with the hand against PyTorch, without it against onnxruntime."""
-        netlib.set_threads(1)
-        torch.set_num_threads(1)
+        set_threads(1, self.alone)
         net, bare = self.deploy(1), self._without_hand()
         x = self.depth[:1]
-        tensor = torch.from_numpy(x)
-        jobs: dict[str, Job] = {}
-        for name, form in (("PyTorch eager", torch.contiguous_format), ("PyTorch channels_last", torch.channels_last)):
-            jobs[name] = self._torch_forward(TorchNet(net, self.skeleton).eval(), tensor, form)
-        self.compare("one image with the hand, 1 thread", lambda: net.forward(depth=x), jobs, (2.6, 1.9))
-        session = self._session(net, 1, 1)
-        self.compare("one image without the hand, 1 thread", lambda: bare.forward(depth=x),
-                     {"onnxruntime": lambda: session.run(None, {"depth": x})}, (0.73,))  # fmt: skip
-        netlib.set_threads(self.threads)
-        torch.set_num_threads(self.threads)
+        whole: dict[str, Job] = {}
+        angles: dict[str, Job] = {}
+        if not self.alone:
+            for name, form in self._formats():
+                whole[name] = self._torch_forward(TorchNet(net, self.skeleton).eval(), torch.from_numpy(x), form)
+            session = self._session(net, 1, 1)
+            angles["onnxruntime"] = lambda: session.run(None, {"depth": x})
+        self.compare("one image with the hand, 1 thread", lambda: net.forward(depth=x), whole, (2.6, 1.9))
+        self.compare("one image without the hand, 1 thread", lambda: bare.forward(depth=x), angles, (0.73,))
+        set_threads(self.threads, self.alone)
 
     def _torch_forward(self, peer: TorchNet, x: torch.Tensor, form: Any) -> Job:
         peer.conv.to(memory_format=form)
@@ -262,11 +296,11 @@ class Bench:
 
     def hand(self) -> None:
         """HandModel forward and backward against the same with autograd."""
-        x = np.random.default_rng(0).normal(0, 0.3, (512, 47)).astype(np.float32)
-        dy = np.random.default_rng(1).normal(size=(512, 93)).astype(np.float32)
-        text = """force_backward: true
-            layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 512 dim: 47 } } }
-            layer { name: "h" type: "HandModel" bottom: "x" top: "y" }"""
+        x = np.random.default_rng(0).normal(0, 0.3, (self.large, 47)).astype(np.float32)
+        dy = np.random.default_rng(1).normal(size=(self.large, 93)).astype(np.float32)
+        text = f"""force_backward: true
+            layer {{ name: "i" type: "Input" top: "x" input_param {{ shape {{ dim: {self.large} dim: 47 }} }} }}
+            layer {{ name: "h" type: "HandModel" bottom: "x" top: "y" }}"""
         (self.folder / "hand.prototxt").write_text(text)
         net = Net(self.folder / "hand.prototxt", netlib.TRAIN)
 
@@ -274,20 +308,26 @@ class Bench:
             net.forward(x=x)
             net.backward(y=dy)
 
-        by_depth, by_joint = TorchHand(self.skeleton), TorchHandByJoint(self.skeleton)
+        ours()
+        jobs = {} if self.alone else self._torch_hands(x, dy, net.blobs["x"].diff)
+        self.compare(f"HandModel forward + backward, {self.large}", ours, jobs, (11.0, 0.0))
+
+    def _torch_hands(self, x: np.ndarray, dy: np.ndarray, dx: np.ndarray) -> dict[str, Job]:
+        """Two forms of the hand, whose gradients agree with ours."""
         tensor, gradient = torch.from_numpy(x), torch.from_numpy(dy)
 
-        def theirs(peer: torch.nn.Module) -> np.ndarray:
-            tensor.grad = None
-            tensor.requires_grad_(True)
-            peer(tensor).backward(gradient)
-            return tensor.grad.numpy()
+        def job_of(peer: torch.nn.Module) -> Job:
+            def job() -> np.ndarray:
+                tensor.grad = None
+                tensor.requires_grad_(True)
+                peer(tensor).backward(gradient)
+                return tensor.grad.numpy()
 
-        ours()
-        for peer in (by_depth, by_joint):
-            self._agree("PyTorch gradient of the hand", net.blobs["x"].diff, theirs(peer))
-        peers = {"PyTorch, joint by joint": lambda: theirs(by_joint), "PyTorch, by depth": lambda: theirs(by_depth)}
-        self.compare("HandModel forward + backward, 512", ours, peers, (11.0, 0.0))
+            self._agree("PyTorch gradient of the hand", dx, job())
+            return job
+
+        hands = {"PyTorch, joint by joint": TorchHandByJoint, "PyTorch, by depth": TorchHand}
+        return {name: job_of(hand(self.skeleton)) for name, hand in hands.items()}
 
     def sgemm_peak(self) -> float:
         """FLOP/s of large products, one a thread."""
@@ -306,7 +346,7 @@ class Bench:
 
     def overhead(self) -> float:
         """How much longer a step of solver.step is than the net's own passes and the update, in percent."""
-        solver = self.solver(512)
+        solver = self.solver(self.large)
         steps = solver.net.executor.steps
         data = steps[0]
         solver.step(2)
@@ -321,13 +361,13 @@ class Bench:
                 if step is not data:
                     step.forward()
             solver.net.run_backward()
-            solver._update()
+            solver.apply_update()
             bare.append(time.perf_counter() - begin)
         return 100 * (float(np.median(whole)) / float(np.median(bare)) - 1)
 
     def memory(self) -> float:
-        """Peak memory of a process that trains at batch 512, MB."""
-        self.solver(512)
+        """Peak memory of a process that trains with the large batch, MB."""
+        self.solver(self.large)
         code = (f"import sys; sys.path.insert(0, {str(ROOT)!r}); import netlib; "
                 f"netlib.set_threads({self.threads}); "
                 f"netlib.get_solver({str(self.folder / 'solver.prototxt')!r}).step(4); "

@@ -9,6 +9,7 @@ Medians over frames of the recipe nyu, with the packaged weights, on one thread.
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -54,10 +55,10 @@ def run(args: argparse.Namespace) -> int:
         predictor = load_predictor(fit=plan, hand="right")
         net, fitter = predictor.net, predictor.fitter
         assert fitter is not None
-        one = iter(np.tile(np.arange(len(crops)), args.repeats))
+        one = itertools.cycle(range(len(crops)))
 
         def single(work: Callable[[slice], object], one=one) -> float:  # type: ignore[no-untyped-def]
-            return _median(lambda: work(slice(n := int(next(one)), n + 1)), args.repeats)
+            return _median(lambda: work(slice(n := next(one), n + 1)), args.repeats)
 
         turned = np.stack([np.rot90(crops[0], quarter) for quarter in how.quarters])
         rows.append([

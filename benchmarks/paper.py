@@ -1,7 +1,8 @@
-"""The paper's network on synthetic hands, for whoever times it."""
+"""The paper's network on synthetic hands, and the options that benchmarks on it share."""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import h5py
@@ -11,20 +12,31 @@ import netlib
 from netlib.net import Net
 from netlib.paths import ROOT
 from netlib.solver import Solver
+from tools.arguments import positive
 
-FRAMES = 1024
 WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
 
 
-class Paper:
-    """Depth images (N, 1, 128, 128) and joints (N, 93) of ``FRAMES`` hands, and the nets on them."""
+def add_batch(parser: argparse.ArgumentParser) -> None:
+    """The option --batch."""
+    parser.add_argument("--batch", type=positive, default=512, metavar="N",
+                        help="the large batch; the small one is an eighth of it (default: %(default)s)")  # fmt: skip
 
-    def __init__(self, folder: Path, workers: int) -> None:
+
+def small(batch: int) -> int:
+    """The small batch that is timed in addition to a large one."""
+    return max(2, batch // 8)
+
+
+class Paper:
+    """Depth images (N, 1, 128, 128) and joints (N, 93) of two large batches of hands, and the nets on them."""
+
+    def __init__(self, folder: Path, batch: int, workers: int) -> None:
         from handpose.synthetic.generator import Generator
         from handpose.synthetic.many import generate
 
         self.folder = folder
-        blocks = list(generate(FRAMES, Generator(seed=0, split="train"), workers=workers))
+        blocks = list(generate(2 * batch, Generator(seed=0, split="train"), workers=workers))
         self.depth = np.concatenate([b.depth for b in blocks]).reshape(-1, 1, 128, 128)
         self.joint = np.concatenate([b.joint for b in blocks]).reshape(-1, 93)
         with h5py.File(folder / "a.h5", "w") as file:

@@ -39,7 +39,7 @@ tools.begin(__name__)
 import numpy as np
 
 import netlib
-from benchmarks.paper import Paper
+from benchmarks.paper import Paper, add_batch, small
 from netlib import engine
 from netlib.errors import NetlibError
 from netlib.gradients import Gradients
@@ -51,7 +51,6 @@ from tools.arguments import parser_of, positive
 from tools.console import DONE, aligned, guarded
 from tools.ranks import world
 
-BATCHES = (64, 512)
 RANKS = (2, 4, 8, 16, 32, 64, 128, 256)
 PARTS = 3  # of the gradients of the paper's network
 
@@ -114,6 +113,7 @@ def main(argv: list[str] | None = None) -> int:
     """Measure; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("--steps", type=positive, default=60, metavar="N", help="of each timing (default: %(default)s)")
+    add_batch(parser)
     parser.add_argument("--launch", metavar="COMMAND", help="what starts two ranks on two machines, -n 2 follows "
                         "it: time only these, each with a whole batch")  # fmt: skip
     parser.add_argument("--worker", metavar="SOLVER", help=argparse.SUPPRESS)  # what mpiexec starts
@@ -200,10 +200,10 @@ def run(args: argparse.Namespace) -> int:
     """All timings, then the model."""
     cpus = engine.available_cpus()
     launch = shlex.split(args.launch) if args.launch else [_mpiexec()]
-    runs = [(2, 1)] if args.launch else [(1, 1), (1, cpus), (cpus, 1), (2 * cpus, 1)]
+    runs = [(2, 1)] if args.launch else list(dict.fromkeys([(1, 1), (1, cpus), (cpus, 1), (2 * cpus, 1)]))
     with tempfile.TemporaryDirectory(dir=Path.cwd() if args.launch else None) as folder:  # which both machines see
-        paper = Paper(Path(folder), cpus)
-        for batch in BATCHES:
+        paper = Paper(Path(folder), args.batch, cpus)
+        for batch in sorted({small(args.batch), args.batch}):
             frames = 2 * batch if args.launch else batch
             paper.solver(frames)
             timed = [_time(count, threads, launch, f"{folder}/solver.prototxt", args.steps) for count, threads in runs]

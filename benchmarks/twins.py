@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import sys
 import tempfile
 import time
@@ -36,16 +37,15 @@ import fast.kinematics
 import fast.plan
 import fast.row_tiles
 import netlib
-from benchmarks.paper import Paper
+from benchmarks.paper import Paper, add_batch, small
 from fast.engine import TWINS, FastEngine
 from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
 from netlib.updates import RULES
-from tools.arguments import parser_of, positive
+from tools.arguments import parser_of, positive, positive_number
 from tools.console import DONE, guarded
 
-BURST = 0.15  # seconds of one timing; one call if that is longer
 Off = Callable[[], contextlib.AbstractContextManager[Any]]
 
 
@@ -70,12 +70,6 @@ def one_thread() -> Iterator[None]:
         netlib.set_threads(before)
 
 
-def never_steady(step: WholeStep, at: Any) -> None:
-    """A reshape before every forward."""
-    super(WholeStep, step).__init__(at)
-    step._steady, step._shapes = False, None
-
-
 ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network: a layer of the recipe, and what fits use
 PARTS: dict[str, Off] = {
     **{f"twin of {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ not in ELSEWHERE},
@@ -95,7 +89,7 @@ PARTS: dict[str, Off] = {
     "updates without temporaries": patched(FastEngine, "rules", RULES),
     "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
     "inputs copied by all threads": patched(fast.engine, "LARGE", 1 << 40),
-    "reshape only where shapes change": patched(WholeStep, "__init__", never_steady),
+    "reshape only where shapes change": patched(WholeStep, "_now", lambda step: object()),
     "one pose by another way": patched(fast.kinematics, "FEW", 0),
 }
 
@@ -105,6 +99,9 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=positive, default=7, help="timings of each (default: %(default)s)")
     parser.add_argument("--threads", type=positive, default=min(2, netlib.threads()), help="default: %(default)s")
+    parser.add_argument("--burst", type=positive_number, default=0.15, metavar="S",
+                        help="seconds of one timing; one call if that is longer (default: %(default)s)")  # fmt: skip
+    add_batch(parser)
     parser.add_argument("--only", nargs="+", metavar="PART", help="such parts whose names contain one of these")
     args = parser.parse_args(argv)
     for word in args.only or ():
@@ -117,19 +114,18 @@ def run(args: argparse.Namespace) -> int:
     """Time each part as the parsed arguments say."""
     netlib.set_threads(args.threads)
     with tempfile.TemporaryDirectory() as folder:
-        paper = Paper(Path(folder), args.threads)
+        paper = Paper(Path(folder), args.batch, args.threads)
+        batches = (args.batch, small(args.batch))
         jobs: dict[str, Callable[[], Callable[[], Any]]] = {
-            "step 512": lambda: step(paper, 512),
-            "step 64": lambda: step(paper, 64),
-            "forward 512": lambda: forward(paper, 512),
-            "forward 64": lambda: forward(paper, 64),
-            "one image": lambda: forward(paper, 1),
+            **{f"step {batch}": functools.partial(step, paper, batch) for batch in batches},
+            **{f"forward {batch}": functools.partial(forward, paper, batch) for batch in batches},
+            "one image": functools.partial(forward, paper, 1),
         }
         print(f"{'ms saved, share':<34}" + "".join(f"{name:>18}" for name in jobs))
         for part, off in PARTS.items():
             if args.only and not any(word in part for word in args.only):
                 continue
-            cells = [compare(make, off, args.rounds) for make in jobs.values()]
+            cells = [compare(make, off, args.rounds, args.burst) for make in jobs.values()]
             print(f"{part:<34}" + "".join(f"{cell:>18}" for cell in cells), flush=True)
     return DONE
 
@@ -146,14 +142,14 @@ def forward(paper: Paper, batch: int) -> Callable[[], Any]:
     return lambda: net.forward(depth=paper.depth[:batch])
 
 
-def compare(make: Callable[[], Callable[[], Any]], off: Off, rounds: int) -> str:
+def compare(make: Callable[[], Callable[[], Any]], off: Off, rounds: int, burst: float) -> str:
     """What the part saves: ms, and as a share of the time with it."""
     with_it = make()
     with off():
         without = make()
         without()
     with_it()
-    calls = max(1, round(BURST / seconds(with_it, 1)))
+    calls = max(1, round(burst / seconds(with_it, 1)))
     pairs = []
     for _ in range(rounds):
         fast_time = seconds(with_it, calls)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -73,9 +74,15 @@ def run(args: argparse.Namespace) -> int:
     seconds = time.perf_counter() - begun
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
-    python = os.path.relpath(sys.executable) if Path(sys.executable).is_relative_to(Path.cwd()) else sys.executable
-    say(f"For your own camera: {python} tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
+    program = [_from_here(path) for path in (sys.executable, str(Path(__file__).resolve().with_name("predict.py")))]
+    options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
+    say(f"For your own camera: {shlex.join([*program, *options])}")
     return DONE
+
+
+def _from_here(path: str) -> str:
+    """The relative path of a file below the working folder; elsewhere the path itself."""
+    return os.path.relpath(path) if Path(path).is_relative_to(Path.cwd()) else path
 
 
 if __name__ == "__main__":

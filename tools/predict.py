@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
         if isinstance(found, FramePrediction) and predictor.is_hand:
-            say_doubts(image, depth, found.camera, args.unit)
+            say_doubts(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))

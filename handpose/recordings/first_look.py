@@ -88,9 +88,12 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
     )
 
 
-def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float) -> list[str]:
-    """What is likely wrong with the camera and the unit of a single frame (height, width) in mm: a line each."""
-    near = nearest_thing(depth, camera)
+def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
+    """What is likely wrong with the camera and the unit of a single frame (height, width) in mm: a line each.
+
+    With ``unit_is_known`` only the camera is checked.
+    """
+    near = None if unit_is_known else nearest_thing(depth, camera)
     return [*_of_camera(camera), *(_of_unit(near, unit_mm) if near else ())]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 import h5py
@@ -66,6 +67,22 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
             _, _, net = ablation.trained(ablation.OF_NYU[0], *data, 1, args)
             assert len(trained) == count
     load_parameter(prototxt.parse(net.read_text(), "net"))
+
+
+def test_a_benchmark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A row for a study, with the error of each seed; a second run trains nothing."""
+    monkeypatch.setattr(ablation, "HELD_OUT", 2)
+    monkeypatch.setattr(ablation, "NET", re.sub(r"batch_size: \d+", "batch_size: 2", ablation.NET))
+    options = ["--work", str(tmp_path), "--frames", "2", "--iterations", "1", "--seeds", "1", "--only", "plain"]
+    assert ablation.main(options) == 0
+    rows = capsys.readouterr().out.splitlines()[-3:]
+    assert rows[:2] == ["| | 14 joints, mm | by seed |", "|---|---|---|"]
+    assert rows[2].startswith("| no augmentation | ")
+    monkeypatch.setattr(ablation.training, "train", lambda solver: 1 / 0)
+    assert ablation.main(options) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == rows[2]
 
 
 def test_a_study_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,13 +1,63 @@
-"""benchmarks/bench.py: its command line."""
+"""benchmarks/bench.py: every comparison runs, with and without the peers, and the figures are those of the table."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 
-bench = pytest.importorskip("benchmarks.bench")  # without PyTorch there is nothing to time
+from benchmarks import bench
+
+SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "16"]
 
 
-@pytest.mark.parametrize("options", [["--rounds", "0"], ["--threads", "-1"]], ids=" ".join)
+@pytest.fixture(autouse=True)
+def quiet(keep_threads: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine is not busy, and the number of threads is as before afterwards."""
+    monkeypatch.setattr(bench.os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("alone", [True, False], ids=["alone", "with the peers"])
+def test_a_benchmark(alone: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The table has a row for every figure, and --json has the same."""
+    if bench.MISSING and not alone:
+        pytest.skip(f"the peers need {bench.MISSING}: pip install -e '.[bench]'")
+    file = tmp_path / "speed.json"
+    assert bench.main([*SMALLEST, "--json", str(file), *(["--alone"] if alone else [])]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
+    assert list(dict.fromkeys(row["what"] for row in rows)) == [
+        "training step, batch 16",
+        "training step, batch 2",
+        "forward, batch 16",
+        "forward, batch 2",
+        "one image with the hand, 1 thread",
+        "one image without the hand, 1 thread",
+        "HandModel forward + backward, 16",
+        "sgemm peak",
+        "share of the peak, training",
+        "share of the peak, forward",
+        "time of 16 against 8 x 2",
+        "data, log and bookkeeping",
+        "peak memory, training at 16",
+    ]
+    assert [row["what"] for row in rows] == [line[:38].rstrip() for line in out.splitlines()[1:-1]]
+    assert alone == (not any("peer" in row for row in rows))
+    assert all(value > 0 for row in rows for key in ("value", "ours_ms", "peer_ms", "ratio")
+               if (value := row.get(key)) is not None and row["what"] != "data, log and bookkeeping")  # fmt: skip
+
+
+def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Which says how to go on."""
+    monkeypatch.setattr(bench, "MISSING", "torch")
+    assert bench.main(SMALLEST) == 1
+    error = "torch is missing: pip install -e '.[bench]', or time this project alone by --alone\n"
+    assert capsys.readouterr() == ("", error)
+
+
+@pytest.mark.parametrize("options", [["--rounds", "0"], ["--threads", "-1"], ["--burst", "0"]], ids=" ".join)
 def test_usage(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Wrong usage is argparse's own message, which names the option, and status 2."""
     with pytest.raises(SystemExit, match="2"):

@@ -1,10 +1,52 @@
-"""benchmarks/twins.py: its command line."""
+"""benchmarks/twins.py: every part of fast/ can be switched off, and what it saves is a row of the table."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from benchmarks.paper import Paper
+
 twins = pytest.importorskip("benchmarks.twins")  # without fast/ there is nothing to time
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory: pytest.TempPathFactory) -> Paper:
+    """The paper's network on four frames."""
+    return Paper(tmp_path_factory.mktemp("paper"), 2, 1)
+
+
+def trained_and_predicted(paper: Paper) -> list[np.ndarray]:
+    """The weights of the first layer after a step, and joints of two frames."""
+    solver = paper.solver(2, "fast")
+    solver.step(1)
+    pred = paper.deploy(2, "fast").forward(depth=paper.depth[:2])["pred"]
+    return [solver.net.params["convL1"][0].data.copy(), pred.copy()]
+
+
+@pytest.fixture(scope="module")
+def expected(paper: Paper) -> list[np.ndarray]:
+    """The same with all of fast/."""
+    return trained_and_predicted(paper)
+
+
+@pytest.mark.parametrize("part", twins.PARTS)
+def test_without_a_part(part: str, paper: Paper, expected: list[np.ndarray], keep_threads: None) -> None:
+    """A net trains and predicts the same to rounding."""
+    with twins.PARTS[part]():
+        found = trained_and_predicted(paper)
+    for ours, wanted in zip(found, expected):
+        np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-5)
+
+
+def test_the_table(keep_threads: None, capsys: pytest.CaptureFixture[str]) -> None:
+    """A row for a part that is named, with ms and a share for each job."""
+    options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--only", "one pose"]
+    assert twins.main(options) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.split()[3:] == ["step", "2", "forward", "2", "one", "image"]
+    assert [row[:34].rstrip() for row in rows] == ["one pose by another way"]
+    assert all(len(row[34:].split()) == 6 for row in rows)
 
 
 @pytest.mark.parametrize(

@@ -50,18 +50,18 @@ def test_a_block_at_the_very_end() -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A project of its own, of which only documents are made."""
     monkeypatch.setattr(documents, "ROOT", tmp_path)
-    monkeypatch.setattr(making, "PIECES", (documents.made,))
+    monkeypatch.setattr(making, "PIECES", {"documents": documents.made})
     yield tmp_path
 
 
 def test_a_document_that_is_no_text(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its name, and the byte; it stays."""
     (folder / "x.md").write_bytes(b"caf\xe9\n" + RELU.encode())
-    assert making.main() == 1
+    assert making.main([]) == 1
     assert capsys.readouterr().err == "error: x.md: cannot read: not UTF-8 (byte 3)\n"
 
 
 def test_a_folder_that_is_called_as_a_document(folder: Path) -> None:
     """It is none."""
     (folder / "x.md").mkdir()
-    assert making.main() == 0
+    assert making.main([]) == 0

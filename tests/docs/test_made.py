@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -10,7 +11,7 @@ from docs.making import __main__ as making
 from docs.making.made import Made
 from netlib.paths import ROOT
 
-FILES = [made for piece in making.PIECES for made in piece()]
+FILES = [made for piece in making.PIECES.values() for made in piece()]
 
 
 @pytest.mark.parametrize("made", FILES, ids=lambda made: str(made.path.relative_to(ROOT)))
@@ -28,6 +29,28 @@ def test_a_name_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys
     def piece() -> Iterator[Made]:
         yield Made(ROOT / "page.md", gone)
 
-    monkeypatch.setattr(making, "PIECES", (piece,))
-    assert making.main() == 1
+    monkeypatch.setattr(making, "PIECES", {"page": piece})
+    assert making.main([]) == 1
     assert capsys.readouterr() == ("", "error: page.md: box.py has no Box\n")
+
+
+def test_what_is_not_current(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Is named and left alone by --check, and written without it; other parts are left alone."""
+    page = tmp_path / "page.md"
+    page.write_text("old")
+    monkeypatch.setattr(making, "ROOT", tmp_path)
+    monkeypatch.setattr(making, "PIECES", {"page": lambda: [Made(page, lambda: b"new")], "other": lambda: 1 / 0})
+    assert making.main(["--check", "page"]) == 1
+    assert (page.read_text(), capsys.readouterr().err) == ("old", "not current: page.md; run make docs\n")
+    assert making.main(["page"]) == 0
+    assert (page.read_text(), capsys.readouterr().out) == ("new", "wrote page.md\n")
+    assert making.main(["--check", "page"]) == 0
+
+
+def test_a_part_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    """Is wrong usage."""
+    with pytest.raises(SystemExit, match="2"):
+        making.main(["exercise"])
+    assert "no part exercise; expected some of documents, figures" in capsys.readouterr().err

@@ -73,8 +73,11 @@ def mistakes(script: str, folder: Path) -> Iterator[str]:
 
 def _mistake(words: list[str], folder: Path) -> str:
     name, *rest = words
+    if name == "mpiexec":  # parse what every rank runs
+        program = next((at for at, word in enumerate(rest) if _PYTHON.fullmatch(word)), len(rest))
+        return _mistake(rest[program:], folder) if rest[program:] else ""
     if name == "make":
-        unknown = [word for word in rest if "=" not in word and not word.startswith("-") and word not in _targets()]
+        unknown = [word for word in rest if "=" not in word and not word.startswith("-") and word not in targets()]
         return f"no target {', '.join(unknown)} in the Makefile" if unknown else ""
     if name == "pip" or name.endswith("/pip"):
         return _unknown_extras(rest)
@@ -88,6 +91,8 @@ def _mistake(words: list[str], folder: Path) -> str:
 def _python_mistake(words: list[str], folder: Path) -> str:
     if words[:1] == ["-m"] and words[1:2] == ["pip"]:
         return _unknown_extras(words[2:])
+    if words[:2] == ["-m", "mpi4py"]:
+        return _python_mistake(words[2:], folder)
     if words[:1] == ["-m"] and len(words) > 1:
         return _module_mistake(words[1], words[2:])
     script = next((word for word in words if word.endswith(".py")), None)
@@ -148,7 +153,8 @@ def _only_parsing(module: object, name: str, argv: list[str]) -> Iterator[None]:
 
 
 @functools.cache
-def _targets() -> set[str]:
+def targets() -> set[str]:
+    """The targets of the Makefile."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     return {name for line in re.findall(r"^([\w./ -]+):(?!=)", text, re.MULTILINE) for name in line.split()}
 

@@ -31,7 +31,6 @@ ROOT = Path(__file__).resolve().parents[2]
 Names = dict[str, object]
 Given = Callable[[Path], Names]
 SECONDS = 0.1  # of the hand before the camera
-LARGE_BATCH, SMALL_BATCH = ("batch_size: 512", "batch_size: 250"), "batch_size: 8"
 
 
 @functools.cache
@@ -83,12 +82,16 @@ def data(folder: Path) -> Names:
     """data/nyu: a few synthetic frames, and the nets of prototxt/ with batches as small."""
     out = folder / "data" / "nyu"
     assert make_synthetic.main(["--out", str(out), "--train", "16", "--test", "16", "--workers", "1"]) == 0
-    for path in (folder / "prototxt").glob("*.prototxt"):
-        text = path.read_text(encoding="utf-8")
-        for size in LARGE_BATCH:
-            text = text.replace(size, SMALL_BATCH)
-        path.write_text(text, encoding="utf-8")
+    small_batches(folder)
     return {}
+
+
+def small_batches(folder: Path) -> None:
+    """The nets of prototxt/ with 8 frames in a batch, and solvers that test on 2 batches."""
+    for path in (folder / "prototxt").rglob("*.prototxt"):
+        text = path.read_text(encoding="utf-8")
+        text = re.sub(r"\bbatch_size: \d+", "batch_size: 8", re.sub(r"\btest_iter: \d+", "test_iter: 2", text))
+        path.write_text(text, encoding="utf-8")
 
 
 def _joints_mm(count: int) -> NDArray[np.float64]:

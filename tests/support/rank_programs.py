@@ -1,4 +1,7 @@
-"""Programs for several ranks: ``mpiexec -n N python -m mpi4py rank_programs.py NAME``. They assert on every rank."""
+"""Programs for several ranks, which assert on every rank.
+
+mpiexec -n N python -m mpi4py tests/support/rank_programs.py NAME
+"""
 
 import functools
 import json

@@ -1,5 +1,9 @@
 """tools/demo.py: frames, and a picture of what was found in them."""
 
+import shlex
+import subprocess
+from pathlib import Path
+
 import cv2
 import numpy as np
 
@@ -8,14 +12,20 @@ from handpose.facts.cameras import NYU
 from tools import demo
 
 
-def test_demo(tmp_path, capsys):
-    """Two depth frames that read back, one picture of both, and the command to go on with."""
-    assert demo.main(["--out", str(tmp_path / "d"), "--frames", "2"]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("2 frames in ") and "python tools/predict.py" in out
-    depth = read_frame(tmp_path / "d" / "frame_1.png", NYU)
+def test_demo(tmp_path, capsys, monkeypatch):
+    """Two depth frames that read back, one picture of both, and a command that runs as it is printed."""
+    monkeypatch.chdir(tmp_path)
+    assert demo.main(["--out", "my frames ö", "--frames", "2"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
+    command = second.removeprefix("For your own camera: ")
+    assert shlex.split(command)[2:] == ["my frames ö/frame_0.png", "--camera", "nyu", "--out", "my frames ö"]
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("my frames ö/frame_0.png: ")
+    depth = read_frame("my frames ö/frame_1.png", NYU)
     assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
-    assert cv2.imread(str(tmp_path / "d" / "hands.png")).shape[1] > 6 * 256
+    assert cv2.imread("my frames ö/hands.png").shape[1] > 6 * 256
 
 
 def test_nowhere_to_write(tmp_path, capsys):

@@ -11,7 +11,7 @@ import pytest
 
 from handpose.facts.cameras import SR305, Camera
 from handpose.recordings.first_look import look
-from tools.sources import add_source_options, opened, say_first_look
+from tools.sources import add_source_options, opened, say_doubts, say_first_look
 
 
 @pytest.fixture
@@ -78,3 +78,11 @@ def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str
     ]
     say_first_look(look(opened(parsed("--camera", "sr305", "--unit", "10"))))
     assert "warning: *.png: the nearest thing is 40 m away and 51.8 m wide" in capsys.readouterr().err
+
+
+def test_a_hand_that_was_found_confirms_the_unit(capsys: pytest.CaptureFixture[str]) -> None:
+    """A forearm that is nearer than a hand is held gives no warning, if the fit is sure of the hand."""
+    depth = np.full((480, 640), 82, np.float32)
+    for confidence, warnings in ((0.0, 1), (0.82, 1), (float("nan"), 1), (0.99, 0)):
+        say_doubts("frame.png", depth, SR305, 1.0, confidence)
+        assert capsys.readouterr().err.count("check the unit, here 1 mm") == warnings

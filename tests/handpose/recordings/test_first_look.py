@@ -119,6 +119,7 @@ def test_doubts_of_a_single_frame() -> None:
     assert doubts(moving()[0].astype(np.float32), CAMERA, 1.0) == []
     camera, unit = doubts(image.astype(np.float32), wrong, 1.0)
     assert "check fx and fy" in camera and "check the unit, here 1 mm" in unit
+    assert doubts(image.astype(np.float32), wrong, 1.0, unit_is_known=True) == [camera]
     assert len(doubts(np.zeros((48, 64), np.float32), wrong, 1.0)) == 1
 
 

@@ -1,0 +1,18 @@
+"""benchmarks/fit.py: every plan is timed."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks import fit
+from handpose.fitting.depth.search import PLANS
+
+
+def test_a_benchmark(monkeypatch: pytest.MonkeyPatch, keep_threads: None, capsys: pytest.CaptureFixture[str]) -> None:
+    """A row for each, with a time for each column."""
+    monkeypatch.setattr(fit, "TOGETHER", 2)
+    assert fit.main(["--repeats", "1"]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head.endswith("all, 2 together")
+    assert [row.split()[0] for row in rows] == list(PLANS)
+    assert all(float(cell) > 0 for row in rows for cell in row.split()[1:])

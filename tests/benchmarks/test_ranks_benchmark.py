@@ -1,0 +1,36 @@
+"""benchmarks/ranks.py: steps of one process and of ranks, and the model of many machines."""
+
+from __future__ import annotations
+
+import pytest
+from ranks_started import needs_mpi
+
+from benchmarks import ranks
+
+
+@needs_mpi
+def test_a_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """One process and two ranks on a machine with one processor; every network of the model has a row."""
+    monkeypatch.setattr(ranks.engine, "available_cpus", lambda: 1)
+    assert ranks.main(["--steps", "2", "--batch", "2"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("batch 2, gradients 9.1 MB")
+    assert [line[:5] for line in lines[3:5]] == ["1 x 1", "2 x 1"]
+    assert [line.split("  ")[0] for line in lines[-3:]] == [network.name for network in ranks.NETWORKS]
+
+
+def test_the_model() -> None:
+    """A network without latency, endlessly fast, costs the copies and rank 0's work; a slower one costs more."""
+    alone = ranks.Step(whole=0.1, behind=0.05, agree=0.0, average=0.0)
+    free = ranks.Network("free", 0.0, float("inf"))
+    assert ranks.model(free, 2, alone, 0.01, 9_000_000) == pytest.approx(0.11 + 2e-6)
+    times = [ranks.model(network, 16, alone, 0.01, 9_000_000) for network in ranks.NETWORKS]
+    assert times == sorted(times, reverse=True)
+
+
+@pytest.mark.parametrize("options", [["--steps", "0"], ["--batch", "none"]], ids=" ".join)
+def test_usage(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Wrong usage is argparse's own message, which names the option, and status 2."""
+    with pytest.raises(SystemExit, match="2"):
+        ranks.main(options)
+    assert options[0] in capsys.readouterr().err.splitlines()[-1]

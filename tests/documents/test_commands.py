@@ -1,0 +1,215 @@
+"""Every command that the Makefile, documents, help texts and messages name is run, or at least parsed.
+
+The Makefile's targets run here in their smallest form, all lines of them. Blocks of documents are run by
+test_blocks.py. Commands in running text, in docstrings and in messages are parsed by the programs' own parsers; every
+program is run by its own tests.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from source_imports import imports
+
+pytest.importorskip("sybil", reason="tests of documents need sybil: pip install -e '.[test]'")
+
+from tests.documents import commands, given, workplace
+from tests.documents.test_blocks import DOCUMENTS
+
+ROOT = Path(__file__).resolve().parents[2]
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+FEW_FRAMES = "FRAMES='--train 16 --test 16 --workers 1'"
+OF_A_BODY = ("data/{0}/frames.png", "snapshots/{0}.png", "snapshots/{0}_curves.png")
+
+
+@dataclass(frozen=True)
+class Run:
+    """The smallest form of a target.
+
+    variables  that make it so small
+    prints     what the target prints
+    writes     files that the target leaves behind
+    needs      packages without which the test is skipped
+    """
+
+    variables: str = ""
+    prints: str = ""
+    writes: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+
+
+RUN = {
+    "help": Run(prints="make lint    the style and type checks"),
+    "demo": Run("OPTIONS='--frames 1'", "For your own camera: ", ("demo/frame_0.png", "demo/hands.png")),
+    "train": Run(
+        f"ITERATIONS=1 {FEW_FRAMES}",
+        "Train on from here: .venv/bin/python tools/train.py prototxt/nyu_solver.prototxt --snapshot "
+        "snapshots/nyu_iter_1.solverstate.h5",
+        ("snapshots/hands.png", "snapshots/curves.png", "snapshots/nyu_iter_1.solverstate.h5"),
+        ("matplotlib",),
+    ),
+    **{
+        body: Run(
+            f"ITERATIONS=1 {FEW_FRAMES}",
+            f"Pictures: data/{body}/frames.png",
+            tuple(name.format(body) for name in OF_A_BODY),
+            ("matplotlib",),
+        )
+        for body in ("person", "arm")
+    },
+    "table1": Run("OPTIONS=--list", "one_hand"),
+    "bench": Run("OPTIONS=--help", "usage: bench.py"),  # the benchmarks themselves are run by tests/benchmarks
+    "twins": Run("OPTIONS=--help", "usage: twins.py"),
+    "ranks": Run("OPTIONS=--help", "usage: ranks.py"),
+    "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
+    "docs": Run("OPTIONS='--check exercises'"),  # the other parts are compared by tests/docs/test_made.py
+}
+# Of these, the commands are parsed.
+NOT_RUN = {
+    "test": "it runs these tests",
+    "site": "minutes; tests/docs/site/test_site.py makes a part of the site by the same command and follows its links",
+    "lint": ".ci/run runs it; its programs are in the extra dev, which the tests do without",
+    "clean": "it removes the environment that runs these tests",
+}
+
+
+def test_every_target_is_run_or_says_why_not() -> None:
+    """A new target needs a line in one of the tables; and in the help that ``make`` prints."""
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", MAKEFILE, re.MULTILINE)
+    assert sorted([*RUN, *NOT_RUN]) == sorted(phony.split())
+    helped = set(re.findall(r"^# make (\w+)|make (\w+): for", MAKEFILE, re.MULTILINE))
+    assert {name for pair in helped for name in pair if name} >= set(phony.split()) - {"help", "clean"}
+    assert "make lint" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The project in a folder with a space in its name, its environments set up; the folder of the tests' Python."""
+    folder = tmp_path_factory.mktemp("make") / "the project"
+    python = workplace.furnish(folder)
+    given.small_batches(folder)
+    (folder / ".venv").mkdir()
+    (folder / ".venv" / "bin").symlink_to(python)
+    for name in commands.targets():
+        if name.startswith(".venv/"):
+            (folder / name).touch()  # newer than setup.cfg: nothing is installed
+    return folder, python
+
+
+@pytest.mark.parametrize("target", RUN)
+def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
+    """Every line of it, in its smallest form; and it writes nothing into the project itself."""
+    run = RUN[target]
+    for package in run.needs:
+        if find_spec(package) is None:
+            pytest.skip(f"make {target} needs {package}: pip install -e '.[test]'")
+    folder, python = project
+    before = workplace.state()
+    printed = commands.run(f"make {target} {run.variables}", folder, python)
+    assert run.prints in printed
+    assert [name for name in run.writes if not (folder / name).is_file()] == []
+    assert not workplace.written(before)
+
+
+@pytest.mark.parametrize("target", [*RUN, *NOT_RUN])
+def test_the_lines_of_a_target_parse(target: str, project: tuple[Path, Path]) -> None:
+    """As they are without variables: programs, options and extras are there."""
+    folder, python = project
+    lines = commands.run(f"make --dry-run {target}", folder, python)
+    assert lines.strip()
+    assert list(commands.mistakes(lines, folder)) == []
+
+
+def test_the_environments_are_extras(project: tuple[Path, Path]) -> None:
+    """Each is an extra of setup.cfg, and installed by a command that names the extra."""
+    folder, python = project
+    environments = sorted(name for name in commands.targets() if name.startswith(".venv/"))
+    assert environments
+    for name in environments:
+        lines = commands.run(f"make --dry-run --always-make {name}", folder, python)
+        assert f"-e '.[{name.removeprefix('.venv/')}]'" in lines
+        assert list(commands.mistakes(lines, folder)) == []
+
+
+_SPAN = re.compile(r"(`+)((?:make|python|mpiexec|pip|tools/\w+\.py|benchmarks/\w+\.py) [^`]*)\1")
+_PROGRAM = re.compile(
+    r"((?:mpiexec [^`#'\"]*? )?\bpython (?:tools/|benchmarks/|-m \w)[^`]*?)(?='?$|`|\s{2,}|\s+#|', |' or |, or )"
+)
+_MAKE = re.compile(r"(?:^ {4}|``)(make \w+)(?=$|``| {2,})")
+_UNFINISHED = ("arguments are required", "expected one argument", "train needs -solver")
+
+
+def in_document(path: Path) -> list[str]:
+    """The commands in backticks in the paragraphs and tables of a document."""
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r"^[ \t]*(`{3,}).*?^[ \t]*\1", "", text, flags=re.DOTALL | re.MULTILINE)
+    return [" ".join(match[2].split()) for match in _SPAN.finditer(text)]
+
+
+def in_source(path: Path) -> list[str]:
+    """The commands in the strings of a Python file: docstrings, which are help texts, and messages."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            for line in node.value.replace("\\\n", " ").splitlines():
+                found += [match[1] for match in [*_PROGRAM.finditer(line), *_MAKE.finditer(line)]]
+    return found
+
+
+def mistake(command: str) -> str:
+    """Why a command could not be typed. It may be cut short, by "..." or before its files."""
+    command = re.split(r" ?(?:\.{3}|…)", command)[0].rstrip(" .,;:")
+    command = re.sub(r"^((?:tools|benchmarks)/)", r"python \1", command)
+    found = commands.mistakes(command, ROOT)
+    return "\n".join(told for told in found if not any(words in told for words in _UNFINISHED))
+
+
+def test_commands_in_running_text_parse() -> None:
+    """Of every document but the changelog, which names what there was."""
+    found = {path: in_document(path) for path in DOCUMENTS if path.name != "CHANGELOG.md"}
+    assert "make bench" in found[ROOT / "docs" / "speed.md"]
+    assert {path.name: wrong for path in found for command in found[path] if (wrong := mistake(command))} == {}
+
+
+def test_commands_in_help_texts_and_messages_parse() -> None:
+    """Of every file that is no test."""
+    tops = ("netlib", "layers", "fast", "handpose", "tools", "benchmarks", "docs", "tests/faults", "tests/support")
+    found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
+    bench = found[ROOT / "benchmarks" / "bench.py"]
+    assert {"make bench", "python benchmarks/bench.py --json speed.json"} <= set(bench)
+    assert "mpiexec -n 4 python -m mpi4py tools/train.py SOLVER" in found[ROOT / "netlib" / "mpi.py"]
+    assert {path.name: wrong for path in found for command in found[path] if (wrong := mistake(command))} == {}
+
+
+@pytest.mark.parametrize(
+    ("command", "what"),
+    [
+        ("make gone", "no target gone in the Makefile"),
+        ("python benchmarks/bench.py --gone", "unrecognized arguments: --gone"),
+        ("mpiexec -n 4 python -m mpi4py tools/train.py SOLVER --gone", "unrecognized arguments: --gone"),
+        ("tools/gone.py", "there is no tools.gone"),
+        ("python -m tests.faults.campaign --cases many", "--cases"),
+        ("tools/test.py --model NET --joints", ""),
+        ("mpiexec -n 4 -ppn 1 python -m mpi4py ...", ""),
+        ("tools/caffe.py train ... is what it was", ""),
+    ],
+)
+def test_a_mistake_is_found(command: str, what: str) -> None:
+    """Programs, targets and options that are gone; not arguments that are left out."""
+    assert (what in mistake(command)) and bool(mistake(command)) == bool(what)
+
+
+def test_every_program_is_run_by_its_tests() -> None:
+    """Each imports the program, and calls its ``main``."""
+    programs = {path.stem for path in ROOT.glob("tools/*.py") if "def main(" in path.read_text(encoding="utf-8")}
+    tested = set()
+    for path in (ROOT / "tests" / "tools").rglob("test_*.py"):
+        text = path.read_text(encoding="utf-8")
+        if path.stem not in ("test_tools", "test_begin") and re.search(r"\bmain\(", text):
+            tested |= {name.split(".")[1] for name in imports(path) if name.startswith("tools.")}
+    assert programs - tested == set()
