@@ -418,8 +418,6 @@ def damage_labels(path: Path, how: str) -> None:
         scipy.io.savemat(path, {"joint_uvd": uvd[None, :, :14], "joint_xyz": joints[None, :, :14]})
     elif how == "y down":
         scipy.io.savemat(path, {"joint_uvd": uvd[None], "joint_xyz": joints[None] * (1, -1, 1)})
-    elif how == "hdf5":
-        path.write_bytes((path.parent / "other.h5").read_bytes())
 
 
 @pytest.mark.parametrize(
