@@ -12,7 +12,6 @@ from tools import pictures
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe and Ito, without yellow
 LINES = ("-", "--", ":", "-.")  # for each round of the colours
 HATCHES = ("", "///", "...", "xxx")
-THRESHOLDS_DEG = range(61)
 
 
 def plot_joint_errors(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:

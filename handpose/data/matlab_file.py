@@ -25,8 +25,23 @@ def read_variables(path: Path, names: Sequence[str], optional: Sequence[str] = (
 
     Raises DataError.
     """
+    stream, arrays = io.BytesIO(_run_worker(path, [*names, *optional])), {}
+    while line := stream.readline():
+        told = json.loads(line)
+        if "fault" in told:
+            raise DataError(f"{path}: {told['fault']}")
+        if "variables" in told and (missing := [name for name in names if name not in told["variables"]]):
+            there = ", ".join(sorted(told["variables"])) or "none"
+            raise DataError(f"{path}: no variable {missing[0]!r}; it has {there}")
+        if "name" in told:
+            arrays[told["name"]] = np.lib.format.read_array(stream, allow_pickle=False)
+    return arrays
+
+
+def _run_worker(path: Path, names: Sequence[str]) -> bytes:
+    """The output of matlab_worker.py for these variables of the file. Raises DataError if it fails."""
     folders = sorted({str(Path(str(module.__file__)).parent.parent) for module in (np, scipy)})
-    command = [sys.executable, "-I", str(WORKER), str(path.absolute()), ",".join([*names, *optional]), *folders]
+    command = [sys.executable, "-I", str(WORKER), str(path.absolute()), ",".join(names), *folders]
     limit = SECONDS + path.stat().st_size / BYTES_PER_SECOND
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     try:
@@ -38,14 +53,4 @@ def read_variables(path: Path, names: Sequence[str], optional: Sequence[str] = (
         raise DataError(f"{path}: cannot be read: no process can be started: {reason_of(error)}") from None
     if done.returncode:
         raise DataError(f"{path}: damaged: SciPy's reader crashes on it (status {done.returncode})")
-    stream, arrays = io.BytesIO(done.stdout), {}
-    while line := stream.readline():
-        told = json.loads(line)
-        if "fault" in told:
-            raise DataError(f"{path}: {told['fault']}")
-        if "variables" in told and (missing := [name for name in names if name not in told["variables"]]):
-            there = ", ".join(sorted(told["variables"])) or "none"
-            raise DataError(f"{path}: no variable {missing[0]!r}; it has {there}")
-        if "name" in told:
-            arrays[told["name"]] = np.lib.format.read_array(stream, allow_pickle=False)
-    return arrays
+    return done.stdout

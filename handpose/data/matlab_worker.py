@@ -12,41 +12,43 @@ from __future__ import annotations
 import io
 import json
 import sys
+from collections.abc import Sequence
+from typing import BinaryIO
 
-sys.path += sys.argv[3:]
+if __name__ == "__main__":
+    sys.path += sys.argv[3:]
 
 import numpy as np
 import scipy.io
 
 
-def main(path: str, names: list[str]) -> None:
-    """Write what there is."""
-    out = sys.stdout.buffer
+def main(path: str, names: Sequence[str], out: BinaryIO) -> None:
+    """Write to ``out`` what there is."""
     try:
         if scipy.io.matlab.matfile_version(path)[0] == 0:
-            _line({"fault": "a MATLAB file of version 4, or none; expected version 5 or 7.3"})
+            _line(out, {"fault": "a MATLAB file of version 4, or none; expected version 5 or 7.3"})
             return
         there = [name for name, _, _ in scipy.io.whosmat(path)]
-        _line({"variables": there})
+        _line(out, {"variables": there})
         for name in names:
             if name in there:
                 array = scipy.io.loadmat(path, variable_names=[name])[name]
                 if array.dtype.kind not in "fiuU":
-                    _line({"fault": f"{name} is {array.dtype} of shape {array.shape}, expected numbers"})
+                    _line(out, {"fault": f"{name} is {array.dtype} of shape {array.shape}, expected numbers"})
                     return
-                _line({"name": name})
+                _line(out, {"name": name})
                 image = io.BytesIO()  # NumPy would write past the buffer of a pipe
                 np.save(image, array[:1] if array.ndim == 4 else array, allow_pickle=False)
                 out.write(image.getbuffer())
         out.flush()
     except Exception as error:  # of a damaged file, SciPy's reader may raise anything
-        _line({"fault": f"not a readable MATLAB file, perhaps truncated: {' '.join(str(error).split())[:120]}"})
+        _line(out, {"fault": f"not a readable MATLAB file, perhaps truncated: {' '.join(str(error).split())[:120]}"})
 
 
-def _line(told: dict[str, object]) -> None:
-    sys.stdout.buffer.write(json.dumps(told).encode() + b"\n")
-    sys.stdout.buffer.flush()
+def _line(out: BinaryIO, told: dict[str, object]) -> None:
+    out.write(json.dumps(told).encode() + b"\n")
+    out.flush()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2].split(","))
+    main(sys.argv[1], sys.argv[2].split(","), sys.stdout.buffer)

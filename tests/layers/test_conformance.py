@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from layers import LAYER_TYPES
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
 from netlib.layer import Layer, block_name
+from netlib.net import Net
 
 WINDOWS = {"by_group", "col2im", "im2col", "images", "places"}  # of Convolution and what is derived from it
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
@@ -29,6 +31,8 @@ EXTRAS = {
     "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "places", "windows"},
 }  # documented: the parts of a longer computation, or for tools
+
+FORCED = {"ROIPooling": [True, True]}  # the gradient of its regions is 0, and their differences are not
 
 every_type = pytest.mark.parametrize("name", list(CASES))
 
@@ -76,6 +80,25 @@ def test_only_wanted_gradients_are_written(name: str) -> None:
     layer.forward(bottom, top)
     layer.backward(top, [False] * len(bottom), bottom)
     assert all((blob.diff == 77).all() for blob in bottom)
+
+
+@every_type
+def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[..., Net], name: str) -> None:
+    """``force_backward`` reaches every bottom that has a gradient, and no label, index or image that has none."""
+    options, bottoms, more = CASES[name]
+    arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(bottoms(2))}
+    text = "force_backward: true "
+    for blob, x in arrays.items():
+        text += f'input: "{blob}" input_shape {{ {" ".join(f"dim: {size}" for size in x.shape)} }} '
+    text += f'layer {{ name: "it" type: "{name}" {options} {" ".join(f"bottom: {blob!r}" for blob in arrays)} '
+    net = net_of(text + " ".join(f'top: "y{i}"' for i in range(more.get("tops", 1))) + " }", dtype=np.float64)
+    wanted = FORCED.get(name, more.get("wanted", [True] * len(arrays)))
+    assert list(net.connections[-1].propagate_down) == wanted
+    net.forward(**arrays)
+    for blob in arrays:
+        net.blobs[blob].diff[...] = np.nan
+    net.backward()
+    assert [np.isfinite(net.blobs[blob].diff).all() for blob in arrays] == wanted
 
 
 @pytest.mark.parametrize("name", list(LAYER_TYPES))

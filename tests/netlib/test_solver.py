@@ -670,6 +670,30 @@ def test_nan_in_the_data_names_layer_and_blob(solver_of: MakeSolver, work: Path,
         solver.step(5)
 
 
+def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> None:
+    """The weight that multiplied it, and all before, are not blamed."""
+    log = 'layer { name: "log" type: "Log" bottom: "y" top: "logy" } layer { name: "loss"'
+    text = (
+        (ONE_WEIGHT % "")
+        .replace('layer { name: "loss"', log)
+        .replace('bottom: "y" bottom: "t"', 'bottom: "logy" bottom: "t"')
+    )
+    solver = solver_of(text.replace("weight_filler { value: 1 }", "weight_filler { value: -1 }"))
+    with (
+        pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in top blob 'logy' of layer 'log'"),
+        np.errstate(all="ignore"),
+    ):
+        solver.step(1)
+
+
+def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
+    """The second parameter of its layer: not the first, and not the top that it spoils."""
+    solver = solver_of((ONE_WEIGHT % "").replace("bias_term: false", ""))
+    solver.net.params["ip"][1].data[...] = np.nan
+    with pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in parameter 1 of layer 'ip'"):
+        solver.step(1)
+
+
 def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, work: Path) -> None:
     """The learning rate is far too large: the loss becomes infinite, and what was written before stays."""
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -16,7 +18,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handpose.data import nyu_files, parts
+from handpose.data import matlab_file, matlab_worker, nyu_files, parts
 from handpose.data.crops import crop, window
 from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
@@ -26,6 +28,18 @@ from tools import make_synthetic, prepare_nyu
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "nyu"
 needs_real = pytest.mark.skipif(not SHARED.is_dir(), reason="needs real NYU frames")
+
+
+@pytest.fixture(autouse=True)
+def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not by a process for each, which test_matlab_file.py tests."""
+
+    def run_here(path: Path, names: Sequence[str]) -> bytes:
+        out = io.BytesIO()
+        matlab_worker.main(str(path), names, out)
+        return out.getvalue()
+
+    monkeypatch.setattr(matlab_file, "_run_worker", run_here)
 
 
 @pytest.fixture(scope="session")
@@ -418,8 +432,6 @@ def damage_labels(path: Path, how: str) -> None:
         scipy.io.savemat(path, {"joint_uvd": uvd[None, :, :14], "joint_xyz": joints[None, :, :14]})
     elif how == "y down":
         scipy.io.savemat(path, {"joint_uvd": uvd[None], "joint_xyz": joints[None] * (1, -1, 1)})
-    elif how == "hdf5":
-        path.write_bytes((path.parent / "other.h5").read_bytes())
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,7 @@ def test_browsers_play_it(tmp_path: Path) -> None:
         stream = file.streams.video[0]
         if {"libx264", "libopenh264"} & av.codecs_available:
             assert stream.codec_context.name == "h264"
+        assert stream.codec_context.color_range == 1  # limited, 16 to 235: what the pictures are converted to
         assert (stream.codec_context.pix_fmt, stream.width, stream.height) == ("yuv420p", 96, 64)
         assert file.duration / 1e6 == pytest.approx(1.6 + 1 / 30, abs=0.001)
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from handpose.facts.cameras import Camera
@@ -92,6 +92,7 @@ def test_what_is_refused(text: str, what: str) -> None:
 positive = st.floats(1e-3, 1e4)
 
 
+@example(60.0, 61.0, 31.5, 23.5, 64, None, [0.0] * 5)
 @given(positive, positive, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.integers(0, 9000), st.none() | positive,
        st.none() | st.lists(st.floats(-5, 5), min_size=5, max_size=5))  # fmt: skip
 def test_every_number_returns(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.data.crops import crop
+from handpose.data.crops import crop, window
 from handpose.synthetic.generator import Generator, Split
 from handpose.synthetic.nyu_format import RawDataSet, whole_image
 from handpose.synthetic.recipes import recipe
@@ -25,6 +25,20 @@ def test_the_crop_of_the_image_is_the_crop() -> None:
         assert image.shape == (480, 640) and np.array_equal(image, np.rint(image))
         again = crop(image, scene.center_uvd[n], scene.cube_mm)
         assert np.abs(again - scene.depth[n]).max() * scene.cube_mm / 2 <= 0.5 + 1e-3
+
+
+@pytest.mark.parametrize(("u", "v"), [(8, 240), (320, 8), (11, 11), (14, 23)])
+def test_a_hand_over_the_upper_or_left_border(u: float, v: float) -> None:
+    """What the crop shows of the image comes back, the image's first column and row included."""
+    generator = Generator(seed=1)
+    scene = generator.scene(0)
+    center = np.array([[u, v, 800.0]])
+    image = whole_image(scene._replace(center_uvd=center, depth=np.full_like(scene.depth[:1], 0.25)), 0)
+    picked = window(center, scene.cube_mm)
+    inside = (picked.rows[0, :, None] >= 0) & (picked.columns[0] >= 0)
+    assert inside.any() and not inside.all()
+    again = crop(image, center[0], scene.cube_mm)
+    assert np.abs(again[inside] - 0.25).max() * scene.cube_mm / 2 <= 0.5 + 1e-3
 
 
 def test_whole_splits_are_kept(tmp_path: Path) -> None:

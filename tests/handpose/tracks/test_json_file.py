@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from made_tracks import any_hand, any_skeleton, any_track, header_of
 
 from handpose.tracks.json_file import JsonLinesWriter, JsonWriter, Track, read_track
+from handpose.tracks.json_values import rounded
 from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError
@@ -139,6 +140,13 @@ def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
             writer.write(frame)
             assert json.loads(capsys.readouterr().out)["number"] == frame.number
     assert writer.files == []
+
+
+def test_numbers_that_are_not_known_are_null() -> None:
+    """Alone and within lists: NaN is no JSON."""
+    nan, infinity = float("nan"), float("inf")
+    assert rounded(nan, 2) is None
+    assert rounded([[0.126, nan], [-0.001, infinity]], 2) == [[0.13, None], [0.0, None]]
 
 
 def test_lines_that_are_cut(tmp_path: Path) -> None:

@@ -186,6 +186,13 @@ def test_it_says_what_the_data_are_made_from(data, tmp_path):
     assert made.notes == [f"3 rows in 1 files of {tmp_path}/list.txt, made from an unknown source"]
 
 
+def test_a_batch_of_more_rows_than_there_are_is_the_first_note(data):
+    """The warning stands before what the data are made from."""
+    warning, said = data([3], 4).layer_dict["d"].notes
+    assert warning.startswith("warning: batch_size 4 is more than the 3 rows of ")
+    assert said.startswith("3 rows in 1 files")
+
+
 # ---------------------------------------------------------------------------------------------- mistakes
 
 

@@ -51,16 +51,11 @@ def test_joints_stay_on_the_picture(net_of: NetOf, options: str) -> None:
     depth, joint = dots()
     y, moved = augmented(net_of(LAYER % ("y", "moved", options)), depth, joint)
     assert np.abs(moved - joint).max() > 0.1
-    checked = 0
     for n, joints in enumerate(moved.reshape(40, 2, 3).astype(float)):
         for x_, y_, z in joints:
             column, row = MIDDLE + 64 * x_, MIDDLE - 64 * y_
-            if not (10 < column < 118 and 10 < row < 118):
-                continue
             rows, columns = np.nonzero(np.abs(y[n, 0] - z) < 1e-5)
             assert abs(columns.mean() - column) < 0.6 and abs(rows.mean() - row) < 0.6
-            checked += 1
-    assert checked > 50
 
 
 def test_same_as_the_turned_hand(net_of: NetOf) -> None:
