@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
                     progress(1)
             finally:
                 if writer.count:
-                    replacing.enter_context(_put_aside(truth))
+                    replacing.enter_context(_put_aside(truth, args.out))
     except StoppedError:
         say(f"stopped; {args.out} and {truth} keep {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
@@ -126,8 +126,8 @@ def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]
 
 
 @contextlib.contextmanager
-def _put_aside(truth: Path) -> Iterator[None]:
-    """Within it an old truth has a temporary name, which it loses again if an error ends the block.
+def _put_aside(truth: Path, recording: Path) -> Iterator[None]:
+    """Within it an old truth has a temporary name; an error gives it its own back if the recording is the old one, too.
 
     The recording is replaced before its truth: a run that is killed between leaves one without any.
     """
@@ -135,14 +135,24 @@ def _put_aside(truth: Path) -> Iterator[None]:
         yield
         return
     with atomic.naming(truth), atomic.temporary(truth) as old:
+        before = _identity(recording)
         os.replace(truth, old)
         try:
             yield
         except StoppedError:
             raise
         except BaseException:
-            os.replace(old, truth)
+            if _identity(recording) == before:
+                os.replace(old, truth)
             raise
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_dev, stat.st_ino
 
 
 if __name__ == "__main__":
