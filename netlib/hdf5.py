@@ -87,7 +87,8 @@ class File:
     made_from  what the data are
 
     An attribute ``rest_in`` names another file, relative to the folder of the first, that has the data sets which the
-    first lacks (``is_near``). (HDF5's own links into other files are not followed: the library would open whatever they name.)
+    first lacks (``is_near``). (HDF5's own links into other files are not followed: the library would open whatever
+    they name.)
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:

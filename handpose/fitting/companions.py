@@ -42,8 +42,8 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
         if os.path.realpath(path) == os.path.realpath(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
         if not hdf5.is_near(path, target):
-            near = f"{os.path.dirname(os.path.realpath(path))}_angles"
-            raise DataError(f"{target}: is not beside the folder of the data, {path}; expected --out {near}, for example")
+            raise DataError(f"{target}: is not beside the folder of the data, {path}; expected --out "
+                            f"{Path(os.path.realpath(path)).parent}_angles, for example")  # fmt: skip
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
     return targets
