@@ -69,6 +69,15 @@ def written(path: Path) -> Iterator[h5py.File]:
     atomic.replace(path, lambda fresh: fresh.write_bytes(image.getvalue()))
 
 
+def is_near(other: Path, path: Path) -> bool:
+    """Is ``other`` a file below the folder of ``path``, beside that folder, or in one beside it? Links are followed.
+
+    A file that somebody else made may name such files, and no private ones elsewhere.
+    """
+    file, folder = Path(os.path.realpath(other)), Path(os.path.realpath(path)).parent
+    return file.is_relative_to(folder) or folder.parent in (file.parent, file.parent.parent)
+
+
 class File:
     """Rows of some data sets of one HDF5 file.
 
@@ -77,8 +86,9 @@ class File:
     names      of all that the file holds
     made_from  what the data are
 
-    An attribute ``rest_in`` names another file, from the folder of the first, that has the data sets which the first
-    lacks. (HDF5's own links into other files are not followed: the library would open whatever they name.)
+    An attribute ``rest_in`` names another file, relative to the folder of the first, that has the data sets which the
+    first lacks (``is_near``). (HDF5's own links into other files are not followed: the library would open whatever
+    they name.)
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
@@ -89,9 +99,10 @@ class File:
             self.made_from = str(opens[0].attrs.get("made_from", "an unknown source"))
             self.sources = [self._source(path, opens[0])]
             if rest := opens[0].attrs.get("rest_in"):
-                if Path(str(rest)).is_absolute():
-                    raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a name from the folder of the file")
                 other = Path(os.path.normpath(path.parent / str(rest)))
+                if Path(str(rest)).is_absolute() or not is_near(other, path):
+                    raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
+                                    "folder or in one beside it, and no link out of there")  # fmt: skip
                 opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
                 self.sources.append(self._source(other, opens[1]))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))

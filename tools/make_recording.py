@@ -24,7 +24,10 @@ tracker should say. The seed decides all of it; the noise is that of the camera.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -78,25 +81,78 @@ def run(args: argparse.Namespace) -> int:
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
     )  # fmt: skip
-    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force)
+    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force,
+                             whole=True)  # fmt: skip
     try:
         with (
             Stopper() as stopper,
-            writer,
             JsonWriter(truth, recording.header) as track,
+            _discarded_by_errors(track),
+            contextlib.ExitStack() as replacing,
+            writer,
+            _discarded_by_errors(writer),
             ProgressBar(recording.count, what="recording") as progress,
         ):
-            for frame in recording:
-                stopper.check()
-                writer.write(frame)
-                track.write(recording.truth(frame.number))
-                progress(1)
+            try:
+                for frame in recording:
+                    stopper.check()
+                    writer.write(frame)
+                    track.write(recording.truth(frame.number))
+                    progress(1)
+            finally:
+                if writer.count:
+                    replacing.enter_context(_put_aside(truth, args.out))
     except StoppedError:
         say(f"stopped; {args.out} and {truth} keep {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
         f"unit {recording.unit_mm:g} mm; the truth is {truth}")  # fmt: skip
     return DONE
+
+
+@contextlib.contextmanager
+def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]:
+    """What is written within it is kept if the block ends or a signal stops it, and discarded if an error does.
+
+    A recording without the truth about it is worth nothing, nor is one beside the truth about another.
+    """
+    try:
+        yield
+    except StoppedError:
+        raise
+    except BaseException:
+        output.discard()
+        raise
+
+
+@contextlib.contextmanager
+def _put_aside(truth: Path, recording: Path) -> Iterator[None]:
+    """Within it an old truth has a temporary name; an error gives it its own back if the recording is the old one, too.
+
+    The recording is replaced before its truth: a run that is killed between leaves one without any.
+    """
+    if not truth.exists():
+        yield
+        return
+    with atomic.naming(truth), atomic.temporary(truth) as old:
+        before = _identity(recording)
+        os.replace(truth, old)
+        try:
+            yield
+        except StoppedError:
+            raise
+        except BaseException:
+            if _identity(recording) == before:
+                os.replace(old, truth)
+            raise
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_dev, stat.st_ino
 
 
 if __name__ == "__main__":

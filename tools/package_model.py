@@ -32,6 +32,7 @@ from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
+from handpose.predicting.packaged import net_content
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import MOST_SEED, Generator
 from netlib.errors import NetlibError
@@ -72,7 +73,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         _measure(net, args)
     image = args.out.read_bytes()
-    say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}")
+    say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}, "
+        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}")  # fmt: skip
     return DONE
 
 

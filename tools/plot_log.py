@@ -4,15 +4,18 @@
     python tools/plot_log.py snapshots/train.log --out snapshots/train.png
 
 Several logs share one picture. The log of a training that was continued with --snapshot may follow the first log.
+Of many test outputs, those with the largest last values have panels of their own; the others share one.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -30,6 +33,10 @@ _NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")
 _LOSS = re.compile(rf"Iteration (\d{{1,18}})(?: \([^()]*\))?, loss = {_NUMBER}")
 _OUTPUT = re.compile(rf"(Train|Test) net output #\d+: (\S+) = {_NUMBER}")
+
+MAX_PANELS = 8  # of test outputs
+MAX_LABELS = 12  # in a legend
+MAX_LENGTH = 40  # of a name, in characters
 
 Curve = list[tuple[int, float]]
 
@@ -82,28 +89,54 @@ def read_log(path: str | Path) -> Log:
 def plot(logs: dict[str, Log], out: str | Path) -> None:
     """One panel for the loss, and one per test output. Raises NetlibError if the picture cannot be written."""
     names = sorted({name for log in logs.values() for name in log.test})
-    figure = pictures.new_figure(5.2 * (1 + len(names)), 4)
-    axes = figure.subplots(1, 1 + len(names), squeeze=False)
+    own = names if len(names) <= MAX_PANELS else sorted(_largest(logs, names))
+    others = [name for name in names if name not in own]
+    titles = ["training loss", *(f"test {shortened(name)}" for name in own)]
+    if others:
+        titles.append(f"{len(others)} more test outputs")
+    figure = pictures.new_figure(5.2 * len(titles), 4)
+    axes = figure.subplots(1, len(titles), squeeze=False)[0]
     stems = [Path(path).stem for path in logs]
     for path, log in logs.items():
         stem, folder = Path(path).stem, Path(path).parent.name
-        label = f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem
-        _curve(axes[0, 0], log.loss, f"{label}: train")
-        for axis, name in zip(axes[0, 1:], names):
+        label = shortened(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
+        _curve(axes[0], log.loss, f"{label}: train")
+        for axis, name in zip(axes[1:], own):
             _curve(axis, log.test.get(name, []), label, marker="o")
-    for axis, title in zip(axes[0], ["training loss", *(f"test {name}" for name in names)]):
+        if others:
+            _curve(axes[-1], _end_to_end([log.test.get(name, []) for name in others]), label)
+    for axis, title in zip(axes, titles):
         axis.set_title(title)
         axis.set_xlabel("iteration")
         axis.grid(True, alpha=0.3)
         axis.set_ylim(bottom=0)
         if axis.lines:
-            axis.legend(frameon=False)
+            unnamed = len(axis.lines) - MAX_LABELS
+            axis.legend(handles=axis.lines[:MAX_LABELS], frameon=False,
+                        title=f"{unnamed} more without a label" if unnamed > 0 else None)  # fmt: skip
     pictures.write_figure(out, figure, dpi=110)
 
 
-def _curve(axis: object, curve: Curve, label: str, marker: str = "") -> None:
+def shortened(name: str) -> str:
+    """A name of any length as a label, which is no formula."""
+    kept = name if len(name) <= MAX_LENGTH else f"{name[: MAX_LENGTH - 15]}…{name[-14:]}"
+    return kept.replace("$", r"\$")
+
+
+def _largest(logs: dict[str, Log], names: list[str]) -> list[str]:
+    """The outputs with panels of their own where there are more than panels: one is left for all others."""
+    last = {name: max(log.test[name][-1][1] for log in logs.values() if name in log.test) for name in names}
+    return sorted(names, key=lambda name: math.inf if math.isnan(last[name]) else last[name])[1 - MAX_PANELS :]
+
+
+def _end_to_end(curves: list[Curve]) -> Curve:
+    """Many curves as one line with gaps, which is drawn as fast as one."""
+    return [point for curve in curves if curve for point in (*curve, (curve[-1][0], math.nan))]
+
+
+def _curve(axis: Any, curve: Curve, label: str, marker: str = "") -> None:
     if curve:
-        axis.plot(*zip(*curve), label=label, marker=marker, markersize=3)  # type: ignore[attr-defined]
+        axis.plot(*zip(*curve), label=label, marker=marker, markersize=3)
 
 
 if __name__ == "__main__":

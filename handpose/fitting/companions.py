@@ -41,6 +41,9 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     for path, target in zip(files, targets):
         if os.path.realpath(path) == os.path.realpath(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
+        if not hdf5.is_near(path, target):
+            raise DataError(f"{target}: is not beside the folder of the data, {path}; expected --out "
+                            f"{Path(os.path.realpath(path)).parent}_angles, for example")  # fmt: skip
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
     return targets

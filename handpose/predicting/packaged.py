@@ -1,8 +1,8 @@
 """The weights that come with the repository, and what a model's card says of them.
 
 A model is a folder, in the way of Caffe's model zoo: ``readme.md`` begins with front matter, lines ``key: value``
-between two lines ``---``: name, caffemodel (the file of weights), license, sha256 (its checksum); ``deploy.prototxt``
-is the net.
+between two lines ``---``: name, caffemodel (the file of weights), license, sha256 (its checksum), net_sha256 (that of
+``deploy.prototxt``, the net, with line ends of Unix).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from netlib.paths import ROOT
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 HAND_LOCATOR = ROOT / "models" / "hand_locator"
-KEYS = ("name", "caffemodel", "license", "sha256")
+KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Card:
     weights: Path
     license: str
     sha256: str
+    net: Path
+    net_sha256: str
 
 
 def read_card(folder: Path) -> Card:
@@ -49,23 +51,38 @@ def read_card(folder: Path) -> Card:
     missing = [key for key in KEYS if not values.get(key)]
     if missing:
         raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
-    return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"])
+    return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"],
+                folder / "deploy.prototxt", values["net_sha256"])  # fmt: skip
 
 
 def checked_weights(card: Card) -> Path:
     """The file of weights, after comparing its checksum. Raises WeightsError."""
-    found = hashlib.sha256(files.read_bytes(card.weights, "weights", WeightsError)).hexdigest()
-    if found != card.sha256:
-        raise WeightsError(
-            f"{card.weights}: SHA-256 {found[:12]}..., the card says {card.sha256[:12]}...; the file is damaged or of "
-            "another version: get it again"
-        )
+    _check(card.weights, files.read_bytes(card.weights, "weights", WeightsError), card.sha256)
     return card.weights
+
+
+def checked_net(card: Card) -> Path:
+    """The net, after comparing its checksum: a layer that somebody added does not run. Raises WeightsError."""
+    _check(card.net, net_content(card.net), card.net_sha256)
+    return card.net
+
+
+def net_content(path: Path) -> bytes:
+    """The bytes of a net's file of which net_sha256 is the checksum. Raises WeightsError."""
+    return files.read_bytes(path, "the net", WeightsError).replace(b"\r\n", b"\n")
+
+
+def _check(path: Path, content: bytes, expected: str) -> None:
+    found = hashlib.sha256(content).hexdigest()
+    if found != expected:
+        raise WeightsError(f"{path}: SHA-256 {found[:12]}..., the card says {expected[:12]}...; the file is damaged or "
+                           "of another version: get it again")  # fmt: skip
 
 
 def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
     """The packaged locator. Raises NetlibError."""
-    return Locator(trained(folder / "deploy.prototxt", checked_weights(read_card(folder)), engine))
+    card = read_card(folder)
+    return Locator(trained(checked_net(card), checked_weights(card), engine))
 
 
 def load_predictor(
@@ -73,9 +90,9 @@ def load_predictor(
     fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
     """A predictor with a packaged model; the options are those of ``Predictor``. Raises NetlibError."""
-    weights = checked_weights(read_card(folder))
-    return predictor_of(folder / "deploy.prototxt", weights, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit,
-                        engine=engine)  # fmt: skip
+    card = read_card(folder)
+    return predictor_of(checked_net(card), checked_weights(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
+                        fit=fit, engine=engine)  # fmt: skip
 
 
 def predictor_of(

@@ -42,6 +42,7 @@ class FolderWriter:
             raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
         if old and os.path.ismount(path):
             raise NetlibError(f"{path}: a disk is mounted there, which cannot be replaced; name a folder in it")
+        self._is_new = not exists(path)
         files.make_folder(path)
         self._old = Path(os.path.realpath(path)) if old else None
         self._fresh = path
@@ -62,6 +63,16 @@ class FolderWriter:
         with atomic.naming(self._path / name):
             atomic.replace(self._fresh / name, lambda fresh: fresh.write_bytes(content), sync=False)
         self._last = micro
+
+    def discard(self) -> None:
+        """Remove the frames so far, and the folder if it is new; an old recording stays."""
+        self._last = -1
+        if not self._old:
+            for name in names_in(self._path):
+                if OURS.fullmatch(name) or name == camera_file.NAME:
+                    (self._path / name).unlink()
+            if self._is_new:
+                self._path.rmdir()
 
     def close(self) -> None:
         """Have the names reach the disk, and an old recording go."""

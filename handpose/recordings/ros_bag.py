@@ -50,10 +50,20 @@ class Bag(NamedTuple):
                 found[connection.topic] = found.get(connection.topic, 0) + connection.msgcount
         return found
 
-    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """The nanoseconds at which the bag got each message of a topic, and the message. Raises what rosbags raises."""
-        connections = [one for one in self.reader.connections if one.topic == topic]
-        for connection, time, content in self.reader.messages(connections=connections):
+    def messages(self, topic: str, *kinds: str) -> Iterator[tuple[int, Any]]:
+        """The nanoseconds at which the bag got each message of a topic, and the message.
+
+        ``kinds`` are the expected types: a bag may have several connections of one topic, each with a type of its own.
+        Raises DataError if messages of more than one of them are there, and what rosbags raises.
+        """
+        connections = [one for one in self.reader.connections if one.topic == topic and one.msgtype in kinds]
+        there = sorted({one.msgtype for one in connections if one.msgcount})
+        if len(there) > 1:
+            raise DataError(f"{self.where}: {topic}: messages of {len(there)} types, {', '.join(there)}; expected one")
+        ids = {one.id for one in connections}
+        for connection, time, content in self.reader.messages(connections=connections) if connections else ():
+            if connection.id not in ids:
+                raise ValueError(f"the index leads to a message of {connection.topic}, {connection.msgtype}")
             yield time, self._message(content, connection.msgtype)
 
     def _message(self, content: bytes, kind: str) -> Any:
@@ -67,10 +77,12 @@ class Bag(NamedTuple):
                 raise
             return store.deserialize_ros1(content[:-4], kind)  # RealSense appends the depth units, which ROS lacks
 
-    def first(self, topic: str) -> Any:
-        """The first message of a topic. Raises DataError."""
+    def first(self, topic: str, *kinds: str) -> Any:
+        """The first message of a topic, of one of some types. Raises DataError."""
         try:
-            return next(self.messages(topic))[1]
+            return next(self.messages(topic, *kinds))[1]
+        except NetlibError:
+            raise
         except Exception as error:  # of a damaged bag the library may raise anything
             raise DataError(f"{self.where}: {topic}: no message can be read: {reason_of(error)}") from error
 
@@ -110,11 +122,11 @@ def open_bag(path: Path, given: Given) -> Recording:
     with _opened(path) as bag:
         topic = _depth_topic(bag, asked)
         where = f"{path}: {topic}"
-        image = bag.first(topic)
+        image = bag.first(topic, *messages.IMAGES)
         values = messages.values_of(image, where)
         own = _own(bag, topic, messages.encoding_of(image))
         settled = settle(given, own, camera_file.beside(path), values.shape, values.dtype, where)
-        return _BagRecording(path, settled, topic, bag.topics(messages.IMAGE, messages.COMPRESSED)[topic])
+        return _BagRecording(path, settled, topic, bag.topics(*messages.IMAGES)[topic])
 
 
 class _BagRecording(Contained):
@@ -127,7 +139,7 @@ class _BagRecording(Contained):
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
         with _opened(self._path) as bag:
             first = None
-            for received, image in bag.messages(self._topic):
+            for received, image in bag.messages(self._topic, *messages.IMAGES):
                 taken = messages.nanoseconds_of(image)
                 if first is None:
                     stamped = taken > 0
@@ -145,11 +157,11 @@ def _depth_topic(bag: Bag, asked: str) -> str:
         if topic.endswith(messages.PACKED) and topic.removesuffix(messages.PACKED) not in images
     ]
     if asked:
-        if asked not in (all_images := [*bag.topics(messages.IMAGE, messages.COMPRESSED)]):
+        if asked not in (all_images := [*bag.topics(*messages.IMAGES)]):
             raise DataError(f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
                             f"{', '.join(all_images) or 'none'}")  # fmt: skip
         return asked
-    depth = [topic for topic in images if messages.encoding_of(bag.first(topic)) in messages.ENCODINGS]
+    depth = [t for t in images if messages.encoding_of(bag.first(t, *messages.IMAGES)) in messages.ENCODINGS]
     named = [topic for topic in depth if "depth" in topic.lower()] or depth  # infrared has 16 bits, too
     if not named:
         raise DataError(f"{bag.where}: no images of depth; it has {', '.join(images) or 'no images'}")
@@ -166,15 +178,15 @@ def _own(bag: Bag, topic: str, encoding: str) -> Given:
     places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")  # ROS's and RealSense's
     infos = bag.topics(messages.INFO)
     found = next((place for place in places if place in infos), None)
-    said = messages.given_by(bag.first(found), base, f"{bag.where}: {found}") if found else Given()
+    said = messages.given_by(bag.first(found, messages.INFO), base, f"{bag.where}: {found}") if found else Given()
     return Given(said.camera, said.lens, _unit_mm(bag, base, encoding), None, bag.where)
 
 
 def _unit_mm(bag: Bag, topic: str, encoding: str) -> float | None:
     sensor = re.match(r"/device_\d+/sensor_\d+(?=/)", topic)
     options = [f"{sensor[0]}/option/{name}/value" for name in OPTIONS] if sensor else []
-    there = bag.topics("std_msgs/msg/Float32", "std_msgs/msg/String")
+    there = bag.topics(*messages.NUMBERS)
     found = next((option for option in options if option in there), None)
     if found is None:
         return messages.UNITS_MM.get(encoding)
-    return 1000 * messages.metres_of(bag.first(found), f"{bag.where}: {found}")
+    return 1000 * messages.metres_of(bag.first(found, *messages.NUMBERS), f"{bag.where}: {found}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
 import cv2
@@ -17,6 +16,8 @@ from netlib import pictures
 from netlib.errors import DataError
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+IMAGES = (IMAGE, COMPRESSED)
+NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # of RealSense's options
 PACKED = "/compressedDepth"  # how the name of a topic of CompressedImage with depth ends
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's own files say mono16, and their unit elsewhere.
@@ -83,6 +84,10 @@ def given_by(info: Any, topic: str, where: str) -> Given:
 def metres_of(message: Any, where: str) -> float:
     """The number in RealSense's option Depth Units, a Float32 or a String. Raises DataError."""
     text = str(message.data)
-    if not re.fullmatch(r"[\d.eE+-]+", text) or not 0 < float(text) < 1:
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = math.nan
+    if not 0 < metres < 1:
         raise DataError(f"{where}: depth units of {text!r} m; expected a number between 0 and 1")
-    return float(f"{float(text):.6g}")  # 0.001 as Float32 is not 0.001
+    return float(f"{metres:.6g}")  # 0.001 as Float32 is not 0.001

@@ -46,6 +46,10 @@ class StackWriter:
             self._kept.write(values.astype("<u2").tobytes())
         self._times.append(frame.time)
 
+    def discard(self) -> None:
+        """Have no file made of the frames so far."""
+        self._times.clear()
+
     def close(self) -> None:
         """Make the file of all whole frames."""
         with self._stack:

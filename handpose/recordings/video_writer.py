@@ -32,14 +32,14 @@ class VideoWriter:
 
     Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
     no file, or the old one. A disk that fails leaves the old file, or where there is none one that is cut, with all
-    frames that reached it: FFmpeg holds back up to five seconds.
+    frames that reached it: FFmpeg holds back up to five seconds. With ``whole``, there is then no file.
     """
 
-    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
+    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, whole: bool = False) -> None:
         self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
         self._av = ffmpeg.library()
         self._last: int | None = None
-        self._failed = False
+        self._failed, self._whole = False, whole
 
     def __enter__(self) -> VideoWriter:
         if self._path.exists() and not self._path.is_file():
@@ -80,6 +80,10 @@ class VideoWriter:
             raise
         self._last = tick
 
+    def discard(self) -> None:
+        """Have no file made of the frames so far."""
+        self._last = None
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
@@ -94,7 +98,7 @@ class VideoWriter:
             except OSError as one:
                 failure = one
             cut = self._failed or failure is not None
-            if not cut or (not self._path.exists() and _has_a_frame(self._fresh)):
+            if not cut or (not (self._whole or self._path.exists()) and _has_a_frame(self._fresh)):
                 atomic.take_place(self._fresh, self._path, sync=not cut)
             if failure is not None and not self._failed:  # else it has been told
                 raise failure

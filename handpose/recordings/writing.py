@@ -23,6 +23,7 @@ from netlib.errors import DataError, NetlibError
 
 class _Writer(Protocol):
     def write(self, frame: DepthFrame) -> None: ...
+    def discard(self) -> None: ...
 
 
 class RecordingWriter:
@@ -36,12 +37,20 @@ class RecordingWriter:
     unit_mm  what a stored value of 1 stands for: depths are rounded to it, and must fit into 16 bits
     rate     frames per second, if it is known; every frame keeps its own time all the same
     replace  what is there
+    whole    a disk that fails leaves no part of a new recording
 
     Raises NetlibError for a path that cannot be taken, DataError for frames that cannot be kept, OSError.
     """
 
     def __init__(
-        self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None, *, replace: bool = False
+        self,
+        path: Path,
+        camera: Camera,
+        unit_mm: float,
+        rate: float | None = None,
+        *,
+        replace: bool = False,
+        whole: bool = False,
     ) -> None:
         suffix = path.suffix.lower()
         self._is_folder = suffix not in (*STACKS, *VIDEOS, *BAGS, *PICTURES)
@@ -50,7 +59,7 @@ class RecordingWriter:
         if not self._is_folder and path.exists() and not replace:
             raise NetlibError(f"{path}: is there already; name a new file or replace it by --force")
         self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
-        self._rate, self._replace = rate, replace
+        self._rate, self._replace, self._whole = rate, replace, whole
         self._stack = contextlib.ExitStack()
 
     def __enter__(self) -> RecordingWriter:
@@ -65,7 +74,7 @@ class RecordingWriter:
 
             with atomic.naming(self.path):
                 files.make_folder(self.path.parent)
-            self._writer = self._stack.enter_context(VideoWriter(*arguments))
+            self._writer = self._stack.enter_context(VideoWriter(*arguments, self._whole))
         return self
 
     def write(self, frame: DepthFrame) -> None:
@@ -75,6 +84,10 @@ class RecordingWriter:
                             f"{(self.camera.height, self.camera.width)}")  # fmt: skip
         self._writer.write(frame)
         self.count += 1
+
+    def discard(self) -> None:
+        """Drop the frames that were written: after the block there is the old recording, or none."""
+        self._writer.discard()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None

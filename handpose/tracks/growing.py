@@ -51,6 +51,10 @@ class GrowingFile:
         """Have the file end with other bytes, no more than before: call it as the last thing in the block."""
         self._tail = tail
 
+    def discard(self) -> None:
+        """Drop the pieces: an exception in the block then leaves what stood at ``path``."""
+        self._pieces = 0
+
     def _put(self, piece: bytes) -> None:
         self._write(piece + self._tail)
         self._end += len(piece)

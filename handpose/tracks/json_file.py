@@ -74,6 +74,10 @@ class JsonWriter:
         self._file.append((self._between + _text(self._values.values(frame))).encode())
         self._between = ",\n"
 
+    def discard(self) -> None:
+        """Drop the frames: an exception in the block then leaves the old file, or none."""
+        self._file.discard()
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:

@@ -440,17 +440,21 @@ def make_card() -> list[str]:
     """A model's folder."""
     Path("model").mkdir()
     Path("model/w.h5").write_bytes(b"weights" * 100)
-    said = {"name": "m", "caffemodel": "w.h5", "license": "MIT", "sha256": hashlib.sha256(b"weights" * 100).hexdigest()}
+    put("model/deploy.prototxt", NET)
+    weights, net = (
+        hashlib.sha256(Path("model", name).read_bytes()).hexdigest() for name in ("w.h5", "deploy.prototxt")
+    )
+    said = {"name": "m", "caffemodel": "w.h5", "license": "MIT", "sha256": weights, "net_sha256": net}
     front = "".join(f"{key}: {value}\n" for key, value in said.items())
-    return [put("model/readme.md", f"---\n{front}---\n\n# A model\n"), "model/w.h5"]
+    return [put("model/readme.md", f"---\n{front}---\n\n# A model\n"), "model/w.h5", "model/deploy.prototxt"]
 
 
 def read_packaged(path: Path) -> Any:
-    """Its card, and its weights if they are those of the card."""
-    from handpose.predicting.packaged import checked_weights, read_card
+    """Its card, and its weights and net if they are those of the card."""
+    from handpose.predicting.packaged import checked_net, checked_weights, net_content, read_card
 
-    weights = checked_weights(read_card(Path("model")))
-    return weights.read_bytes()
+    card = read_card(Path("model"))
+    return checked_weights(card).read_bytes(), net_content(checked_net(card))
 
 
 # ---------------------------------------------------------------------------------------------- data of layers

@@ -8,8 +8,10 @@ A run is forked from a process that has done nothing yet but import, so hundreds
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import importlib
+import io
 import itertools
 import json
 import os
@@ -273,6 +275,46 @@ def check_recordings(result: str) -> None:
             raise BrokenPromise("LOST", "a frame in the folder is not whole")
 
 
+SYNTHETIC = ("made", "stack.npz", "take.mkv")
+
+
+def make_recordings(seed: int = 2) -> Any:
+    """Recordings and their truths over old ones, as tools/make_recording.py does."""
+    from handpose.facts.cameras import Camera
+    from tools import make_recording
+
+    for name in SYNTHETIC:
+        options = {"rate": 20.0, "seconds": 0.1, "hand": None, "clean": True, "seed": seed, "force": True}
+        camera = Camera("own", 30, 30, 16, 12, 32, 24)
+        with contextlib.redirect_stdout(io.StringIO()):
+            make_recording.run(argparse.Namespace(script="rest", out=Path(name), camera=camera, **options))
+    return [read_pair_of_recording(name) for name in SYNTHETIC]
+
+
+def make_old_recordings() -> None:
+    """Of another seed; and what the pairs of both are."""
+    pairs = [*make_recordings(2), *make_recordings(1)]
+    Path("expected.txt").write_text(" ".join(map(digest, pairs)))
+
+
+def read_pair_of_recording(name: str) -> Any:
+    """Depth and truth; None for what is not there."""
+    from handpose.recordings.opening import open_recording
+
+    truth = Path(f"{Path(name).stem}.truth.json")
+    frames = [(frame.time, frame.depth) for frame in open_recording(name)] if Path(name).exists() else None
+    return frames, truth.read_text() if truth.exists() else None
+
+
+def check_pairs_of_recordings(result: str) -> None:
+    """A truth stands beside no other recording than its own."""
+    expected = Path("expected.txt").read_text().split()
+    for name in SYNTHETIC:
+        frames, truth = read_pair_of_recording(name)
+        if truth is not None and digest((frames, truth)) not in expected:
+            raise BrokenPromise("LOST", f"{name} and its truth are of two runs")
+
+
 RUNS: tuple[Run, ...] = (
     Run("training hdf5", functools.partial(readers.make_solver, "HDF5"), train, check_states),
     Run("training binary", functools.partial(readers.make_solver, "BINARYPROTO"), train, check_states),
@@ -286,6 +328,7 @@ RUNS: tuple[Run, ...] = (
     Run("ledger of table 1", lambda: None, write_ledger),
     Run("tracks", make_old_tracks, write_tracks, check_tracks),
     Run("recordings", functools.partial(write_recordings, 1), write_recordings, check_recordings),
+    Run("recordings and truths", make_old_recordings, make_recordings, check_pairs_of_recordings),
 )  # fmt: skip
 
 

@@ -88,12 +88,12 @@ Content = list[tuple[str, str, int, bytes]]  # topic, type, nanoseconds of the b
 
 def write(writer: Any, messages: Messages, content: Content) -> None:
     """Everything into a bag, in this order."""
-    connections: dict[str, Any] = {}
+    connections: dict[tuple[str, str], Any] = {}
     with writer:
         for topic, kind, ns, message in content:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=messages.store)
-            writer.write(connections[topic], ns, message)
+            if (topic, kind) not in connections:
+                connections[topic, kind] = writer.add_connection(topic, kind, typestore=messages.store)
+            writer.write(connections[topic, kind], ns, message)
 
 
 def driver(messages: Messages, depth: Depth, topic: str = TOPIC, **info: Any) -> Content:

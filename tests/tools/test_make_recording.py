@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import pkgutil
 import signal
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from handpose.recordings.opening import open_recording
 from handpose.scoring.tracks import score
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.tracks.json_file import read_track
+from netlib import atomic
 from tools import make_recording
 
 SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]
@@ -72,6 +76,62 @@ def test_a_recording_that_is_stopped_keeps_whole_files(
     assert capsys.readouterr().err == "stopped; a.npz and a.truth.json keep 2 frames\n"
     track = read_track("a.truth.json")
     assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
+
+
+def contents() -> dict[str, bytes]:
+    """All files below the working directory."""
+    return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
+PLACES = {
+    "a frame of a folder": ("a", "handpose.recordings.folder_writer.FolderWriter.write", 3),
+    "a frame of a stack": ("a.npz", "handpose.recordings.stack_writer.StackWriter.write", 3),
+    "the end of a stack": ("a.npz", "handpose.recordings.stack_writer.StackWriter._fill", 1),
+    "a frame of a video": ("a.mkv", "handpose.recordings.video_writer.VideoWriter.write", 3),
+    "a frame of the truth": ("a.npz", "handpose.tracks.growing.GrowingFile.append", 3),
+}
+
+
+@pytest.mark.parametrize("is_there", [True, False], ids=["over an old one", "a new one"])
+@pytest.mark.parametrize("place", PLACES)
+def test_a_full_disk_leaves_the_old_pair_or_none(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], place: str, is_there: bool
+) -> None:
+    """Wherever it strikes, the recording and its truth stay what they were."""
+    name, where, at = PLACES[place]
+    if name.endswith(".mkv"):
+        pytest.importorskip("av")
+    if is_there:
+        assert make_recording.main(["rest", *SHORT, "--seed", "1", "--out", name]) == 0
+    before, calls = contents(), iter(range(1, 100))
+    module, _, method = where.rpartition(".")
+    owner = pkgutil.resolve_name(f"{module.rpartition('.')[0]}:{module.rpartition('.')[2]}")
+    function = getattr(owner, method)
+
+    def failing(self: object, argument: object) -> object:
+        if next(calls) == at:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
+        return function(self, argument)
+
+    monkeypatch.setattr(owner, method, failing)
+    assert make_recording.main(["rest", *SHORT, "--seed", "2", "--out", name, "--force"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert contents() == before and Path(name).exists() == is_there
+
+
+def test_a_truth_that_cannot_take_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once the recording is a new one, the old truth does not stay beside it."""
+    assert make_recording.main(["rest", *SHORT, "--seed", "1", "--out", "a.npz"]) == 0
+    before, take_place = contents(), atomic.take_place
+
+    def failing(fresh: Path, path: Path, sync: bool = True) -> None:
+        if path.name == "a.truth.json":
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        take_place(fresh, path, sync)
+
+    monkeypatch.setattr(atomic, "take_place", failing)
+    assert make_recording.main(["rest", *SHORT, "--seed", "2", "--out", "a.npz", "--force"]) == 1
+    assert list(contents()) == ["a.npz"] and contents()["a.npz"] != before["a.npz"]
 
 
 def test_a_truth_that_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:

@@ -48,6 +48,61 @@ def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
     assert [line.get_label() for line in shown[0].axes[0].lines] == ["one/train: train", "two/train: train"]
 
 
+@pytest.fixture
+def figures(monkeypatch):
+    """The figures that the tool writes."""
+    shown = []
+    write = plot_log.pictures.write_figure
+
+    def remember(path, figure, dpi):
+        shown.append(figure)
+        write(path, figure, dpi)
+
+    monkeypatch.setattr(plot_log.pictures, "write_figure", remember)
+    return shown
+
+
+def test_many_test_outputs(tmp_path, figures):
+    """The largest have panels of their own, the others share one, with one line per log."""
+    for name in ("a", "b"):
+        lines = [f"Test net output #{i}: out{i} = {i}\nTest net output #{i}: out{i} = {i / 2}" for i in range(400)]
+        (tmp_path / f"{name}.log").write_text(f"Iteration 0, loss = 1\n{chr(10).join(lines)}\n")
+    out = tmp_path / "log.png"
+    assert plot_log.main([str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--out", str(out)]) == 0
+    titles = [axis.get_title() for axis in figures[0].axes]
+    assert titles == ["training loss", *(f"test out{i}" for i in range(393, 400)), "393 more test outputs"]
+    assert [len(axis.lines) for axis in figures[0].axes] == [2] * 9
+    assert cv2.imread(str(out)).shape[1] < 6000
+
+
+def test_as_many_outputs_as_panels(tmp_path, figures):
+    """None shares one."""
+    lines = [f"Test net output #{i}: out{i} = {i}" for i in range(plot_log.MAX_PANELS)]
+    (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
+    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.png")]) == 0
+    assert [axis.get_title() for axis in figures[0].axes[1:]] == [f"test out{i}" for i in range(plot_log.MAX_PANELS)]
+
+
+def test_many_logs(tmp_path, figures):
+    """The legend has the first, and the number of the others."""
+    logs = [tmp_path / f"{i:03d}.log" for i in range(40)]
+    for log in logs:
+        log.write_text("Iteration 0, loss = 1\nIteration 5, loss = 0.5\n")
+    assert plot_log.main([*map(str, logs), "--out", str(tmp_path / "log.png")]) == 0
+    legend = figures[0].axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == [f"{i:03d}: train" for i in range(12)]
+    assert legend.get_title().get_text() == "28 more without a label"
+
+
+def test_long_names_and_formulas(tmp_path, figures):
+    """A name is shortened, and no part of it is typeset."""
+    name = "begin" + r"$\wrong{$" + "x" * 60000 + "end"
+    (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\nTest net output #0: {name} = 2\n")
+    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.png")]) == 0
+    title = figures[0].axes[1].get_title()
+    assert title.startswith(r"test begin\$\wrong{\$x") and title.endswith("…xxxxxxxxxxxend") and len(title) < 60
+
+
 def test_a_picture_that_cannot_be_written(tmp_path, capsys, monkeypatch):
     """A write that fails half way leaves the old picture whole, and nothing beside it."""
 

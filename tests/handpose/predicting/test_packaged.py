@@ -13,7 +13,14 @@ import netlib
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.network_errors import read_errors
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.packaged import HAND_LOCATOR, SYNTHETIC_HAND, checked_weights, load_predictor, read_card
+from handpose.predicting.packaged import (
+    HAND_LOCATOR,
+    SYNTHETIC_HAND,
+    checked_weights,
+    load_locator,
+    load_predictor,
+    read_card,
+)
 from layers.hand import skeleton
 from netlib.errors import NetlibError, WeightsError
 from netlib.paths import ROOT
@@ -70,12 +77,31 @@ def test_damaged_weights(copy: Path) -> None:
         load_predictor(folder=copy)
 
 
+def test_a_changed_net(copy: Path) -> None:
+    """Nothing of it runs; line ends of another system are no change."""
+    net = copy / "deploy.prototxt"
+    text = net.read_bytes()
+    net.write_bytes(text.replace(b"\n", b"\r\n"))
+    assert load_predictor(folder=copy, fit="no", hand="right").fitter is None
+    net.write_bytes(text + b'layer { name: "p" type: "Python" python_param { module: "evil" layer: "Evil" } }\n')
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
+        load_predictor(folder=copy)
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
+        load_locator(copy)
+    net.unlink()
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: cannot read the net: No such file"):
+        load_predictor(folder=copy)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (None, "cannot read the model's card: No such file"),
         ("# A model", "no front matter; expected lines 'key: value' between two lines '---'"),
-        ("---\nname: x\n---\n", "no 'caffemodel' in the front matter; expected name, caffemodel, license, sha256"),
+        (
+            "---\nname: x\n---\n",
+            "no 'caffemodel' in the front matter; expected name, caffemodel, license, sha256, ",
+        ),
         ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n", "no 'license' in the front matter"),
     ],
 )

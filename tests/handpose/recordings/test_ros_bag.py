@@ -191,6 +191,73 @@ class TestTopics:
             open_bag(path, NOTHING)
 
 
+class TestOneTopicOfSeveralTypes:
+    """A bag allows a topic several connections, each with its own type."""
+
+    WRITERS = (
+        ("a.bag", bags.write_ros1),
+        ("sqlite", bags.write_ros2),
+        ("mcap", functools.partial(bags.write_ros2, storage="MCAP")),
+    )
+
+    @pytest.mark.parametrize(("name", "write"), WRITERS)
+    def test_the_images_are_read(self, tmp_path: Path, name: str, write: Any) -> None:
+        """A CameraInfo under the topic of the images, before the first of them, is none of them."""
+
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            return [(bags.TOPIC, INFO, bags.START_NS, of.info(depth.shape[1:])), *bags.driver(of, depth)]
+
+        recording, frames = read(write(tmp_path / name, DEPTH, make=make))
+        assert (recording.count, len(frames)) == (4, 4)
+        assert np.array_equal(frames[0].depth, DEPTH[0])
+
+    @pytest.mark.parametrize(("name", "write"), WRITERS)
+    def test_images_of_two_types(self, tmp_path: Path, name: str, write: Any) -> None:
+        """Raw and compressed ones under one topic cannot be told apart by its name."""
+
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            packed = (bags.TOPIC, "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
+            return [packed, *bags.driver(of, depth)]
+
+        path = write(tmp_path / name, DEPTH, make=make)
+        for asked in (path, Path(f"{path}#{bags.TOPIC}")):
+            with pytest.raises(DataError, match=f"{bags.TOPIC}: messages of 2 types, .*CompressedImage, .*Image; expe"):
+                open_bag(asked, NOTHING)
+
+    @pytest.mark.parametrize(("name", "write"), WRITERS)
+    @pytest.mark.parametrize("kind", [INFO, "std_msgs/msg/String", "sensor_msgs/msg/CompressedImage"])
+    def test_messages_of_another_type_than_declared(self, tmp_path: Path, name: str, write: Any, kind: str) -> None:
+        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+            other = {"Info": of.info(depth.shape[1:]), "String": of.text("0.5"), "Image": of.packed(depth[0], 1)}
+            content = next(message for end, message in other.items() if kind.endswith(end))
+            return [(topic, declared, ns, content) for topic, declared, ns, _ in bags.driver(of, depth)]
+
+        with pytest.raises(DataError, match=f"{name}: {bags.TOPIC}"):
+            read(write(tmp_path / name, DEPTH, make=make), GIVEN)
+
+    def test_an_index_that_leads_to_another_topic(self, tmp_path: Path) -> None:
+        """Of ROS 1, whose messages name their connection once more."""
+        path = bags.write_ros1(tmp_path / "a.bag", DEPTH)
+        content = path.read_bytes()
+        image, info = (b"op=\x02\t\0\0\0conn=" + struct.pack("<I", n) for n in (1, 0))
+        assert (content.count(image), content.count(info)) == (4, 1)
+        path.write_bytes(content.replace(image, info))
+        with pytest.raises(DataError, match=f"{bags.TOPIC}: no message can be read: the index leads to a message of"):
+            open_bag(path, NOTHING)
+
+
+@pytest.mark.parametrize("text", ["e", "1e", "--", "", "2", "0", "nan"])
+def test_depth_units_that_are_no_number(tmp_path: Path, text: str) -> None:
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        return [
+            (topic, kind, ns, of.text(text) if "option" in topic else content)
+            for topic, kind, ns, content in bags.realsense_db3(of, depth)
+        ]
+
+    with pytest.raises(DataError, match=f"depth units of '{text}' m; expected a number between 0 and 1"):
+        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), NOTHING)
+
+
 class TestTimes:
     def test_without_stamps(self, tmp_path: Path) -> None:
         """The bag's own."""

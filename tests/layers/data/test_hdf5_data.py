@@ -249,14 +249,45 @@ def test_a_rest_that_is_not_there(tmp_path, net_of, other, message):
         net_of(layer(tmp_path / "list.txt", 2))
 
 
-def test_a_rest_anywhere(tmp_path, net_of):
-    """An absolute name is some place of who made the file; both may be moved together."""
-    write(tmp_path / "a.h5", t=np.zeros(3))
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
-        file.attrs["rest_in"] = "/etc/hostname"
-    (tmp_path / "list.txt").write_text("a.h5")
-    with pytest.raises(netlib.DataError, match="rest_in is '/etc/hostname'; expected a name from the folder of the"):
+@pytest.mark.parametrize(
+    ("rest", "link"),
+    [
+        ("/etc/hostname", ""),
+        ("../../private.h5", ""),
+        ("../near/below/private.h5", ""),
+        ("../../set/a/../../private.h5", ""),
+        ("link.h5", "../../private.h5"),
+        ("link/private.h5", "../.."),
+    ],
+)
+def test_a_rest_elsewhere(tmp_path, net_of, rest, link):
+    """A file that somebody else made reads nothing but the data beside it."""
+    for folder in ("set/a", "set/near/below"):
+        (tmp_path / folder).mkdir(parents=True)
+    for place in ("private.h5", "set/near/below/private.h5"):
+        write(tmp_path / place, x=np.zeros((3, 2)))
+    if link:
+        (tmp_path / "set" / "a" / rest.split("/")[0]).symlink_to(link)
+    write(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
+    with h5py.File(tmp_path / "set" / "a" / "a.h5", "r+") as file:
+        file.attrs["rest_in"] = rest
+    (tmp_path / "list.txt").write_text("set/a/a.h5")
+    with pytest.raises(netlib.DataError, match=f"rest_in is '{rest}'; expected a relative name of a file in the same"):
         net_of(layer(tmp_path / "list.txt", 2))
+
+
+@pytest.mark.parametrize("rest", ["rest.h5", "below/rest.h5", "../rest.h5", "../near/rest.h5", "link.h5"])
+def test_a_rest_nearby(tmp_path, net_of, rest):
+    """Below the folder, beside it, in one beside it; also by a link that stays there."""
+    for folder in ("set/a/below", "set/near"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "set" / "a" / "link.h5").symlink_to("../near/rest.h5")
+    write(tmp_path / "set" / "a" / rest, x=np.zeros((3, 2)))
+    write(tmp_path / "set" / "a" / "a.h5", t=np.zeros(3))
+    with h5py.File(tmp_path / "set" / "a" / "a.h5", "r+") as file:
+        file.attrs["rest_in"] = rest
+    (tmp_path / "list.txt").write_text("set/a/a.h5")
+    assert net_of(layer(tmp_path / "list.txt", 2)).forward()["x"].shape == (2, 2)
 
 
 def test_files_whose_rows_differ(tmp_path, net_of):
