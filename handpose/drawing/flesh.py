@@ -42,8 +42,7 @@ def over_crop(
     """
     uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
     center = camera.unproject(uvd)
-    moved = Capsules(capsules.a + center[:, None], capsules.b + center[:, None], capsules.radius_a, capsules.radius_b)
-    near = in_front(moved, uvd[:, 2] - cube_mm / 2)  # what is nearer is not in the crop
+    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)  # what is nearer is not in the crop
     drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)

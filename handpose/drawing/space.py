@@ -9,7 +9,6 @@ import numpy as np
 from handpose.drawing import flesh, hands, strokes
 from handpose.drawing.strokes import Colour, Image
 from handpose.facts.cameras import Camera
-from handpose.flesh.render import Capsules
 from handpose.tracks.track import TrackedHand
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -64,8 +63,12 @@ class Space:
             hands.draw(canvas, at[:, :2], hand.xyz[:, 1], self._skeleton, 3, _SHADOW, rim=False)
         for hand in sorted(tracked, key=lambda one: -float(self._seen(one.xyz)[:, 2].mean())):
             if hand.capsules is not None:
-                a, b, *radii = hand.capsules
-                flesh.paint(canvas, Capsules(self._seen(a), self._seen(b), *radii), camera, opacity=0.45)
+                flesh.paint(
+                    canvas,
+                    hand.capsules._replace(a=self._seen(hand.capsules.a), b=self._seen(hand.capsules.b)),
+                    camera,
+                    opacity=0.45,
+                )
             at = camera.project(self._seen(hand.xyz))
             hands.draw(canvas, at[:, :2], at[:, 2], self._skeleton, thick=2)
         return canvas

@@ -1,9 +1,11 @@
-"""Flesh: the capsules of a skeleton file as a table, where a pose puts them, and how deep they are in each other.
+"""Flesh: the capsules and wedges of a skeleton file as tables, where a pose puts them, how deep they are in each other.
 
 A capsule goes from one joint to another, with a radius at both. Where it ends beside the joint, the ``offset`` o of the
 joint says how far, along axes that turn with a joint f of the body:
 
     E_j = X_j + size R_f o_j        with the pose's joints X_j and rotations R_f = world_from_f
+
+A wedge is its three edges, which are capsules, and a facet between them (``handpose.flesh.render``).
 
 All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the skeleton with what only
 its flesh has (of a hand: the arm) after its own.
@@ -19,19 +21,22 @@ from numpy.typing import NDArray
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import LENGTHS, longest, said
+from layers.hand.skeleton_file import LENGTHS, CapsuleParameter, WedgeParameter, longest, said
 from netlib import schema
 from netlib.blob import Array
 from netlib.errors import PrototxtError, did_you_mean
 
+Sphere = tuple[int, float]  # the joint that it is about, and its radius
+
 
 class Flesh:
-    """The M capsules of a skeleton; of the same skeleton the same tables.
+    """The M capsules of a skeleton, the edges of its wedges among them; of the same skeleton the same tables.
 
     whole      the skeleton with the flesh's own joints and DoFs
     start, end (M,) joints that the capsules go from and to
     radii      (M, 2) at both
     limbs      (M,) bool: it ends at a joint that only the flesh has
+    facets     (T, 3) the spheres of each wedge, 2 m for the start of capsule m, 2 m + 1 for its end
     trunk      (M,) bool: it moves with the root alone
     offsets    per joint f that has some: the joints j, and their o_j (n, 3) in its axes
     apart      two arrays (P,): pairs of capsules that should not be in each other
@@ -41,21 +46,30 @@ class Flesh:
         self.skeleton, self.whole = skeleton, skeleton.with_flesh()
         flesh = skeleton.param.flesh
         assert flesh is not None  # with_flesh says so
-        if not flesh.capsule:
-            raise PrototxtError(schema.position_of(flesh), "no capsule in the flesh")
-        self.start = np.array([self._joint(c, "from", c.from_) for c in flesh.capsule])
-        self.end = np.array([self._joint(c, "to", c.to) for c in flesh.capsule])
-        for c in flesh.capsule:
-            if len(c.radius) not in (1, 2) or not all(0 < r <= longest(c) for r in c.radius):
-                found = f"radius {', '.join(map(said, c.radius))}"
-                raise PrototxtError(schema.position_of(c), f"{found}; expected one or two > 0, in {LENGTHS}")
+        if not flesh.capsule and not flesh.wedge:
+            raise PrototxtError(schema.position_of(flesh), "no capsule and no wedge in the flesh")
+        spheres: list[tuple[Sphere, Sphere]] = []
+        self.parts: list[str] = []
+        facets = []
+        for w in flesh.wedge:
+            corners = self._wedge(w)
+            for edge in itertools.combinations(corners, 2):
+                if edge not in spheres and edge[::-1] not in spheres:
+                    spheres.append(edge)
+                    self.parts.append(w.part)
+            every = [sphere for capsule in spheres for sphere in capsule]
+            facets.append([every.index(corner) for corner in corners])
+        spheres += [self._capsule(c) for c in flesh.capsule]
+        self.parts += [c.part for c in flesh.capsule]
+        self.start, self.end = np.array([[joint for joint, _ in capsule] for capsule in spheres]).T
+        self.radii = np.array([[radius for _, radius in capsule] for capsule in spheres])
+        self.facets = np.array(facets, dtype=int).reshape(-1, 3)
         for i, o in enumerate(flesh.offset):
             if (o.joint, o.axes) in [(other.joint, other.axes) for other in flesh.offset[:i]]:
                 raise PrototxtError(schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}")
             if not all(abs(length) <= longest(o) for length in (o.x, o.y, o.z)):
                 found = f"offset {said(o.x)}, {said(o.y)}, {said(o.z)}; expected lengths in {LENGTHS}"
                 raise PrototxtError(schema.position_of(o), found)
-        self.radii = np.array([(c.radius * 2)[:2] for c in flesh.capsule])
         self.limbs = self.end >= len(skeleton.joint_names)
         of_root = [m.row for own, parent in zip(self.whole.motions, self.whole.parents) if parent < 0 for m in own]
         others = np.delete(self.whole.moves, [row for row in of_root if row >= 0], axis=0)
@@ -68,7 +82,6 @@ class Flesh:
         for f in np.unique(axes):
             self.offsets[int(f)] = joints[axes == f], vectors[axes == f]
         self.deviation = np.array([d.deviation for d in self.whole.param.dof])
-        self.parts = [c.part for c in flesh.capsule]
         self.apart = self._keep_apart()
 
     @property
@@ -101,6 +114,23 @@ class Flesh:
         r = radii.transpose(1, 2, 0)
         thick = r[i, 0] + s * (r[i, 1] - r[i, 0]) + r[j, 0] + t * (r[j, 1] - r[j, 0])
         return np.asarray((thick - distance).max(axis=0, initial=-np.inf))
+
+    def _capsule(self, c: CapsuleParameter) -> tuple[Sphere, Sphere]:
+        r = self._radii(c, c.radius, 2)
+        return (self._joint(c, "from", c.from_), r[0]), (self._joint(c, "to", c.to), r[1])
+
+    def _wedge(self, w: WedgeParameter) -> list[Sphere]:
+        joints = [self._joint(w, "joint", name) for name in w.joint]
+        if len(joints) != 3 or len(set(joints)) != 3:
+            raise PrototxtError(schema.position_of(w), f"joints {', '.join(w.joint)}; expected three different ones")
+        return list(zip(joints, self._radii(w, w.radius, 3)))
+
+    @staticmethod
+    def _radii(shape: object, given: tuple[float, ...], count: int) -> list[float]:
+        if len(given) not in (1, count) or not all(0 < r <= longest(shape) for r in given):
+            found, expected = f"radius {', '.join(map(said, given))}", {2: "two", 3: "three"}[count]
+            raise PrototxtError(schema.position_of(shape), f"{found}; expected one or {expected} > 0, in {LENGTHS}")
+        return [*given] * (count if len(given) == 1 else 1)
 
     def _joint(self, param: object, field: str, name: str) -> int:
         if name not in self.whole.joint_names:

@@ -14,10 +14,19 @@ e = B.B - w^2 and g = a.B + ra w, the ray meets that cone at the smaller root of
 and s, limited to [0, 1], is the sphere that holds the first point of the hull. No case distinction is left
 for the pixels, so a capsule is twenty array operations on the rectangle of pixels it can touch; rectangles of
 similar size, of whatever capsule and frame, go together. B.d, k1, a.d are sums of a row and a column.
+
+A *wedge* is the convex hull of three spheres: three capsules and, on either side, the triangle in which the plane that
+touches all three is touched (``facets``). With the normal n of that plane and the centres A, B, C
+
+    n.(B - A) = ra - rb     n.(C - A) = ra - rc     |n| = 1        V = A + ra n, and likewise at B and C
+
+The ray meets the triangle at t = 1 / (f0 + f1 + f2) if no f is negative, where fi is linear in d: f0 = d.(V1 x V2) / D
+and so on, D = V0.(V1 x V2).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -32,16 +41,54 @@ Floats = NDArray[np.float32]
 CLEAR_MM = 40.0  # before the camera's plane
 _FAR, _SPECK = 1e6, 1e-3  # mm: where nobody sees it, and so small
 _TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
+_EDGE = np.float32(1e-4)  # of a triangle: rays along its border meet it or the capsule there, not neither
 _OUTSIDE = 8.0  # slope of the rays of crop pixels that lie outside the image: no capsule is there
 
 
+NO_FACETS: NDArray[np.int_] = np.zeros((0, 3), dtype=int)
+
+
 class Capsules(NamedTuple):
-    """M capsules in each of N frames: two end points in mm, camera axes (y up), and their radii in mm."""
+    """M capsules in each of N frames: two end points in mm, camera axes (y up), and their radii in mm.
+
+    facets  (T, 3) the same in all frames: the spheres between which the surface is flat, 2 m for the end a of capsule
+            m, 2 m + 1 for its end b
+    """
 
     a: NDArray[np.float64]  # (N, M, 3)
     b: NDArray[np.float64]  # (N, M, 3)
     radius_a: NDArray[np.float64]  # (N, M)
     radius_b: NDArray[np.float64]  # (N, M)
+    facets: NDArray[np.int_] = NO_FACETS
+
+    def moved(self, by: ArrayLike) -> Capsules:
+        """All ends moved by (3,), or by (N, 3)."""
+        by = np.asarray(by, dtype=np.float64).reshape(-1, 1, 3)
+        return self._replace(a=self.a + by, b=self.b + by)
+
+    def mirrored(self, axes: NDArray[np.float64]) -> Capsules:
+        """All ends times (3,)."""
+        return self._replace(a=self.a * axes, b=self.b * axes)
+
+    def frames(self, rows: slice | NDArray[np.int_]) -> Capsules:
+        """Those of some frames."""
+        return Capsules(self.a[rows], self.b[rows], self.radius_a[rows], self.radius_b[rows], self.facets)
+
+    def chosen(self, which: NDArray[np.bool_]) -> Capsules:
+        """Some of the capsules (M,), and the facets of which all spheres are among them."""
+        number = np.cumsum(which) - 1
+        facets = self.facets[which[self.facets // 2].all(axis=1)]
+        a, b, ra, rb = (values[:, which] for values in self[:4])
+        return Capsules(a, b, ra, rb, 2 * number[facets // 2] + facets % 2)
+
+
+def joined(parts: Iterable[Capsules]) -> Capsules:
+    """The capsules of several, of as many frames each, in each frame."""
+    every = list(parts)
+    before = np.cumsum([0, *(one.a.shape[1] for one in every)])
+    facets = [one.facets + 2 * first for one, first in zip(every, before)]
+    a, b, ra, rb = (np.concatenate(values, axis=1) for values in zip(*(one[:4] for one in every)))
+    return Capsules(a, b, ra, rb, np.concatenate(facets))
 
 
 def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
@@ -56,7 +103,7 @@ def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
     ends = [capsules.a + part[..., None] * along for part in (first, last)]
     radii = [np.where(away, _SPECK, capsules.radius_a + part * wider) for part in (first, last)]
     ends = [np.where(away[..., None], (0.0, 0.0, _FAR), end) for end in ends]
-    return Capsules(ends[0], ends[1], radii[0], radii[1])
+    return Capsules(ends[0], ends[1], radii[0], radii[1], capsules.facets)
 
 
 def render_crop(
@@ -92,23 +139,39 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
     """
     x, y = np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
     N, M = capsules.radius_a.shape
-    H, W = y.shape[1], x.shape[1]
-    image = np.empty((N, H, W), dtype=np.float32)
+    image = np.empty((N, y.shape[1], x.shape[1]), dtype=np.float32)
     image[...] = np.asarray(background, dtype=np.float32)[:, None, None]
 
-    frame = np.repeat(np.arange(N), M)
     a, b, ra, rb = _visible_ends(capsules)
-    left, right = _extent(a, b, ra, rb, 0)
-    top, bottom = _extent(a, b, ra, rb, 1)
-    i0, i1 = _pixels(x, frame, left, right)
-    j0, j1 = _pixels(y, frame, top, bottom)
+    bounds = [_extent(a, b, ra, rb, axis) for axis in (0, 1)]
+    _paint(image, x, y, np.repeat(np.arange(N), M), bounds, _coefficients(a, b, ra, rb), _depths)
+    if len(capsules.facets):
+        frame, corners = _triangles(capsules)
+        slopes = corners[:, :, :2] / corners[:, :, 2:]
+        bounds = [(slopes[:, :, axis].min(axis=1), slopes[:, :, axis].max(axis=1)) for axis in (0, 1)]
+        _paint(image, x, y, frame, bounds, _plane_coefficients(corners), _plane_depths)
+    return image
+
+
+def _paint(
+    image: Floats, x: Floats, y: Floats, frame: NDArray[np.int64],
+    bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]], coefficients: Floats,
+    depths: Callable[[Floats, Floats, Floats], Floats],
+) -> None:  # fmt: skip
+    """Draw L shapes into images (N, H, W), where they are nearer than what is there.
+
+    frame         (L,) the image of each
+    bounds        smallest and largest slope of the rays that meet it, along x and along y
+    coefficients  (c, L) of them, for ``depths``, which gives the depths of rays, NaN where they miss
+    """
+    H, W = image.shape[1:]
+    i0, i1 = _pixels(x, frame, *bounds[0])
+    j0, j1 = _pixels(y, frame, *bounds[1])
     width, height = i1 - i0, j1 - j0
     shown = np.flatnonzero((width > 0) & (height > 0))
     # Similar rectangles together: by width in steps of 8 pixels, then by height.
     shown = shown[np.lexsort((height[shown], -(-width[shown] // 8)))]
-    coefficients = _coefficients(a, b, ra, rb)
     area = (-(-width // 8) * 8) * height
-
     first = 0
     while first < len(shown):
         # as many as fill a tile; the last of them are the largest
@@ -119,7 +182,7 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
         w, h = int(width[some].max()), int(height[some].max())
         column = np.minimum(i0[some], W - w)
         row = np.minimum(j0[some], H - h)
-        depth = _depths(
+        depth = depths(
             coefficients[:, some],
             x[frame[some, None], column[:, None] + np.arange(w)][:, None, :],
             y[frame[some, None], row[:, None] + np.arange(h)][:, :, None],
@@ -128,7 +191,6 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
             part = image[n, j : j + h, i : i + w]
             np.fmin(part, tile, out=part)  # fmin passes over NaN, which is a ray that misses
         first = last
-    return image
 
 
 def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
@@ -233,3 +295,51 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
         cd -= k2
         cd /= dd
     return np.asarray(cd)
+
+
+def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The triangles that the camera sees of all facets: the frame of each (L,), and its corners (L, 3, 3), y down."""
+    N, M = capsules.radius_a.shape
+    ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3) * (1, -1, 1)
+    radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
+    center, r = ends[:, capsules.facets].reshape(-1, 3, 3), radii[:, capsules.facets].reshape(-1, 3)
+    frame = np.repeat(np.arange(N), len(capsules.facets))
+    sides = center[:, 1:] - center[:, :1]
+    across = np.cross(sides[:, 0], sides[:, 1])
+    area = np.linalg.norm(across, axis=1)
+    gram = sides @ sides.swapaxes(1, 2)
+    flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # not three spheres in a row
+    gram[~flat] = np.eye(2)
+    within = (np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None]) * sides).sum(axis=1)  # the normal's part there
+    left = 1 - (within * within).sum(axis=1)
+    flat &= left > 0  # else one sphere is inside the hull of the others
+    found = []
+    for sign in (-1, 1):
+        upright = np.sqrt(np.maximum(left, 0)) * sign / np.where(flat, area, 1)
+        normal = within + upright[:, None] * across
+        corners = center + r[..., None] * normal[:, None]
+        seen = flat & ((normal * corners[:, 0]).sum(axis=1) < 0) & (corners[:, :, 2] > 0).all(axis=1)
+        found.append((frame[seen], corners[seen]))
+    return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
+
+
+def _plane_coefficients(corners: NDArray[np.float64]) -> Floats:
+    """What the pixels need of each triangle (L, 3, 3), (9, L): the vectors of f0, f1 and of the sum of all three."""
+    v0, v1, v2 = corners.swapaxes(0, 1)
+    f = np.stack([np.cross(v1, v2), np.cross(v2, v0), np.cross(v0, v1)])
+    f /= (v0 * f[0]).sum(axis=1)[:, None]
+    return np.concatenate([f[0].T, f[1].T, f.sum(axis=0).T]).astype(np.float32)
+
+
+def _plane_depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
+    """Depths (L, h, w) of the rays of slopes x (L, 1, w) and y (L, h, 1); NaN where the triangle is missed."""
+    px, py, pz, qx, qy, qz, sx, sy, sz = coefficients[:, :, None, None]
+    f0 = px * x + (py * y + pz)
+    f1 = qx * x + (qy * y + qz)
+    total = sx * x + (sy * y + sz)
+    f2 = total - f0
+    f2 -= f1
+    np.minimum(f0, f1, out=f0)
+    np.minimum(f0, f2, out=f0)
+    with np.errstate(divide="ignore"):
+        return np.where(f0 >= -_EDGE * total, 1 / total, np.float32(np.nan))

@@ -13,7 +13,6 @@ from handpose.facts.sides import SIDES, Side, as_right, mirror_of, seen_as_right
 from handpose.fitting.depth.body import GIRTH
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.strangeness import strangeness
-from handpose.flesh.render import Capsules
 from handpose.predicting.many import fit_crops
 from handpose.predicting.options import Fit
 from handpose.predicting.prediction import FittedHand, FramePrediction, Prediction
@@ -76,7 +75,7 @@ class CropHands:
         strange = strangeness(model, fit, *seen_as_right(crops, uvd, camera, side))
         hands = []
         for n, place in enumerate(places):
-            capsules = Capsules(flesh.a[[n]] * mirror, flesh.b[[n]] * mirror, flesh.radius_a[[n]], flesh.radius_b[[n]])
+            capsules = flesh.frames(slice(n, n + 1)).mirrored(mirror)
             hand = FittedHand(
                 inputs=fit.inputs[n],
                 whole=whole[n],

@@ -18,7 +18,7 @@ class FleshPrior:
 
     thickness_mean: float = 1.0  # normal: all radii of a body together, relative to its size
     thickness_std: float = 0.08
-    trunk_mean: float = 1.0  # normal: beside that the radii of capsules that only the root moves, as of a palm
+    trunk_mean: float = 1.0  # normal: beside that the radii of capsules that only the root moves
     trunk_std: float = 0.0
     radius_std: float = 0.0  # normal: each radius by itself
     clip: float = 2.5  # all are cut at so many deviations
@@ -39,14 +39,6 @@ DEFAULT_FLESH = FleshPrior()
 OTHER_FLESH = FleshPrior(thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4)
 # People in front of a camera.
 ANYBODY = FleshPrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
-
-# The same, of all ages and from all sides. Relative to the length of the hand, fingers are thicker than the model's by
-# about a tenth and palms by a quarter: joints of the fingers 17 to 20 mm wide, palms 28 mm and wrists 40 mm thick, for
-# hands 190 mm long (Greiner, Hand Anthropometry of U.S. Army Personnel, 1991). An arm may come from the camera's side.
-EVERYBODY = FleshPrior(
-    thickness_mean=1.1, thickness_std=0.1, trunk_mean=1.12, trunk_std=0.1, radius_std=0.06, offsets=(0.4, 1.6),
-    limb=(0.75, 1.2), towards_camera=0.9, cut=0.3, sleeve=0.4,
-)  # fmt: skip
 
 
 def draw_capsules(
@@ -86,7 +78,7 @@ def draw_capsules(
     for start, end, r in sleeves:  # who wears none has a second arm in the same place
         a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
-    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1]))
+    return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], flesh.facets))
 
 
 def _least_towards_camera(

@@ -70,11 +70,12 @@ class Person:
         """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their origin at (3,)."""
         ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
         radii = self.radii[None] * self.unit_mm
-        return Capsules(ends[:, self.flesh.start], ends[:, self.flesh.end], radii[..., 0], radii[..., 1])
+        return Capsules(ends[:, self.flesh.start], ends[:, self.flesh.end], radii[..., 0], radii[..., 1],
+                        self.flesh.facets)  # fmt: skip
 
     def worn(self, capsules: Capsules) -> Capsules:
         """The sleeve (1, 1) over the forearm of ``capsules``."""
-        a, b, ra, rb = (part[:, self.flesh.limbs] for part in capsules)
+        a, b, ra, rb, _ = capsules.chosen(self.flesh.limbs)
         first, thicker = self.sleeve[0], self.sleeve[1] * self.unit_mm
         return Capsules(a + first * (b - a), b, ra + first * (rb - ra) + thicker, rb + thicker)
 

@@ -5,7 +5,7 @@ degrees and of the whole DoF (input + initial); all other values of DoFs are par
 its input, 0 at the lower and 1 at the upper. Lengths are in mm.
 
     turn     which way the body as a whole looks: normal, or for a fraction of bodies any angle
-    proportion  bones that are longer or shorter together, as all of a finger are
+    proportion  bones that are longer or shorter together, as all of a limb are
     bend     chains of DoFs that bend together, as the joints of a limb do
     spread   DoFs about their initial value: normal
     between  DoFs anywhere between their limits: Beta

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
-from handpose.flesh.render import Capsules, Floats, in_front, render
+from handpose.flesh.render import Capsules, Floats, in_front, joined, render
 from handpose.synthetic.flesh_prior import ANYBODY, draw_capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import NormalParameter, PosePrior, RangeParameter
@@ -84,10 +84,12 @@ def _visible_scene(
         if kind == "clutter":
             parts.append(_things(rng, center))
         wall = float(rng.uniform(1400, 3000))
-        image = render_image(Capsules(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts))), camera, wall)
+        image = render_image(joined(parts), camera, wall)
         if kind == "clutter":
             np.minimum(image, _table(camera, center[1] - rng.uniform(130, 350)), out=image)
-        hand = render_image(Capsules(*(a[:, : len(own)][:, own] for a in capsules)), camera, np.inf)
+        hand = render_image(
+            capsules.chosen(np.append(own, np.zeros(capsules.a.shape[1] - len(own), bool))), camera, np.inf
+        )
         u, v, _ = camera.project(xyz).T
         inside = ((u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).mean()
         if inside > MOSTLY and (image >= hand)[np.isfinite(hand)].mean() > SEEN:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.facts.cameras import Camera
-from handpose.flesh.render import Capsules, Floats, in_front
+from handpose.flesh.render import Floats, in_front, joined
 from handpose.synthetic import prior_file
 from handpose.synthetic.acts import Actor
 from handpose.synthetic.movements import HandPose, Movement
@@ -78,13 +78,13 @@ class Stage:
         limbs = self.sampler.flesh.limbs
         hands, arms = [], []
         for role, pose in zip(self.script.roles, poses):
-            hands.append(Capsules(*(part[:, ~limbs] for part in pose.capsules)))
-            forearm = Capsules(*(part[:, limbs] for part in pose.capsules))
+            hands.append(pose.capsules.chosen(~limbs))
+            forearm = pose.capsules.chosen(limbs)
             upper_arm = self.surroundings.upper_arm(forearm.b[0, -1], role.side, role.person)
             arms += [forearm, self.people[role.person].worn(pose.capsules), upper_arm]
-        layers = render_image(in_front(Capsules(*map(np.concatenate, zip(*hands)))), self.camera, np.inf)
-        joined = in_front(Capsules(*(np.concatenate(parts, axis=1) for parts in zip(*arms))))
-        depth = np.minimum(self.surroundings.image, render_image(joined, self.camera, NOWHERE_MM)[0])
+        layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
+        everything = in_front(joined(arms))
+        depth = np.minimum(self.surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
         np.minimum(depth, layers.min(axis=0), out=depth)
         return Shot(depth, poses, [self._unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from handpose.facts.sides import mirror_of
 from handpose.fitting.depth.body import SIZE
-from handpose.flesh.render import Capsules
 from handpose.tracking.following import Follower
 from handpose.tracking.looking import Looker
 from handpose.tracks.track import TrackedHand
@@ -26,8 +25,7 @@ def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> Tr
         x[0, SIZE] = np.log(follower.size)  # known, so no filter has to get there
     capsules = None
     if flesh:
-        own = model.capsules(x, sight.center_mm[None])
-        capsules = Capsules(own.a * mirror, own.b * mirror, own.radius_a, own.radius_b)
+        capsules = model.capsules(x, sight.center_mm[None]).mirrored(mirror)
     return TrackedHand(
         id=follower.id,
         hand=side,

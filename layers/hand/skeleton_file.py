@@ -3,12 +3,13 @@
 ``prototxt/hand/nyu.prototxt`` is the hand of the paper; any other body is another file. Lengths are in half-cubes,
 angles in radians. skeleton.py says what ``dof`` and ``joint`` mean.
 
-``flesh`` is the body around the bones: capsules, which are round cones with a sphere at either end, from one joint to
-another. Who only computes joints does not need it.
+``flesh`` is the body around the bones: convex hulls of two spheres about joints (capsules) or of three (wedges). It is
+unused where only joints are computed.
 
     dof, joint  what the flesh has beside the skeleton: joints that nobody predicts and the camera sees (an arm)
-    offset      how far beside a joint the capsules that come to it end
-    capsule     the round cones
+    offset      how far beside a joint the spheres about it are
+    capsule     round cones with a sphere at either end: limbs
+    wedge       three spheres and what is between them: what is flat
 """
 
 from __future__ import annotations
@@ -91,6 +92,15 @@ class CapsuleParameter:
 
 
 @dataclass(frozen=True)
+class WedgeParameter:
+    """A ``wedge { ... }``: the convex hull of the spheres about three joints."""
+
+    joint: tuple[str, ...]
+    radius: tuple[Double, ...]  # at each; or one for all
+    part: str = ""  # as a capsule's
+
+
+@dataclass(frozen=True)
 class FleshParameter:
     """The ``flesh { ... }`` of a skeleton file."""
 
@@ -98,6 +108,7 @@ class FleshParameter:
     joint: tuple[JointParameter, ...] = ()
     offset: tuple[OffsetParameter, ...] = ()
     capsule: tuple[CapsuleParameter, ...] = ()
+    wedge: tuple[WedgeParameter, ...] = ()
 
     def scaled(self, scale: float) -> FleshParameter:
         """The same flesh about a body ``scale`` times as large."""
@@ -110,6 +121,7 @@ class FleshParameter:
             joint=tuple(longer(joint) for joint in self.joint),
             offset=tuple(replace(o, x=o.x * scale, y=o.y * scale, z=o.z * scale) for o in self.offset),
             capsule=tuple(replace(c, radius=tuple(r * scale for r in c.radius)) for c in self.capsule),
+            wedge=tuple(replace(w, radius=tuple(r * scale for r in w.radius)) for w in self.wedge),
         )
 
 
@@ -177,6 +189,11 @@ def _flesh_lines(flesh: FleshParameter) -> Iterator[str]:
         radii = " ".join(f"radius: {_number(r)}" for r in c.radius)
         part = f" part: {_quoted(c.part)}" if c.part else ""
         yield f"capsule {{ from: {_quoted(c.from_)} to: {_quoted(c.to)} {radii}{part} }}"
+    for w in flesh.wedge:
+        joints = " ".join(f"joint: {_quoted(joint)}" for joint in w.joint)
+        radii = " ".join(f"radius: {_number(r)}" for r in w.radius)
+        part = f" part: {_quoted(w.part)}" if w.part else ""
+        yield f"wedge {{ {joints} {radii}{part} }}"
 
 
 def _quoted(text: str) -> str:

@@ -157,7 +157,7 @@ class FleshModel:
         p = self.posed(x)
         ends = p.ends.astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._girth(x)[:, None, None]
-        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1])
+        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.flesh.facets)
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and the pose that they are of."""

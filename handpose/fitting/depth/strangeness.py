@@ -44,7 +44,7 @@ def strangeness(
     capsules = in_front(model.capsules(fit.x, center), uvd[:, 2] - model.unit_mm)  # nearer is not in the crop
     whole = _rendered(capsules, uvd, 2 * model.unit_mm, camera, crops.shape[1])
     own = ~model.flesh.limbs
-    hand = _rendered(Capsules(*(a[:, own] for a in capsules)), uvd, 2 * model.unit_mm, camera, crops.shape[1])
+    hand = _rendered(capsules.chosen(own), uvd, 2 * model.unit_mm, camera, crops.shape[1])
     apart = np.minimum(np.abs(whole - crops) * model.unit_mm, CAP_MM)
     shown = (hand < BACKGROUND) & (hand <= whole)
     moved = np.linalg.norm(fit.joints - fit.network, axis=2).mean(axis=1)

@@ -46,6 +46,20 @@ def test_the_table_of_an_arm() -> None:
     np.testing.assert_array_equal(flesh.deviation, [np.inf, np.inf, np.inf, 0.5])
 
 
+def test_the_table_of_wedges() -> None:
+    """Edges that two wedges share are one capsule; the capsules of the file come after them."""
+    wedges = """wedge { joint: "root" joint: "end" joint: "tip" radius: 0.3 radius: 0.2 radius: 0.1 part: "web" }
+      wedge { joint: "tip" joint: "end" joint: "side" radius: 0.1 radius: 0.2 radius: 0.4 }
+      joint { name: "side" parent: "root" bone { axis: Y length: 1 } }"""
+    flesh = Flesh(body(ARM.replace("  offset", wedges + "\n  offset", 1)))
+    ends = list(zip(flesh.start.tolist(), flesh.end.tolist()))
+    assert ends == [(0, 1), (0, 2), (1, 2), (2, 3), (1, 3), (0, 1), (1, 2)]
+    assert flesh.parts == ["web", "web", "web", "", "", "upper", ""]
+    spheres = np.stack([flesh.start, flesh.end], axis=1).reshape(-1), flesh.radii.reshape(-1)
+    assert [spheres[0][corner].tolist() for corner in flesh.facets] == [[0, 1, 2], [2, 1, 3]]
+    assert [spheres[1][corner].tolist() for corner in flesh.facets] == [[0.3, 0.2, 0.1], [0.1, 0.2, 0.4]]
+
+
 def test_offsets_turn_with_their_axes() -> None:
     """By hand: the shoulder turned a quarter, the elbow back; the tip's own axes are then the world's."""
     flesh = Flesh(body(ARM))
@@ -130,6 +144,22 @@ def test_flesh_is_written_and_scaled_with_its_body() -> None:
         ('from: "root"', 'from: "rot"', r":10:13: error: unknown joint 'rot' \(did you mean 'root'"),
         ('offset { joint: "tip"', 'offset { joint: "tp"', r":9:12: error: unknown joint 'tp'"),
         ('axes: "root"', 'axes: "rooot"', r":8:25: error: unknown joint 'rooot'"),
+        (
+            "flesh {",
+            'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
+            "joints root, end; expected three different",
+        ),
+        (
+            "flesh {",
+            'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
+            "expected three different",
+        ),
+        (
+            "flesh {",
+            'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
+            "radius 1, 2; expected one or three > 0",
+        ),
+        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }', "unknown joint 'tap'"),
         ("radius: 0.2 part", "radius: -1 part", r":10:11: error: radius -1; expected one or two > 0"),
         ("radius: 0.2 part", "radius: 1e200 part", r":10:11: error: radius 1e\+200; expected one or two > 0"),
         ("radius: 0.2 part", "radius: 12 part", r"radius 12; expected one or two > 0, in half-cubes, at most 10 \("),

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from handpose.data.crops import crop, window
 from handpose.facts.cameras import NYU
-from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from handpose.flesh.render import NO_FACETS, Capsules, joined, normalise_depth, render_crop
 from netlib.errors import DataError
 from tests.handpose.whole_images import render_image
 
@@ -35,7 +36,7 @@ def spheres(hand: Capsules, center: NDArray[np.float64], steps: int = 600) -> ND
     d = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 1.0), axis=-1)
     dd = (d * d).sum(-1)
     depth = np.full(dd.shape, center[0, 2] + 150)
-    for a, b, ra, rb in zip(*(values[0] for values in hand), strict=True):
+    for a, b, ra, rb in zip(*(values[0] for values in hand[:4]), strict=True):
         for s in np.linspace(0, 1, steps):
             c, r = a + s * (b - a), ra + s * (rb - ra)
             cd = d @ c
@@ -86,7 +87,7 @@ def test_nearest_capsule_is_seen() -> None:
     hand = random_capsules(rng, 1, 12)
     made = render_crop(hand, CENTER, 300.0)[0]
     assert_same_depth(made, spheres(hand, CENTER))
-    other = Capsules(*(values[:, ::-1] for values in hand))
+    other = Capsules(*(values[:, ::-1] for values in hand[:4]))
     np.testing.assert_array_equal(made, render_crop(other, CENTER, 300.0)[0])
 
 
@@ -113,7 +114,7 @@ def test_frames_do_not_mix() -> None:
     cubes = rng.uniform(200, 300, 5)
     together = render_crop(hands, centers, cubes)
     for n in range(5):
-        one = Capsules(*(values[n : n + 1] for values in hands))
+        one = hands.frames(slice(n, n + 1))
         alone = render_crop(one, centers[n : n + 1], cubes[n])
         assert (np.abs(together[n] - alone[0]) > 0.01).sum() <= 2
 
@@ -123,3 +124,47 @@ def test_behind_the_camera() -> None:
     for z in (5.0, -800.0, np.nan):
         with pytest.raises(DataError, match="at or behind the camera"):
             render_crop(capsules(((0, 0, z), (0, 0, 800), 10, 10)), CENTER, 300.0)
+
+
+def wedge(corners: NDArray[np.float64], radii: tuple[float, ...]) -> Capsules:
+    """The hull of three spheres: its edges, and the facet between them."""
+    ends, r = np.asarray(corners, float)[None], np.array([radii], float)
+    edges = [0, 1, 2], [1, 2, 0]
+    return Capsules(ends[:, edges[0]], ends[:, edges[1]], r[:, edges[0]], r[:, edges[1]], np.array([[0, 2, 4]]))
+
+
+CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0), (1, 0, 0), (0, 1.5, 0), (2.5, 0.5, 1), (1.57, 0, 0)], ids=str)
+@pytest.mark.parametrize("radii", [(15, 15, 15), (25, 10, 16), (5, 20, 40)], ids=str)
+def test_a_wedge_is_the_hull_of_its_spheres(turn: tuple[float, ...], radii: tuple[float, ...]) -> None:
+    """The union of all the spheres between the three, whose centres and radii are mixed alike, from any direction."""
+    corners = Rotation.from_rotvec(turn).apply(CORNERS - CORNERS.mean(axis=0)) + (0, 0, 800)
+    one = wedge(corners, radii)
+    made = render_crop(one, CENTER, 300.0)[0]
+    parts = np.array([(i, j, 60 - i - j) for i in range(61) for j in range(61 - i)]) / 60
+    many = Capsules(*(2 * ((parts @ corners)[None],)), *(2 * ((parts @ np.array(radii, float))[None],)))
+    expected = np.fmin(render_crop(many, CENTER, 300.0)[0], spheres(one, CENTER))
+    assert (np.abs(made - expected) > 0.3).mean() < 0.002  # the spheres are 2 mm apart
+    assert (made < 950).sum() > 1000
+
+
+def test_facets_follow_their_capsules() -> None:
+    """Through a choice of capsules, and where several bodies are joined; a facet of which a sphere is missing goes."""
+    one, other = wedge(CORNERS, (15, 15, 15)), capsules(((0, 0, 700), (9, 9, 720), 5, 5))
+    both = joined([other, one, other])
+    assert both.facets.tolist() == [[2, 4, 6]]
+    assert both.chosen(np.array([False, True, True, True, False])).facets.tolist() == [[0, 2, 4]]
+    assert both.chosen(np.array([True, True, True, False, False])).facets.tolist() == []
+    apart = np.fmin(render_crop(one, CENTER, 300.0), render_crop(other, CENTER, 300.0))
+    assert np.array_equal(render_crop(both, CENTER, 300.0), apart)
+
+
+def test_three_spheres_in_a_row_have_no_facet() -> None:
+    """Nor have spheres of which one is within the hull of the others: the capsules are all there is."""
+    for corners, radii in ((CORNERS[[0, 0, 1]], (9, 9, 9)), (CORNERS, (9, 9, 400.0))):
+        one = wedge(corners, radii)
+        assert np.array_equal(
+            render_crop(one, CENTER, 300.0), render_crop(one._replace(facets=NO_FACETS), CENTER, 300.0)
+        )
