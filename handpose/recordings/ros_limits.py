@@ -53,9 +53,8 @@ def limit_reading() -> None:
     ``limited_rows`` does the same for the rows of a .db3, which are single messages.
     """
     import lz4.frame
-    from rosbags.rosbag1 import reader as ros1
-    from rosbags.rosbag2 import storage_mcap as mcap
-
+    ros1: Any = importlib.import_module("rosbags.rosbag1.reader")
+    mcap: Any = importlib.import_module("rosbags.rosbag2.storage_mcap")
     ros2: Any = importlib.import_module("rosbags.rosbag2.reader")
     zstd = ros2.zstd  # Python's own or its backport
     unpack_lz4, unpack_zstd = _limited(lz4.frame.LZ4FrameDecompressor), _limited(zstd.ZstdDecompressor)
