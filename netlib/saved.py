@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from dataclasses import dataclass, field
 from typing import Any
@@ -55,8 +56,8 @@ class SolverState:
         for name, value in self.extra.items():
             if name not in EXTRA or type(value) is not EXTRA[name]:
                 raise ValueError(f"{name!r} is {type(value).__name__}, expected {', '.join(EXTRA)}")
-        if not all(type(loss) is float for loss in self.extra.get("smoothed", ())):
-            raise ValueError("'smoothed' holds other things than numbers")
+        if not all(type(loss) is float and math.isfinite(loss) for loss in self.extra.get("smoothed", ())):
+            raise ValueError("'smoothed' holds other things than finite numbers")
         for name in ("layers", "ranks"):
             for states in self.extra.get(name, ()):
                 if type(states) is not dict or not all(type(state) is dict for state in states.values()):

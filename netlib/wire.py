@@ -33,7 +33,7 @@ from netlib.schema import ARRAYS, Double
 from netlib.upgrade import AnyNetParameter
 
 VARINT, EIGHT_BYTES, LENGTH, BEGIN_GROUP, END_GROUP, FOUR_BYTES = range(6)
-MAX_FIELDS = 1_000_000  # of a whole file; the largest nets have some ten thousand
+MAX_FIELDS = 100_000  # of a whole file; the largest nets have some ten thousand
 MAX_GROUPS = 100  # one in another
 Piece = bytes | memoryview  # large arrays are not copied before they are written
 

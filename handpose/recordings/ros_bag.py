@@ -61,10 +61,12 @@ class Bag(NamedTuple):
         if len(there) > 1:
             raise DataError(f"{self.where}: {topic}: messages of {len(there)} types, {', '.join(there)}; expected one")
         ids = {one.id for one in connections}
-        for connection, time, content in self.reader.messages(connections=connections) if connections else ():
-            if connection.id not in ids:
-                raise ValueError(f"the index leads to a message of {connection.topic}, {connection.msgtype}")
-            yield time, self._message(content, connection.msgtype)
+        with ros_limits.named_limits():
+            for connection, time, content in self.reader.messages(connections=connections) if connections else ():
+                if connection.id not in ids:
+                    raise ValueError(f"the index leads to a message of {connection.topic}, {connection.msgtype}")
+                ros_limits.check_message(content)
+                yield time, self._message(content, connection.msgtype)
 
     def _message(self, content: bytes, kind: str) -> Any:
         store = _types(self.is_ros1)
@@ -102,11 +104,12 @@ def _opened(path: Path) -> Iterator[Bag]:
     except ImportError as error:
         raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
     ros_limits.check_files(path)
-    ros_limits.limit_unpacking()
+    ros_limits.limit_reading()
     is_ros1 = path.suffix.lower() == ".bag"
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
-        reader.open()
+        with ros_limits.limited_rows():
+            reader.open()
     except Exception as error:  # of a damaged bag the library may raise anything
         raise DataError(f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
                         f"{REINDEX if is_ros1 and 'index' in str(error) else ''}") from error  # fmt: skip

@@ -1,16 +1,20 @@
 """What keeps rosbags from waiting for ever and from filling the memory: it trusts whatever a bag says.
 
-check_files(path)     # before a bag is opened
-limit_unpacking()     # once, before the first
+check_files(path)             # before a bag is opened
+limit_reading()               # once, before the first
+with limited_rows(): ...      # while it is opened
+with named_limits(): ...      # while its messages are read
+check_message(content)        # of every message
 """
 
 from __future__ import annotations
 
 import bz2
+import contextlib
 import functools
 import importlib
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +26,7 @@ BEGINNINGS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": 
 PACKED = ".zstd"  # the ending of files that are compressed as a whole
 LARGEST_YAML = 1 << 20  # bytes; of a bag with hundreds of topics it has a tenth of them
 LARGEST_CHUNK = 1 << 28  # bytes; recorders close a chunk below 1 MB, or after a single message that is larger
+LARGEST_MESSAGE = 1 << 26  # bytes; an image of 4096 x 4096 depths of 32 bits
 
 
 def check_files(path: Path) -> None:
@@ -42,12 +47,14 @@ def _check_file(path: Path) -> None:
 
 
 @functools.cache
-def limit_unpacking() -> None:
-    """Have rosbags unpack no chunk and no message to more than LARGEST_CHUNK bytes; it then raises ValueError."""
-    import lz4.frame
-    from rosbags.rosbag1 import reader as ros1
-    from rosbags.rosbag2 import storage_mcap as mcap
+def limit_reading() -> None:
+    """Have rosbags read and unpack no chunk and no message of more than LARGEST_CHUNK bytes; it then raises ValueError.
 
+    ``limited_rows`` does the same for the rows of a .db3, which are single messages.
+    """
+    import lz4.frame
+    ros1: Any = importlib.import_module("rosbags.rosbag1.reader")
+    mcap: Any = importlib.import_module("rosbags.rosbag2.storage_mcap")
     ros2: Any = importlib.import_module("rosbags.rosbag2.reader")
     zstd = ros2.zstd  # Python's own or its backport
     unpack_lz4, unpack_zstd = _limited(lz4.frame.LZ4FrameDecompressor), _limited(zstd.ZstdDecompressor)
@@ -55,7 +62,50 @@ def limit_unpacking() -> None:
     mcap.DECOMPRESSORS.update(
         lz4=lambda packed, size: unpack_lz4(packed), zstd=lambda packed, size: unpack_zstd(packed)
     )
+    ros1.read_bytes = _limited_read(ros1.read_bytes)
+    mcap.read_exact = _limited_read(mcap.read_exact)
     ros2.zstd = types.SimpleNamespace(decompress=unpack_zstd, open=zstd.open)
+
+
+def _limited_read(read: Callable[[Any, int], bytes]) -> Callable[[Any, int], bytes]:
+    def limited(source: Any, size: int) -> bytes:
+        if size > LARGEST_CHUNK:
+            raise ValueError(f"a part of the bag has {size} bytes; expected at most {LARGEST_CHUNK}")
+        return read(source, size)
+
+    return limited
+
+
+@contextlib.contextmanager
+def limited_rows() -> Iterator[None]:
+    """An SQLite database that is opened within it reads no row of more than LARGEST_MESSAGE bytes."""
+    import apsw
+
+    def limit(connection: Any) -> None:
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+
+    apsw.connection_hooks.append(limit)
+    try:
+        yield
+    finally:
+        apsw.connection_hooks.remove(limit)
+
+
+@contextlib.contextmanager
+def named_limits() -> Iterator[None]:
+    """What SQLite raises for a row that is too large becomes a ValueError that says so."""
+    import apsw
+
+    try:
+        yield
+    except apsw.TooBigError as error:
+        raise ValueError(f"a message of more than {LARGEST_MESSAGE} bytes") from error
+
+
+def check_message(content: bytes) -> None:
+    """Raise ValueError for a message that is larger than any image of a depth camera."""
+    if len(content) > LARGEST_MESSAGE:
+        raise ValueError(f"a message of {len(content)} bytes; expected at most {LARGEST_MESSAGE}")
 
 
 def _limited(decompressor: Callable[[], Any]) -> Callable[[bytes], bytes]:

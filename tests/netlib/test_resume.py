@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 import os
 import shutil
 from collections.abc import Callable
@@ -101,6 +102,7 @@ def changed(path: Path, **fields: Any) -> None:
     """A state whose fields say something else, with the right checksum, as nobody's hand would make it."""
     state = snapshot.read_state(path)
     extra = {**state.extra, **fields.pop("extra", {})}
+    extra.pop(fields.pop("drop", ""), None)
     state = dataclasses.replace(state, extra=extra, **fields)
     state.extra["checksum"] = state.checksum()
     path.write_bytes(snapshot_hdf5.state_image(state))
@@ -127,6 +129,18 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
     "a solver that is none": (lambda state: {"extra": {"solver": 3}}, "'solver' is int"),
     "losses that are none": (lambda state: {"extra": {"smoothed": ["a"]}}, "'smoothed' holds other things"),
     "layers that are none": (lambda state: {"extra": {"layers": [3]}}, "'layers' holds other things"),
+    "an iteration that its weights are not of": (
+        lambda state: {"iter": 4}, "iter is 4, but its weights are 'older_iter_3.caffemodel.h5'"),
+    "steps that were not taken": (lambda state: {"current_step": 9}, "current_step is 9, but "),
+    "no checksum of the weights": (lambda state: {"drop": "weights_crc"}, "it has no 'weights_crc', but a checksum"),
+    "no states of layers": (lambda state: {"drop": "layers"}, "it has no 'layers', but a checksum"),
+    "a loss that is NaN": (lambda state: {"extra": {"smoothed": [math.nan]}}, "'smoothed' holds other things"),
+    "more losses than iterations": (lambda state: {"extra": {"smoothed": [1.0] * 4}}, "'smoothed' holds 4 losses"),
+    "a rate that is a text": (
+        lambda state: {"extra": {"solver": {**state.extra["solver"], "base_lr": "x"}}}, "the solver's base_lr is 'x'"),
+    "states of a second rank": (lambda state: {"extra": {"ranks": [{}]}}, "ranks is 1, but there are states of 2"),
+    "numbers beyond float32": (
+        lambda state: {"history": [np.full(h.shape, 1e300) for h in state.history]}, "too large for float32"),
     "unknown fields": (lambda state: {"extra": {"solvex": {}}}, "'solvex' is dict, expected solver, smoothed"),
     "a row that is not there": (of_layers(0, "data", cursor=[0, 0, 10**9]), "there is no row at [0, 0, 1000000000]"),
     "a file that is not there": (of_layers(0, "data", cursor=[0, 7, 0]), "cannot be restored"),
@@ -152,6 +166,19 @@ def test_a_state_is_taken_whole_or_not_at_all(older: Path, name: str) -> None:
         solver.restore(path)
     assert message in str(error.value)
     assert everything(solver) == before
+
+
+def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """They begin anew, so the training does not go on exactly."""
+    assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
+    path = Path("older_iter_3.solverstate.h5")
+    layers = copy.deepcopy(snapshot.read_state(path).extra["layers"])
+    del layers[0]["drop"]
+    changed(path, extra={"layers": layers})
+    caplog.set_level("INFO", "netlib")
+    netlib.get_solver("solver.prototxt").restore(path)
+    assert "Changed: the layers; there is no state of 'drop' in net" in caplog.text
+    assert "goes on exactly" not in caplog.text
 
 
 def test_a_state_without_a_checksum_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
