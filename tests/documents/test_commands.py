@@ -22,6 +22,7 @@ from tests.documents import commands, given, workplace
 from tests.documents.test_blocks import DOCUMENTS
 
 ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 FEW_FRAMES = "FRAMES='--train 16 --test 16 --workers 1'"
 OF_A_BODY = ("data/{0}/frames.png", "snapshots/{0}.png", "snapshots/{0}_curves.png")
@@ -35,12 +36,21 @@ class Run:
     prints     what the target prints
     writes     files that the target leaves behind
     needs      packages without which the test is skipped
+    table      of the README: the target prints one with its columns and units, and other figures
     """
 
     variables: str = ""
     prints: str = ""
     writes: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    table: str = ""
+
+
+def readme_table() -> str:
+    """What ``make train`` prints, by the README."""
+    found = re.search(r"^\d+ frames \(synthetic\),.*\nsnapshot .*\n.*$", README, re.MULTILINE)
+    assert found is not None
+    return found[0]
 
 
 RUN = {
@@ -52,6 +62,7 @@ RUN = {
         "snapshots/nyu_iter_1.solverstate.h5",
         ("snapshots/hands.png", "snapshots/curves.png", "snapshots/nyu_iter_1.solverstate.h5"),
         ("matplotlib",),
+        readme_table(),
     ),
     **{
         body: Run(
@@ -101,6 +112,11 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder, python
 
 
+def without_figures(text: str) -> str:
+    """The text with # for numbers, also for those of which a document leaves out digits."""
+    return re.sub(r"\s+", " ", re.sub(r"[\d.…]+(e-?\d+)?", "#", text))
+
+
 @pytest.mark.parametrize("target", RUN)
 def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     """Every line of it, in its smallest form; and it writes nothing into the project itself."""
@@ -112,6 +128,7 @@ def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     before = workplace.state()
     printed = commands.run(f"make {target} {run.variables}", folder, python)
     assert run.prints in printed
+    assert without_figures(run.table) in without_figures(printed)
     assert [name for name in run.writes if not (folder / name).is_file()] == []
     assert not workplace.written(before)
 
