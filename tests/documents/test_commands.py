@@ -133,11 +133,11 @@ def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     assert not workplace.written(before)
 
 
-@pytest.mark.parametrize("target", [*RUN, *NOT_RUN])
-def test_the_lines_of_a_target_parse(target: str, project: tuple[Path, Path]) -> None:
-    """As they are without variables: programs, options and extras are there."""
+@pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "table1 HOURS=8", "faults SEED=7 ONLY=resume", "site SERVE=1"])
+def test_the_lines_of_a_target_parse(command: str, project: tuple[Path, Path]) -> None:
+    """As they are, and with the variables that the Makefile names: programs, options and extras are there."""
     folder, python = project
-    lines = commands.run(f"make --dry-run {target}", folder, python)
+    lines = commands.run(f"make --dry-run {command}", folder, python)
     assert lines.strip()
     assert list(commands.mistakes(lines, folder)) == []
 
