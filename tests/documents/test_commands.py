@@ -75,7 +75,7 @@ RUN = {
     },
     "table1": Run("OPTIONS=--list", "one_hand"),
     "bench": Run("OPTIONS=--help", "usage: bench.py"),  # the benchmarks themselves are run by tests/benchmarks
-    "twins": Run("OPTIONS=--help", "usage: twins.py"),
+    "twins": Run("OPTIONS=--help", "usage: twins.py", needs=("fast",)),
     "ranks": Run("OPTIONS=--help", "usage: ranks.py"),
     "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
     "docs": Run("OPTIONS='--check exercises'"),  # the other parts are compared by tests/docs/test_made.py
@@ -123,7 +123,7 @@ def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     run = RUN[target]
     for package in run.needs:
         if find_spec(package) is None:
-            pytest.skip(f"make {target} needs {package}: pip install -e '.[test]'")
+            pytest.skip(f"make {target} needs the package {package}, which is not there")
     folder, python = project
     before = workplace.state()
     printed = commands.run(f"make {target} {run.variables}", folder, python)
