@@ -74,14 +74,14 @@ RUN = {
         for body in ("person", "arm")
     },
     "table1": Run("OPTIONS=--list", "one_hand"),
-    "bench": Run("OPTIONS=--help", "usage: bench.py"),  # the benchmarks themselves are run by tests/benchmarks
-    "twins": Run("OPTIONS=--help", "usage: twins.py", needs=("fast",)),
-    "ranks": Run("OPTIONS=--help", "usage: ranks.py"),
     "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
     "docs": Run("OPTIONS='--check exercises'"),  # the other parts are compared by tests/docs/test_made.py
 }
 # Of these, the commands are parsed.
 NOT_RUN = {
+    **{
+        name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "twins", "ranks")
+    },
     "test": "it runs these tests",
     "site": "minutes; tests/docs/site/test_site.py makes a part of the site by the same command and follows its links",
     "lint": ".ci/run runs it; its programs are in the extra dev, which the tests do without",
