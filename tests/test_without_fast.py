@@ -68,10 +68,11 @@ def test_a_solver_trains(bare: Path) -> None:
 
 
 # What knows no engine (files of recordings and tracks, data sets, rendered hands, published predictions, pictures,
-# documents, how a command begins, what several processes tell each other, what the campaign damages); exercises, whose
-# nets are always plain; and finding, tracking, measuring and Table 1, which are made of fits and trainings that are
-# tested: they take minutes on that engine. What runs under both engines where there are two is left out as well.
-ELSEWHERE = ("faults", "docs", "documents", "test_arrows.py", "test_data_is_no_code.py", "test_linear.py",
+# documents, benchmarks, how a command begins, what several processes tell each other, what the campaign damages);
+# exercises, whose nets are always plain; and finding, tracking, measuring and Table 1, which are made of fits and
+# trainings that are tested: they take minutes on that engine. What runs under both engines where there are two is left
+# out as well.
+ELSEWHERE = ("faults", "docs", "documents", "benchmarks", "test_arrows.py", "test_data_is_no_code.py", "test_linear.py",
              *(f"handpose/{room}" for room in ("data", "drawing", "experiments", "facts", "flesh", "predicting",
                "recordings", "scoring", "synthetic", "test_rooms.py", "tracking", "tracks")),
              *(f"tools/test_{name}.py" for name in ("begin", "calibrate_hand", "evaluate", "make_recording",

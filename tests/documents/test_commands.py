@@ -22,6 +22,7 @@ from tests.documents import commands, given, workplace
 from tests.documents.test_blocks import DOCUMENTS
 
 ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 FEW_FRAMES = "FRAMES='--train 16 --test 16 --workers 1'"
 OF_A_BODY = ("data/{0}/frames.png", "snapshots/{0}.png", "snapshots/{0}_curves.png")
@@ -35,12 +36,21 @@ class Run:
     prints     what the target prints
     writes     files that the target leaves behind
     needs      packages without which the test is skipped
+    table      of the README: the target prints one with its columns and units, and other figures
     """
 
     variables: str = ""
     prints: str = ""
     writes: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    table: str = ""
+
+
+def readme_table() -> str:
+    """What ``make train`` prints, by the README."""
+    found = re.search(r"^\d+ frames \(synthetic\),.*\nsnapshot .*\n.*$", README, re.MULTILINE)
+    assert found is not None
+    return found[0]
 
 
 RUN = {
@@ -52,6 +62,7 @@ RUN = {
         "snapshots/nyu_iter_1.solverstate.h5",
         ("snapshots/hands.png", "snapshots/curves.png", "snapshots/nyu_iter_1.solverstate.h5"),
         ("matplotlib",),
+        readme_table(),
     ),
     **{
         body: Run(
@@ -63,14 +74,14 @@ RUN = {
         for body in ("person", "arm")
     },
     "table1": Run("OPTIONS=--list", "one_hand"),
-    "bench": Run("OPTIONS=--help", "usage: bench.py"),  # the benchmarks themselves are run by tests/benchmarks
-    "twins": Run("OPTIONS=--help", "usage: twins.py"),
-    "ranks": Run("OPTIONS=--help", "usage: ranks.py"),
     "faults": Run("CASES=1 SEED=1 ONLY=camera.json", "camera.json: 1 "),
     "docs": Run("OPTIONS='--check exercises'"),  # the other parts are compared by tests/docs/test_made.py
 }
 # Of these, the commands are parsed.
 NOT_RUN = {
+    **{
+        name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "twins", "ranks")
+    },
     "test": "it runs these tests",
     "site": "minutes; tests/docs/site/test_site.py makes a part of the site by the same command and follows its links",
     "lint": ".ci/run runs it; its programs are in the extra dev, which the tests do without",
@@ -101,26 +112,32 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder, python
 
 
+def without_figures(text: str) -> str:
+    """The text with # for numbers, also for those of which a document leaves out digits."""
+    return re.sub(r"\s+", " ", re.sub(r"[\d.…]+(e-?\d+)?", "#", text))
+
+
 @pytest.mark.parametrize("target", RUN)
 def test_a_target_runs(target: str, project: tuple[Path, Path]) -> None:
     """Every line of it, in its smallest form; and it writes nothing into the project itself."""
     run = RUN[target]
     for package in run.needs:
         if find_spec(package) is None:
-            pytest.skip(f"make {target} needs {package}: pip install -e '.[test]'")
+            pytest.skip(f"make {target} needs the package {package}, which is not there")
     folder, python = project
     before = workplace.state()
     printed = commands.run(f"make {target} {run.variables}", folder, python)
     assert run.prints in printed
+    assert without_figures(run.table) in without_figures(printed)
     assert [name for name in run.writes if not (folder / name).is_file()] == []
     assert not workplace.written(before)
 
 
-@pytest.mark.parametrize("target", [*RUN, *NOT_RUN])
-def test_the_lines_of_a_target_parse(target: str, project: tuple[Path, Path]) -> None:
-    """As they are without variables: programs, options and extras are there."""
+@pytest.mark.parametrize("command", [*RUN, *NOT_RUN, "table1 HOURS=8", "faults SEED=7 ONLY=resume", "site SERVE=1"])
+def test_the_lines_of_a_target_parse(command: str, project: tuple[Path, Path]) -> None:
+    """As they are, and with the variables that the Makefile names: programs, options and extras are there."""
     folder, python = project
-    lines = commands.run(f"make --dry-run {target}", folder, python)
+    lines = commands.run(f"make --dry-run {command}", folder, python)
     assert lines.strip()
     assert list(commands.mistakes(lines, folder)) == []
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from docs.making.site.check import faults, main
+from netlib.paths import ROOT
 
 GOOD = '<h1 id="a b">x</h1><a name="old"></a><a href="sub/b.html#c">b</a><a href="#a%20b">a</a><a href="#old">o</a>'
 
@@ -54,3 +56,12 @@ def test_no_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Is told in one line."""
     assert main([str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_what_the_configuration_names_is_there() -> None:
+    """The documents, the code that is watched, and the hooks; this needs no mkdocs."""
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    named = [name for found in re.findall(r"^(?:watch|hooks): \[(.*)\]$|^docs_dir: (.*)$", text, re.MULTILINE)
+             for part in found if part for name in part.split(", ")]  # fmt: skip
+    assert {"README.md", "docs", "docs/making/site/hook.py"} <= set(named)
+    assert [name for name in named if not (ROOT / name).exists()] == []
