@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -22,9 +23,8 @@ from netlib import engine, prototxt  # noqa: E402
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 # What runs under both engines: whole folders, and single files of others.
 UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_graph", "test_sharing", "test_solver",
-              "test_snapshot", "test_updates", "test_splits",
-              "test_gradcheck", "test_layer", "test_own_layers", "test_resume", "test_train", "test_test",
-              "test_time", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory",
+              "test_snapshot", "test_updates", "test_splits", "test_gradcheck", "test_layer", "test_own_layers",
+              "test_resume", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory",
               "test_gradients")  # fmt: skip
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it, and tests send it
@@ -34,10 +34,21 @@ settings.load_profile("deterministic")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Tests of nets, layers, solvers and resuming run under every engine there is."""
+    """Tests of nets, layers, solvers and resuming run under every engine that differs."""
     path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
     if {path.stem, path.parts[0]} & set(UNDER_BOTH):
-        metafunc.parametrize("engine_in_use", ENGINES, indirect=True, scope="module")
+        engines = ENGINES if has_twin(path) else ENGINES[-1:]
+        metafunc.parametrize("engine_in_use", engines, indirect=True, scope="module")
+
+
+def has_twin(path: Path) -> bool:
+    """Does the fast engine compute something of this test file otherwise? Not of a layer that has no twin in fast/."""
+    source = ROOT / path.with_name(path.name.removeprefix("test_"))
+    if path.parts[0] != "layers" or len(ENGINES) == 1 or not source.exists():
+        return True
+    module = importlib.import_module(".".join(source.relative_to(ROOT).with_suffix("").parts))
+    classes = [value for value in vars(module).values() if isinstance(value, type)]
+    return any(engine.get("fast").twin(cls) is not cls for cls in classes)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-import scipy.io
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.data.bad_frames import WRONG_SIZE, BadFrameError
@@ -145,6 +144,8 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
 
 def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
     """Write a ``joint_data.mat`` of one camera, version 5, whole or not at all; xyz (N, 36, 3) mm, camera axes."""
+    import scipy.io  # imported here: it takes a tenth of a second
+
     variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
     atomic.replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
 

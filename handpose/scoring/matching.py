@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from handpose.facts.sides import Side
 from handpose.tracks.reasons import PARTLY
@@ -95,6 +94,8 @@ def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: 
 
 def _pairs(true: tuple[TrackedHand, ...], told: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
     """The told hand of each true one that has one, by their places."""
+    from scipy.optimize import linear_sum_assignment  # imported here: it takes a third of a second
+
     if not true or not told:
         return {}
     for hand in told:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from netlib.blob import Array
 
@@ -76,6 +75,8 @@ def lag_s(numbers: Array, times: Array, told: Array, true: Array) -> float:
     Over frames in which the hand moves; the true joints between frames are a cubic spline. A constant error in a run of
     frames makes no lag: it is taken out. NaN where there is no movement, or no best lag among ``LAGS_S``.
     """
+    from scipy.interpolate import CubicSpline  # imported here: it takes a third of a second
+
     squares = np.zeros(len(LAGS_S))
     for first, last in [(a, b + 1) for a, b in _runs(np.diff(numbers) == 1)]:
         t, truth = times[first:last], true[first:last]

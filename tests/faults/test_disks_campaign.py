@@ -8,12 +8,12 @@ from tests.faults import campaign, disks
 from tests.faults.isolation import Worker
 
 SHORT = {"clock": range(2), "soak": range(1), "two trainings": range(2)}
-STEPS = {"full": 8, "read-only": 9, "one": 10, "limited": 4, "data": 3, "planted": 1}  # else every 6th
+STEPS = {"full": 16, "read-only": 18, "one": 20, "limited": 5, "data": 3, "planted": 1}  # else every 12th
 
 
 @pytest.mark.parametrize("name", disks.NAMES)
 def test_disks(worker: Worker, name: str) -> None:
     """One line, or the work is done all the same; old files are whole, and the next run ends as it should."""
-    step = STEPS.get(name.split()[0], 6)
+    step = STEPS.get(name.split()[0], 12)
     numbers = SHORT.get(name, range(disks.NAMES.index(name) % step, 1000, step))
     assert campaign.failures(worker, "disks", name, numbers) == []

@@ -7,7 +7,7 @@ import pytest
 from tests.faults import campaign, kills
 from tests.faults.isolation import Worker
 
-EVERY = 6
+EVERY = 12
 
 
 @pytest.mark.parametrize("name", kills.NAMES)

@@ -170,9 +170,9 @@ def two_solvers(ranks):
 
 
 def losses(ranks):
-    """Those of every solver file losses*.prototxt, 50 iterations each, into a .json beside it."""
+    """Those of every solver file losses*.prototxt, 20 iterations each, into a .json beside it."""
     for path in sorted(Path().glob("losses*.prototxt")):
-        got = train(netlib.get_solver(path, ranks=ranks), 50)
+        got = train(netlib.get_solver(path, ranks=ranks), 20)
         if ranks.rank == 0:
             path.with_suffix(".json").write_text(json.dumps(got))
 

@@ -47,7 +47,7 @@ def test_table_and_picture(work, snapshot, capsys):
     assert cv2.imread("pictures/hands.png").shape[2] == 3
 
 
-def test_engine(work, snapshot, capsys, engine_in_use, monkeypatch):
+def test_engine(work, snapshot, capsys, monkeypatch):
     """--engine says what computes, whatever the process does otherwise; the figures are the same, to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
 
@@ -59,7 +59,7 @@ def test_engine(work, snapshot, capsys, engine_in_use, monkeypatch):
     for chosen in ([], *(["--engine", name] for name in names)):
         assert test.main(["--model", "net.prototxt", snapshot, "--json", *chosen]) == 0
         found.append(json.loads(capsys.readouterr().out)["snapshots"][0]["error_mm"])
-    assert [net.engine.name for net in nets] == [engine_in_use, *names]
+    assert [net.engine.name for net in nets] == [engine.get().name, *names]
     assert found == pytest.approx(found[:1] * len(found), rel=1e-5)
     with pytest.raises(SystemExit) as stopped:
         test.main([snapshot, "--engine", "plane"])

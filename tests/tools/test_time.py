@@ -2,6 +2,9 @@
 
 import re
 
+import pytest
+
+from tests.conftest import ENGINES
 from tools import time
 
 
@@ -15,16 +18,18 @@ def test_lines_are_caffes(work, capsys):
     assert re.search(r"^Average Forward-Backward: [\d.]+ ms\.$", out, re.MULTILINE)
 
 
-def test_memory(work, capsys, engine_in_use):
+@pytest.mark.parametrize("name", ENGINES)
+def test_memory(work, capsys, monkeypatch, name):
     """Whole blobs are listed with their size; those that the fast engine hides are not stored."""
+    monkeypatch.setenv("NETLIB_ENGINE", name)
     assert time.main(["net.prototxt", "--memory"]) == 0
     out = capsys.readouterr().out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)
     hidden = "convL1" not in out and " 0.00 MiB  not stored: the whole of the hidden blobs" not in out
-    assert hidden == (engine_in_use == "fast")
+    assert hidden == (name == "fast")
 
 
-def test_engine(work, capsys, engine_in_use):
+def test_engine(work, capsys):
     """--engine chooses, whatever the process does otherwise."""
     assert time.main(["net.prototxt", "--iterations", "1", "--engine", "plain"]) == 0
     assert capsys.readouterr().out.startswith("Engine plain; BLAS: ")

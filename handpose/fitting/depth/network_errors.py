@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
 
 from handpose.fitting.depth.body import FleshModel
 from netlib import hdf5, snapshot
@@ -116,6 +115,8 @@ def weights_of(signs: Array, error_mm: Array) -> Array:
     signs     (N, 5) of fits
     error_mm  (N,) of their joints
     """
+    from scipy.optimize import minimize  # imported here: it takes a third of a second
+
     X, failed = np.log1p(signs), error_mm > GOOD_MM
     if not failed.any() or failed.all():
         return np.full(len(SIGNS), 1 / len(SIGNS))
