@@ -17,6 +17,7 @@ from handpose.data.depth_images import depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM
 from handpose.facts.sides import Side, mirror_of
+from handpose.rounding import PLACE_STEP_MM, rounded
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -93,7 +94,7 @@ def recenter(
     mirror = mirror_of(side)
     hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3) * mirror
     palm = hand[skeleton.joint_names.index("palm")]
-    move = palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM
+    move = rounded(palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM, PLACE_STEP_MM)
     return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror)
 
 

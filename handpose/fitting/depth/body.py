@@ -34,7 +34,7 @@ SIZE, GIRTH = -2, -1  # places in x
 SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton's size
 
 # X (3,) times it are the rows of a matrix (3, 3) whose product with a is a x X, with the component i a_j X_k - a_k X_j.
-_CROSSING = np.zeros((3, 9), np.float32)
+_CROSSING = np.zeros((3, 9))
 _CROSSING[[2, 0, 1], [1, 5, 6]] = 1
 _CROSSING[[1, 2, 0], [2, 3, 7]] = -1
 
@@ -66,7 +66,7 @@ class FleshModel:
         self.skeleton, self.whole, self.unit_mm = skeleton, flesh.whole, unit_mm
         whole = self.whole
         self.free = np.unique(whole.driven)
-        self._sums = (whole.driven[:, None] == self.free).astype(np.float32)
+        self._sums = (whole.driven[:, None] == self.free).astype(float)
         self._one_each = np.array_equal(whole.driven, self.free)
         self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
         self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
@@ -93,8 +93,8 @@ class FleshModel:
         self._with_joint = with_joint.astype(np.float32)
         self._apart = np.flatnonzero(unlike.any(axis=1))  # ... and what turns o_j beside, or moves X_j alone
         self._only_axes = (unlike * np.where(with_axes, 1, -1)).astype(np.float32)[self._apart]
-        self._kinematics = kinematics_of(whole, np.float32)
-        self._turns = whole.turns[:, None].astype(np.float32)
+        self._kinematics = kinematics_of(whole)
+        self._turns = whole.turns[:, None].astype(float)
         alone = ~np.isin(whole.driven, self.free[self.root])
         self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
 
@@ -133,23 +133,23 @@ class FleshModel:
 
     def posed(self, x: Array) -> Posed:
         """The body at x (N, V)."""
-        N, Q, E, unit = len(x), len(self.whole.driven), len(self._used), np.float32(self.unit_mm)
+        N, Q, E = len(x), len(self.whole.driven), len(self._used)
         joints, ends, pose = self._ends(x)
-        axis, pivot = (np.asarray(v, np.float32) for v in self._kinematics.axes(pose))
+        axis, pivot = self._kinematics.axes(pose)
         turn = axis * self._turns
         crossed = _crossing(pivot).reshape(N, Q, 3, 3) @ turn[..., None]
-        turn, shift = turn.swapaxes(1, 2), ((axis - turn - crossed[..., 0]) * unit).swapaxes(1, 2)
+        turn, shift = turn.swapaxes(1, 2), ((axis - turn - crossed[..., 0]) * self.unit_mm).swapaxes(1, 2)
         motion = np.empty((N, E, 3, Q + 2), np.float32)
         moved = (_crossing(ends) @ turn).reshape(N, E, 3, Q)  # a turn moves E by a x E - a x P
         moved += shift[:, None]
-        np.multiply(moved, self._with_joint[:, None], out=motion[..., :Q])
+        np.multiply(moved, self._with_joint[:, None], out=motion[..., :Q], casting="same_kind")
         if len(self._apart):
             beside = ends[:, self._apart] - joints[:, self._used[self._apart]]
             motion[:, self._apart, :, :Q] += (_crossing(beside) @ turn).reshape(N, -1, 3, Q) * self._only_axes[:, None]
         motion[..., Q] = ends - joints[:, [self._root_joint]]
         motion[..., Q + 1] = 0
         if not self._one_each:
-            motion = np.concatenate([motion[..., :Q] @ self._sums, motion[..., Q:]], axis=-1)
+            motion = np.concatenate([(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1)
         return Posed(ends, motion, self._girth(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
@@ -172,6 +172,6 @@ class FleshModel:
         return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
 
 
-def _crossing(X: Floats) -> Floats:
+def _crossing(X: Array | Floats) -> Array:
     """(N, 3 E, 3) of points (N, E, 3): its product with a (3,) is a x X."""
     return np.asarray((X @ _CROSSING).reshape(len(X), -1, 3))

@@ -77,7 +77,7 @@ def joined(first: Residuals, second: Residuals) -> Residuals:
     return Residuals(*(np.concatenate([a, b], axis=-1) for a, b in zip(first, second)))
 
 
-def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Floats, Floats]:
+def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Array, Array]:
     """A (N, V, V) and b (N, V) of the squares weighted by (N, 2, R): half their gradient is b."""
     N, _, R = r.value.shape
     M, V = len(model.start), model.variables
@@ -91,8 +91,9 @@ def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floa
     products = z[:, _UPPER[0]]
     products *= z[:, _UPPER[1]]
     products = products[:, :, 0] + products[:, :, 1]  # (N, 36, R)
-    G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL]  # (N, M, 8, 8)
-    B = np.zeros((N, M, 7, V), np.float32)
+    sums = belonging(r.capsule, M).astype(np.float64) @ products.swapaxes(1, 2).astype(np.float64)
+    G = sums[:, :, _FULL]  # (N, M, 8, 8)
+    B = np.zeros((N, M, 7, V))
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
     B[:, :, 6, [SIZE, GIRTH]] = 1
     transposed = B.reshape(N, M * 7, V).swapaxes(1, 2)

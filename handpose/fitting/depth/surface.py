@@ -36,13 +36,13 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     length = np.sqrt((cones.along * cones.along).sum(axis=1)) + _TINY
     d = cones.along / length[:, None]
     ones = np.ones((N, 1, P), np.float32)
-    rows = np.empty((N, 2 * M, 5), np.float32)
+    rows = np.empty((N, 2 * M, 5))
     rows[:, :M, :3], rows[:, :M, 3], rows[:, :M, 4] = d.swapaxes(1, 2), -(a * d).sum(axis=1), 0
     rows[:, M:, :3], rows[:, M:, 3], rows[:, M:, 4] = -2 * a.swapaxes(1, 2), (a * a).sum(axis=1), 1
-    both = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
+    both = (rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)).astype(np.float32)
     along, beside = both[:, :M], both[:, M:]
     rows[:, :M, 3], rows[:, M:, :3], rows[:, M:, 3] = 0, -a.swapaxes(1, 2), 1
-    both = rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
+    both = (rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)).astype(np.float32)
     away, behind = both[:, :M], both[:, M:]
     t = np.maximum(along, 0)
     np.minimum(t, length[..., None], out=t)
