@@ -105,15 +105,15 @@ class DepthFitter:
         how, model = PLANS[plan], self.model
         if len(predictions) != len(how.quarters):
             raise DataError(f"{len(predictions)} predictions, expected {len(how.quarters)} for the plan {plan!r}")
-        predictions = [rounded(p, NETWORK_STEP) for p in predictions]
         own = np.stack([
-            model.variables_of(turned_back(model, p, quarter)) for p, quarter in zip(predictions, how.quarters)
-        ])
+            model.variables_of(turned_back(model, rounded(p, NETWORK_STEP), quarter))
+            for p, quarter in zip(predictions, how.quarters)
+        ])  # fmt: skip
         if before is not None:
             own = np.concatenate([own, before[None]])
         if own.shape[1] != len(seen):
             raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
-        network = kinematics_of(model.skeleton).joints(predictions[0]) * model.unit_mm
+        network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
         starts, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
         if how.draws:
             starts.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
