@@ -17,6 +17,7 @@ from handpose.data.depth_images import depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM
 from handpose.facts.sides import Side, mirror_of
+from handpose.rounding import PLACE_STEP_MM, rounded
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -39,11 +40,12 @@ def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
     """
     whole = depth_image(depth)
     step = max(1, math.ceil(math.sqrt(whole.size / MOST_PIXELS)))
-    image = np.asarray(whole[step // 2 :: step, step // 2 :: step], dtype=np.float64)
+    image = np.asarray(whole[step // 2 :: step, step // 2 :: step])
     seen = np.isfinite(image) & (image > 0)
     if not seen.any():
         raise DataError("no depth anywhere in the image")
-    depths = np.sort(image[seen])
+    depths = np.sort(image[seen]).astype(np.float64)  # integers are sorted faster
+    image = np.asarray(image, dtype=np.float64)
     surface = step**2 * np.cumsum(depths**2) / (camera.fx * camera.fy)  # mm² that pixels up to each depth show
     if surface[-1] < FRONT_MM2:
         raise DataError(f"only {surface[-1]:.0f} mm² of surface in the image, expected a hand")
@@ -54,13 +56,14 @@ def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
     shown = np.bincount(label[nearest], weights=image[nearest] ** 2)  # surface: a speck that is near has many pixels
     one = label == 1 + np.argmax(shown[1:])
     v, u = (step // 2 + step * pixels for pixels in np.nonzero(one))
-    points = camera.unproject(np.stack([u, v, image[one]], axis=1))
-    center = points[nearest[one]].mean(axis=0)
-    for _ in range(10):
-        near = np.linalg.norm(points - center, axis=1) < REACH_MM
-        if not near.any():
+    points = np.ascontiguousarray(camera.unproject(np.stack([u, v, image[one]], axis=1)).T)
+    near = nearest[one]
+    for _ in range(11):
+        center = (points * near).sum(axis=1) / near.sum()
+        off = points - center[:, None]
+        before, near = near, (off * off).sum(axis=0) < REACH_MM**2
+        if not near.any() or np.array_equal(near, before):
             break
-        center = points[near].mean(axis=0)
     return camera.project(center + (0, 0, BEHIND_MM))
 
 
@@ -93,7 +96,7 @@ def recenter(
     mirror = mirror_of(side)
     hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3) * mirror
     palm = hand[skeleton.joint_names.index("palm")]
-    move = palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM
+    move = rounded(palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM, PLACE_STEP_MM)
     return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror)
 
 

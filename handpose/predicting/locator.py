@@ -15,6 +15,7 @@ from handpose.data.depth_images import depth_image
 from handpose.data.places import CUBE_MM, FAR_MM, NEAREST_MM, SIZE, place_crops, surface_places
 from handpose.facts.cameras import Camera
 from handpose.predicting.finding import find_hand
+from handpose.rounding import PLACE_STEP_MM, rounded
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
@@ -100,7 +101,7 @@ class Locator:
             some = np.ascontiguousarray(crops[first : first + TOGETHER, None], np.float32)
             found = self.net.forward(blobs=["where"], depth=some)
             chance.append(found["chance"][:, 1].astype(np.float64))
-            where.append(found["where"].astype(np.float64) * (CUBE_MM / 2))
+            where.append(rounded(found["where"] * (CUBE_MM / 2), PLACE_STEP_MM))
         if not all(np.isfinite(values).all() for values in (*chance, *where)):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
         return np.concatenate(chance), np.concatenate(where)

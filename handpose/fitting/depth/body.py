@@ -7,8 +7,8 @@ capsule's end E_j = X_j + R_f o_j (``handpose.flesh``), a turn about the unit ax
     dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
     dE_j / d log size  =  E_j - (where the root stands)
 
-and the cross products are one matrix product: a x E - a x P = (-[E]x, -1) (a, a x P). A point between two ends moves as
-they do, c = (1 - s) E_i + s E_j, so nothing else about the body has to be differentiated (``residuals``).
+A point between two ends moves as they do, c = (1 - s) E_i + s E_j, so nothing else about the body has to be
+differentiated (``residuals``).
 
 Lengths here are in mm: those of the skeleton times ``unit_mm``.
 """
@@ -32,11 +32,6 @@ Floats = NDArray[np.float32]
 
 SIZE, GIRTH = -2, -1  # places in x
 SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton's size
-
-# X (3,) times it are the rows of a matrix (3, 3) whose product with a is a x X, with the component i a_j X_k - a_k X_j.
-_CROSSING = np.zeros((3, 9), np.float32)
-_CROSSING[[2, 0, 1], [1, 5, 6]] = 1
-_CROSSING[[1, 2, 0], [2, 3, 7]] = -1
 
 
 class Posed(NamedTuple):
@@ -66,8 +61,10 @@ class FleshModel:
         self.skeleton, self.whole, self.unit_mm = skeleton, flesh.whole, unit_mm
         whole = self.whole
         self.free = np.unique(whole.driven)
-        self._sums = (whole.driven[:, None] == self.free).astype(np.float32)
-        self._one_each = np.array_equal(whole.driven, self.free)
+        self._order = np.argsort(whole.driven, kind="stable")  # of the motions, as the variables have them
+        driven = whole.driven[self._order]
+        self._one_each = np.array_equal(driven, self.free)
+        self._sums = (driven[:, None] == self.free).astype(float)
         self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
         self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
         self.deviation = flesh.deviation[self.free]
@@ -76,7 +73,7 @@ class FleshModel:
         if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
             raise NetlibError(f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates")
         self._root_joint = int(roots[0])
-        everything = self._sums.T @ whole.moves > 0  # (V - 2, K)
+        everything = self._sums.T @ whole.moves[self._order] > 0  # (V - 2, K)
         self.root = np.flatnonzero(everything[:, roots[0]])
         self.own = np.flatnonzero(self.free >= len(skeleton.initial))
         self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
@@ -90,11 +87,12 @@ class FleshModel:
             own = np.isin(used, own_joints)
             with_axes[own] = whole.moves[:, f]
         unlike = (with_joint != with_axes) & whole.turns
-        self._with_joint = with_joint.astype(np.float32)
+        self._with_joint = with_joint[:, self._order].astype(np.float32)
         self._apart = np.flatnonzero(unlike.any(axis=1))  # ... and what turns o_j beside, or moves X_j alone
-        self._only_axes = (unlike * np.where(with_axes, 1, -1)).astype(np.float32)[self._apart]
-        self._kinematics = kinematics_of(whole, np.float32)
-        self._turns = whole.turns[:, None].astype(np.float32)
+        only_axes = unlike * np.where(with_axes, 1, -1)
+        self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
+        self._kinematics = kinematics_of(whole)
+        self._turns = whole.turns[self._order].astype(np.float32)
         alone = ~np.isin(whole.driven, self.free[self.root])
         self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
 
@@ -133,23 +131,26 @@ class FleshModel:
 
     def posed(self, x: Array) -> Posed:
         """The body at x (N, V)."""
-        N, Q, E, unit = len(x), len(self.whole.driven), len(self._used), np.float32(self.unit_mm)
+        N, Q, E = len(x), len(self._order), len(self._used)
         joints, ends, pose = self._ends(x)
-        axis, pivot = (np.asarray(v, np.float32) for v in self._kinematics.axes(pose))
+        axis, pivot = (
+            np.ascontiguousarray(v[:, self._order].transpose(2, 0, 1), np.float32) for v in self._kinematics.axes(pose)
+        )  # (3, N, Q)
         turn = axis * self._turns
-        crossed = _crossing(pivot).reshape(N, Q, 3, 3) @ turn[..., None]
-        turn, shift = turn.swapaxes(1, 2), ((axis - turn - crossed[..., 0]) * unit).swapaxes(1, 2)
+        shift = (axis - turn - _cross(turn, pivot)) * np.float32(self.unit_mm)
+        turn = turn[:, :, None]
         motion = np.empty((N, E, 3, Q + 2), np.float32)
-        moved = (_crossing(ends) @ turn).reshape(N, E, 3, Q)  # a turn moves E by a x E - a x P
-        moved += shift[:, None]
-        np.multiply(moved, self._with_joint[:, None], out=motion[..., :Q])
+        by_axis = motion[..., :Q].transpose(2, 0, 1, 3)
+        moved = _cross(turn, _columns(ends))  # a turn moves E by a x E - a x P
+        moved += shift[:, :, None]
+        np.multiply(moved, self._with_joint, out=by_axis)
         if len(self._apart):
             beside = ends[:, self._apart] - joints[:, self._used[self._apart]]
-            motion[:, self._apart, :, :Q] += (_crossing(beside) @ turn).reshape(N, -1, 3, Q) * self._only_axes[:, None]
+            by_axis[:, :, self._apart] += _cross(turn, _columns(beside)) * self._only_axes
         motion[..., Q] = ends - joints[:, [self._root_joint]]
         motion[..., Q + 1] = 0
         if not self._one_each:
-            motion = np.concatenate([motion[..., :Q] @ self._sums, motion[..., Q:]], axis=-1)
+            motion = np.concatenate([(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1)
         return Posed(ends, motion, self._girth(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
@@ -172,6 +173,15 @@ class FleshModel:
         return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
 
 
-def _crossing(X: Floats) -> Floats:
-    """(N, 3 E, 3) of points (N, E, 3): its product with a (3,) is a x X."""
-    return np.asarray((X @ _CROSSING).reshape(len(X), -1, 3))
+def _columns(points: Floats) -> Floats:
+    """(3, N, E, 1) of points (N, E, 3)."""
+    return points.transpose(2, 0, 1)[..., None]
+
+
+def _cross(a: Floats, X: Floats) -> Floats:
+    """The cross product along the first axis, (3, ...); a matrix product would depend on the processor."""
+    out = np.empty((3, *np.broadcast_shapes(a.shape[1:], X.shape[1:])), np.float32)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], X[k], out=out[i])
+        out[i] -= a[k] * X[j]
+    return out

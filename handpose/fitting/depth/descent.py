@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from handpose.fitting.depth.objective import Cost, Objective, Prior
 from handpose.fitting.depth.observation import Observation
+from handpose.rounding import FIT_STEP, rounded
 from netlib.blob import Array
 
 # Little depends on the damping, as in ``handpose.fitting.levenberg_marquardt``.
@@ -39,7 +40,7 @@ def descend(
 ) -> tuple[Array, Cost]:
     """x (N, V) after all stages, and its cost."""
     lower, upper = objective.model.lower, objective.model.upper
-    x, mu, diagonal = np.clip(x, lower, upper), np.full(len(x), FIRST_MU), np.arange(x.shape[1])
+    x, mu, diagonal = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU), np.arange(x.shape[1])
     measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
     for stage in stages:
         now = objective.weigh(measured, seen, stage.robust)
@@ -51,7 +52,7 @@ def descend(
             M[held[:, :, None] | held[:, None, :]] = 0
             M[:, diagonal, diagonal] += held
             step = np.linalg.solve(M, np.where(held, 0, -b)[..., None])[..., 0]
-            trial = np.clip(x + FURTHER * step + MOMENTUM * moved, lower, upper)
+            trial = np.clip(rounded(x + FURTHER * step + MOMENTUM * moved, FIT_STEP), lower, upper)
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)
             better = found.total < now.total

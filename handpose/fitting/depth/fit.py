@@ -20,6 +20,7 @@ from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
 from handpose.fitting.depth.search import PLANS, Found, Plan, drawn, search, turned_back
 from handpose.fitting.parallel import for_each
+from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -105,7 +106,7 @@ class DepthFitter:
         if len(predictions) != len(how.quarters):
             raise DataError(f"{len(predictions)} predictions, expected {len(how.quarters)} for the plan {plan!r}")
         own = np.stack([
-            model.variables_of(turned_back(model, np.asarray(p, np.float64), quarter))
+            model.variables_of(turned_back(model, rounded(p, NETWORK_STEP), quarter))
             for p, quarter in zip(predictions, how.quarters)
         ])  # fmt: skip
         if before is not None:

@@ -131,7 +131,7 @@ class Objective:
         b = d @ prior.curvature
         cost = (b * d).sum(axis=1)
         d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / rigid
-        J = posed.motion[:, model.rigid].reshape(*d.shape, -1) / rigid
+        J = posed.motion[:, model.rigid].reshape(*d.shape, -1).astype(np.float64) / rigid
         A = J.swapaxes(1, 2) @ J + prior.curvature
         b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
         return cost + (d * d).sum(axis=1), A, b

@@ -27,6 +27,7 @@ from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel, Posed
 Floats = NDArray[np.float32]
 
 _UPPER = np.triu_indices(8)  # an 8 x 8 matrix that is symmetric has 36 numbers ...
+_DIAGONAL = np.flatnonzero(_UPPER[0] == _UPPER[1])
 _FULL = np.zeros((8, 8), int)  # ... and each of its 64 is one of them
 _FULL[_UPPER] = _FULL.T[_UPPER] = np.arange(36)
 
@@ -77,7 +78,7 @@ def joined(first: Residuals, second: Residuals) -> Residuals:
     return Residuals(*(np.concatenate([a, b], axis=-1) for a, b in zip(first, second)))
 
 
-def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Floats, Floats]:
+def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Array, Array]:
     """A (N, V, V) and b (N, V) of the squares weighted by (N, 2, R): half their gradient is b."""
     N, _, R = r.value.shape
     M, V = len(model.start), model.variables
@@ -91,11 +92,25 @@ def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floa
     products = z[:, _UPPER[0]]
     products *= z[:, _UPPER[1]]
     products = products[:, :, 0] + products[:, :, 1]  # (N, 36, R)
-    G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL]  # (N, M, 8, 8)
-    B = np.zeros((N, M, 7, V), np.float32)
+    _round_to_exact_sums(products)
+    G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL].astype(np.float64)  # (N, M, 8, 8)
+    B = np.zeros((N, M, 7, V))
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
     B[:, :, 6, [SIZE, GIRTH]] = 1
     transposed = B.reshape(N, M * 7, V).swapaxes(1, 2)
     A = transposed @ (G[..., :7, :7] @ B).reshape(N, M * 7, V)
     b = transposed @ np.ascontiguousarray(G[..., :7, 7]).reshape(N, M * 7, 1)
     return A, b[..., 0]
+
+
+def _round_to_exact_sums(products: Floats) -> None:
+    """Round products (N, 36, R) of 8 numbers so that every sum along R is exact in float32, in any order.
+
+    A processor's BLAS then changes nothing. With T a bound of the sum of absolute values, the products become multiples
+    of some T / 2**22: adding and subtracting a number of the size of T rounds to them.
+    """
+    norms = np.sqrt(products[:, _DIAGONAL].sum(axis=2))  # by Cauchy and Schwarz, T is a product of two of them
+    _, exponent = np.frexp(norms[:, _UPPER[0]] * norms[:, _UPPER[1]])
+    large = np.ldexp(np.float32(1.5), exponent + 1)[:, :, None]
+    products += large
+    products -= large

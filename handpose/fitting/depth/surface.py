@@ -16,10 +16,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fitting.depth.observation import Observation
+from handpose.fitting.depth.observation import Floats, Observation
 from handpose.fitting.depth.residuals import Cones, Residuals, belonging
 
 _TINY = np.float32(1e-6)
+POSITION_BITS = 11  # of a position of half the cube's edge: 1/8 mm for a hand
+DIRECTION_STEP = np.float32(2.0**-10)
 
 
 def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
@@ -29,12 +31,16 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     linear in the points comes from two products; with t the place on the axis in mm,
 
         t = clip((p - a) . d)        |y|² = |p - a|² - t (2 (p - a) . d - t)        f = (p - a) . v - t d . v
+
+    Here, positions are rounded to some 0.1 mm and directions to 0.001. All products and their sums are then exact in
+    float32, so that the same capsule is nearest whatever the order in which a processor sums.
     """
-    p, v, a = seen.points, seen.rays, cones.a
+    mm = np.ldexp(np.float32(1), np.frexp(seen.half)[1] - POSITION_BITS)[:, None, None]
+    p, v, a = _on_grid(seen.points, mm), _on_grid(seen.rays, DIRECTION_STEP), _on_grid(cones.a, mm)
     N, _, P = p.shape
     M = a.shape[2]
     length = np.sqrt((cones.along * cones.along).sum(axis=1)) + _TINY
-    d = cones.along / length[:, None]
+    d = _on_grid(cones.along / length[:, None], DIRECTION_STEP)
     ones = np.ones((N, 1, P), np.float32)
     rows = np.empty((N, 2 * M, 5), np.float32)
     rows[:, :M, :3], rows[:, :M, 3], rows[:, :M, 4] = d.swapaxes(1, 2), -(a * d).sum(axis=1), 0
@@ -63,6 +69,14 @@ def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
     beside *= beside
     beside += behind
     return beside.argmin(axis=1)
+
+
+def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:
+    """The nearest multiples of a power of two."""
+    on_grid = values / step
+    np.rint(on_grid, out=on_grid)
+    on_grid *= step
+    return on_grid
 
 
 def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) -> Residuals:
