@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel, Posed
+from netlib.blob import Array
 
 Floats = NDArray[np.float32]
 
