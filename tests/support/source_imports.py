@@ -17,14 +17,19 @@ def parsed(path: Path) -> ast.Module:
 @cache
 def imports(path: Path) -> frozenset[str]:
     """Full names of all that a file imports, wherever in it."""
+    return frozenset(imports_of(parsed(path)))
+
+
+def imports_of(tree: ast.AST) -> set[str]:
+    """The same of a syntax tree."""
     found = set()
-    for node in ast.walk(parsed(path)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
+            assert node.level == 0, f"relative import in line {node.lineno}"
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset(found)
+    return found
 
 
 def offenders(wrong: Mapping[str, set[str]]) -> dict[str, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from source_imports import imports_of, parsed
 
 import tools
 from tests.tools.conftest import ROOT
@@ -56,7 +58,18 @@ def begun(code: str) -> list[str]:
 # ---------------------------------------------------------------------------------------------- Ctrl-C
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+def test_every_program_begins_before_it_imports_what_takes_long() -> None:
+    """``tools.begin(__name__)`` comes after nothing but the standard library and ``tools`` itself."""
+    for program in PROGRAMS:
+        statements = parsed(ROOT / program).body
+        begun = [i for i, statement in enumerate(statements) if ast.unparse(statement) == "tools.begin(__name__)"]
+        assert len(begun) == 1, program
+        before = ast.Module(statements[: begun[0]], [])
+        names = {name.split(".")[0] for name in imports_of(before)}
+        assert names <= {*sys.stdlib_module_names, "tools"}, program
+
+
+@pytest.mark.parametrize("program", ["tools/train.py", "tools/demo.py", "benchmarks/bench.py"])
 def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path, program: str) -> None:
     """The process ends by the signal, and says nothing."""
     interrupt_at(tmp_path, "import", "numpy")
