@@ -53,6 +53,7 @@ def limit_reading() -> None:
     ``limited_rows`` does the same for the rows of a .db3, which are single messages.
     """
     import lz4.frame
+
     ros1: Any = importlib.import_module("rosbags.rosbag1.reader")
     mcap: Any = importlib.import_module("rosbags.rosbag2.storage_mcap")
     ros2: Any = importlib.import_module("rosbags.rosbag2.reader")
