@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -22,7 +23,6 @@ import tools
 
 tools.begin(__name__)
 
-import cv2
 import numpy as np
 
 from handpose.drawing import flesh, hands, sheets
@@ -32,6 +32,7 @@ from handpose.predicting.packaged import load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from tools import pictures
+from tools.advice import command
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     with ProgressBar(args.frames) as progress:
         for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
             frame = np.rint(depth).astype(np.uint16)
-            cv2.imwrite(str(args.out / f"frame_{n}.png"), frame)
+            pictures.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
             assert found.fit is not None  # load_predictor fits
             uvd, cube = found.center_uvd, found.cube_mm
@@ -74,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
     python = os.path.relpath(sys.executable) if Path(sys.executable).is_relative_to(Path.cwd()) else sys.executable
-    say(f"For your own camera: {python} tools/predict.py {args.out / 'frame_0.png'} --camera nyu --out {args.out}")
+    words = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
+    say(f"For your own camera: {command('predict').replace('python', shlex.quote(python), 1)} {shlex.join(words)}")
     return DONE
 
 

@@ -28,6 +28,7 @@ tools.begin(__name__)
 from netlib import atomic
 from netlib.errors import did_you_mean
 from netlib.paths import ROOT, exists
+from tools.advice import command
 from tools.arguments import natural, parser_of, positive_number
 from tools.console import DONE, FAILED, guarded, say
 from tools.exercises import process
@@ -76,7 +77,7 @@ def show_all() -> int:
     """The exercises in the order of the book."""
     for number, exercise in enumerate(EXERCISES.values(), 1):
         say(f"{number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
-    say("Begin one: python tools/exercise.py relu --start")
+    say(f"Begin one: {command('exercise')} relu --start")
     return DONE
 
 
@@ -87,7 +88,7 @@ def start(exercise: Exercise) -> int:
         raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
     atomic.replace_text(path, stub(exercise))
     say(f"wrote {path}: {exercise.title}")
-    say(f"Write {', '.join(exercise.to_do)}; then: python tools/exercise.py {exercise.name}")
+    say(f"Write {', '.join(exercise.to_do)}; then: {command('exercise')} {exercise.name}")
     return DONE
 
 
@@ -97,7 +98,7 @@ def file_of(exercise: Exercise) -> Path:
     for path in (here, there):
         if exists(path):
             return path
-    raise ExerciseError(f"{here}: is not there; python tools/exercise.py {exercise.name} --start writes one")
+    raise ExerciseError(f"{here}: is not there; {command('exercise')} {exercise.name} --start writes one")
 
 
 def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, python_layers: bool) -> int:
