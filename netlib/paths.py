@@ -6,25 +6,37 @@ import contextlib
 import importlib.util
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 from netlib.one_thread import lock
 
 ROOT = Path(__file__).resolve().parent.parent  # of this project: where netlib/, layers/ and fast/ lie
+OWN_FOLDERS = ("prototxt", "models")  # that are installed, too
 _loading = lock()
 
 
 def find(name: str, source: str | None) -> Path:
     """``name`` from the working directory (Caffe's way), else beside the file ``source`` that names it.
 
-    A file that is in neither place keeps its name, so that the error says what the user wrote.
+    A name such as ``prototxt/x.prototxt`` is also looked for in the folder ``prototxt`` in which ``source`` is, and if
+    it begins like one of this project's own folders there, so that a solver can be used from any working directory. A
+    file that is nowhere keeps its name, so that the error says what the user wrote.
     """
     path = Path(name)
     if path.is_absolute() or source is None or exists(path):
         return path
-    beside = Path(source).parent / path
-    return beside if exists(beside) else path
+    return next((folder / path for folder in _folders(path, Path(source)) if exists(folder / path)), path)
+
+
+def _folders(path: Path, source: Path) -> Iterator[Path]:
+    """Where a file that ``source`` names may be, beside the working directory."""
+    yield source.parent
+    if len(path.parts) > 1:
+        yield from (folder.parent for folder in source.absolute().parents if folder.name == path.parts[0])
+        if path.parts[0] in OWN_FOLDERS:
+            yield ROOT
 
 
 def exists(path: Path) -> bool:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,3 +66,36 @@ class SolverState:
                     raise ValueError(f"{name!r} holds other things than the states of layers")
         if "checksum" in self.extra and self.extra["checksum"] != self.checksum():
             raise ValueError("its checksum is another than that of its content")
+
+
+def contradictions(state: SolverState, course: Mapping[str, Any], steps: int) -> Iterator[str]:
+    """What is wrong with the content of a state that has a checksum, and so all fields of this version.
+
+    course  the solver's options that ``extra`` has, as they are now
+    steps   what ``current_step`` is with these options
+    """
+    extra = state.extra
+    if "checksum" not in extra:
+        return
+    for name in EXTRA:
+        if name not in extra and name != "ranks":
+            yield f"it has no {name!r}, but a checksum"
+    named = re.search(r"_iter_(\d+)\.caffemodel(\.h5)?$", state.learned_net)
+    if named and named[1] != str(state.iter):
+        yield f"iter is {state.iter}, but its weights are {state.learned_net!r}"
+    if len(extra["smoothed"]) > state.iter:
+        yield f"iter is {state.iter}, but 'smoothed' holds {len(extra['smoothed'])} losses"
+    then = extra["solver"]
+    for name, value in then.items():
+        if name in course and _kind(value) != _kind(course[name]):
+            yield f"the solver's {name} is {value!r}"
+    ranks, states = then.get("ranks", 1), 1 + len(extra.get("ranks", []))
+    if ranks != states:
+        yield f"ranks is {ranks}, but there are states of {states}"
+    same_steps = all(then.get(name) == course[name] for name in ("lr_policy", "stepsize", "stepvalue"))
+    if same_steps and state.current_step != steps:
+        yield f"current_step is {state.current_step}, but {steps} at iter {state.iter}"
+
+
+def _kind(value: Any) -> str:
+    return "number" if type(value) in (int, float) else type(value).__name__

@@ -30,6 +30,7 @@ ALLOWED = {
     "netlib/install.py": "names of modules that stand in this project",
     "netlib/engine.py": "the folder fast/",
     "netlib/caffe/draw.py": "runs Graphviz's program dot, without a shell",
+    "tools/exercises/process.py": "starts itself, without a shell",
     "tools/exercises/reading.py": "runs the solution of an exercise, which the command line names and is code",
     "tools/onnx_export/graph.py": "the packages onnx and onnxruntime",
     "fast/blas.py": "asks NumPy's own BLAS library how many threads it has",

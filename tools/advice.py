@@ -1,4 +1,4 @@
-"""Advice that goes with an error: where the nets of this project find no data, how to make them."""
+"""Advice that goes with an error or a result: which command is next."""
 
 from __future__ import annotations
 
@@ -6,10 +6,19 @@ import contextlib
 from collections.abc import Iterator
 
 from netlib.errors import DataError
+from netlib.paths import ROOT, exists
+
+IS_CLONE = exists(ROOT / "setup.cfg")  # and not an installed package
+
+
+def command(name: str) -> str:
+    """How a command of this project is started here: the file of a clone, the module of an installed package."""
+    return f"python tools/{name}.py" if IS_CLONE else f"python -m tools.{name}"
+
 
 ADVICE = (
-    "make synthetic hands with 'python tools/make_synthetic.py', or read the NYU data set with "
-    "'python tools/prepare_nyu.py NYU_ROOT'"
+    f"make synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
+    f"'{command('prepare_nyu')} NYU_ROOT'"
 )
 
 

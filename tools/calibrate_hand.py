@@ -46,6 +46,7 @@ from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
 from netlib import files
 from tools import outputs
+from tools.advice import command
 from tools.arguments import camera, half_cube, natural, parser_of, positive, positive_number, refuse_given
 from tools.console import DONE, duration, guarded, say
 from tools.progress import ProgressBar
@@ -145,7 +146,7 @@ def run_on_depth(args: argparse.Namespace) -> int:
               "beyond it; are camera and unit those of the frames?", file=sys.stderr)  # fmt: skip
     if size.deviation > UNSURE:
         print("warning: halves of the frames say different sizes; are all frames of one person, and the hand found in "
-              "each? (tools/predict.py draws it)", file=sys.stderr)  # fmt: skip
+              f"each? ({command('predict')} draws it)", file=sys.stderr)  # fmt: skip
     return DONE
 
 

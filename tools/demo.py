@@ -23,7 +23,6 @@ import tools
 
 tools.begin(__name__)
 
-import cv2
 import numpy as np
 
 from handpose.drawing import flesh, hands, sheets
@@ -58,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     with ProgressBar(args.frames) as progress:
         for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
             frame = np.rint(depth).astype(np.uint16)
-            cv2.imwrite(str(args.out / f"frame_{n}.png"), frame)
+            pictures.write_image(args.out / f"frame_{n}.png", frame)
             found = predictor.in_frame(frame)
             assert found.fit is not None  # load_predictor fits
             uvd, cube = found.center_uvd, found.cube_mm

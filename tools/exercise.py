@@ -7,12 +7,14 @@
 
 The first lists the exercises. --start writes relu.py into the working folder: our own file, without the bodies that are
 to be written. The last checks it: shapes, values against those of Caffe, the gradient against differences, and the
-paper's network with it. The first difference is explained. The file is a program: what stands in it is run.
+paper's network with it. The first difference is explained. The file is a program: what stands in it is run, in a
+process of its own.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import textwrap
 from pathlib import Path
@@ -26,11 +28,13 @@ tools.begin(__name__)
 from netlib import atomic
 from netlib.errors import did_you_mean
 from netlib.paths import ROOT, exists
-from tools.arguments import natural, parser_of
+from tools.advice import command
+from tools.arguments import natural, parser_of, positive_number
 from tools.console import DONE, FAILED, guarded, say
-from tools.exercises.checking import Step, first_step, in_network, steps
+from tools.exercises import process
+from tools.exercises.checking import Step
 from tools.exercises.exercise import Exercise
-from tools.exercises.reading import ExerciseError, ReadersFile
+from tools.exercises.reading import ExerciseError
 from tools.exercises.stubs import stub
 from tools.exercises.table import EXERCISES
 from tools.progress import ProgressBar
@@ -45,6 +49,8 @@ def main(argv: list[str] | None = None) -> int:
                         help="what to check (default: NAME.py here, else in docs/exercises)")  # fmt: skip
     parser.add_argument("--iterations", type=natural, default=20, metavar="N",
                         help="of the network in the last step, 0 for none (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--limit", type=positive_number, default=300.0, metavar="S",
+                        help="end it if a step or an iteration takes longer (default: %(default)g)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.name is not None and args.name not in EXERCISES:
         known, meant = ", ".join(EXERCISES), did_you_mean(args.name.lower(), EXERCISES)
@@ -63,14 +69,15 @@ def run(args: argparse.Namespace) -> int:
     exercise = EXERCISES[args.name]
     if args.start:
         return start(exercise)
-    return check(exercise, Path(args.file) if args.file is not None else file_of(exercise), args.iterations)
+    path = Path(args.file) if args.file is not None else file_of(exercise)
+    return check(exercise, path, args.iterations, args.limit, not args.no_python_layers)
 
 
 def show_all() -> int:
     """The exercises in the order of the book."""
     for number, exercise in enumerate(EXERCISES.values(), 1):
         say(f"{number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
-    say("Begin one: python tools/exercise.py relu --start")
+    say(f"Begin one: {command('exercise')} relu --start")
     return DONE
 
 
@@ -81,7 +88,7 @@ def start(exercise: Exercise) -> int:
         raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
     atomic.replace_text(path, stub(exercise))
     say(f"wrote {path}: {exercise.title}")
-    say(f"Write {', '.join(exercise.to_do)}; then: python tools/exercise.py {exercise.name}")
+    say(f"Write {', '.join(exercise.to_do)}; then: {command('exercise')} {exercise.name}")
     return DONE
 
 
@@ -91,21 +98,24 @@ def file_of(exercise: Exercise) -> Path:
     for path in (here, there):
         if exists(path):
             return path
-    raise ExerciseError(f"{here}: is not there; python tools/exercise.py {exercise.name} --start writes one")
+    raise ExerciseError(f"{here}: is not there; {command('exercise')} {exercise.name} --start writes one")
 
 
-def check(exercise: Exercise, path: Path, iterations: int) -> int:
-    """Make the steps and tell each."""
+def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, python_layers: bool) -> int:
+    """Make the steps and tell each. Raises ExerciseError."""
     say(f"{exercise.title} ({path})")
-    reader = ReadersFile(exercise, path)
-    tell(first_step(exercise, reader))
-    for step in steps(exercise, reader.part, reader):
-        tell(step)
-    if step.passed and iterations:
-        with ProgressBar(iterations, "iterations", "training") as progress:
-            step = in_network(exercise, reader.part, iterations, reader, progress)
-        tell(step)
-    if not step.passed:
+    passed = False
+    with contextlib.ExitStack() as stack:
+        progress = None
+        for news in process.checked(exercise, path, iterations, limit_s, python_layers):
+            if isinstance(news, Step):
+                stack.close()  # the bar goes before the last line comes
+                tell(news)
+                passed = news.passed
+                continue
+            progress = progress or stack.enter_context(ProgressBar(iterations, "iterations", "training"))
+            progress(news)
+    if not passed:
         return FAILED
     say(f"All of it is right. Ours, to compare: {exercise.file}")
     return DONE

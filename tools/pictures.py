@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ JPEG_QUALITY = 90
 
 def new_figure(width: float, height: float) -> Any:
     """A matplotlib figure, width x height in inches, that needs no window. Raises NetlibError without matplotlib."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home that cannot be written
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -32,8 +34,11 @@ def write_figure(path: str | Path, figure: Any, dpi: int) -> None:
     _write(path, lambda file: figure.savefig(file, dpi=dpi, **how))
 
 
-def write_image(path: str | Path, image: NDArray[np.uint8]) -> None:
-    """Write an image, blue first, as PNG or JPEG by the end of its name. Raises NetlibError."""
+def write_image(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    """Write an image, blue first, as PNG or JPEG by the end of its name. Raises NetlibError.
+
+    OpenCV itself does not see the name: it ends the process for one that is not UTF-8.
+    """
     suffix = Path(path).suffix.lower()
     options = (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY) if suffix == ".jpg" else ()
     encoded = cv2.imencode(suffix, image, options)[1].tobytes()

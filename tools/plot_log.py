@@ -24,7 +24,7 @@ import tools
 tools.begin(__name__)
 
 from netlib import files
-from netlib.errors import DataError
+from netlib.errors import DataError, printable
 from tools import outputs, pictures
 from tools.arguments import parser_of
 from tools.console import DONE, guarded, say
@@ -118,7 +118,8 @@ def plot(logs: dict[str, Log], out: str | Path) -> None:
 
 
 def shortened(name: str) -> str:
-    """A name of any length as a label, which is no formula."""
+    """Any name as a label: matplotlib typesets formulas, and takes no bytes that are not UTF-8."""
+    name = printable(name)
     kept = name if len(name) <= MAX_LENGTH else f"{name[: MAX_LENGTH - 15]}…{name[-14:]}"
     return kept.replace("$", r"\$")
 

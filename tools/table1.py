@@ -39,13 +39,14 @@ from layers.hand import skeleton as skeletons
 from netlib import atomic
 from netlib.errors import NetlibError
 from netlib.paths import ROOT
+from tools.advice import IS_CLONE, command
 from tools.arguments import natural, parser_of, positive, weight
 from tools.console import DONE, aligned, guarded, say
 from tools.pictures import make_folder
 from tools.sitting import Sitting
 from tools.table1_pictures import write_pictures
 
-RESULTS = ROOT / "docs" / "results"
+RESULTS = ROOT / "docs" / "results" if IS_CLONE else Path("results")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -65,17 +66,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--longest", type=positive, metavar="N", help="train for no more than N iterations")
     parser.add_argument("--threads", type=positive, metavar="N", help="of training (default: one per processor)")
     parser.add_argument("--ledger", type=Path, default=RESULTS / "table1", metavar="FOLDER",
-                        help="where scored lengths are kept (default: docs/results/table1)")  # fmt: skip
+                        help="where scored lengths are kept (default: results/table1, of a clone in docs)")  # fmt: skip
     parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
                         help="where nets, snapshots and logs go (default: %(default)s)")  # fmt: skip
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="FOLDER",
-                        help="where the page and its pictures go (default: docs/results)")  # fmt: skip
+                        help="where the page and its pictures go (default: results, of a clone in docs)")  # fmt: skip
     parser.add_argument("--lambda-length", type=positive, metavar="N",
                         help="iterations by weight of PhysLimit (default: where ours was done)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.networks and not (args.page or args.speed or args.lambda_length or _jobs(args)):
         parser.error(f"--networks {' '.join(args.networks)}: no training of that --setting and --recipe is of these")
-    args.command = shlex.join(["python", "tools/table1.py", *(sys.argv[1:] if argv is None else argv)])
+    args.command = shlex.join([*command("table1").split(), *(sys.argv[1:] if argv is None else argv)])
     return guarded(run, args)
 
 
@@ -84,7 +85,8 @@ def run(args: argparse.Namespace) -> int:
     deadline = time.monotonic() + 3600 * args.hours if args.hours is not None else float("inf")
     sitting = Sitting(args.ledger, args.work, args.command, deadline, args.longest, args.threads)
     if not args.ledger.is_dir() and (args.list or args.page or args.ledger.exists()):
-        raise NetlibError(f"{args.ledger}: no such folder; expected the ledger, whose files --list and --page show")
+        raise NetlibError(f"{args.ledger}: no such folder; expected the ledger, whose files --list and --page show; "
+                           "--ledger FOLDER names that of a clone, docs/results/table1")  # fmt: skip
     if args.list:
         print(aligned(report([*_jobs(args), *_lambdas(args, sitting)], sitting.ledger_of, args.longest)))
         return DONE

@@ -22,7 +22,7 @@ from netlib.errors import WeightsError, reason_of
 from netlib.messages import SolverParameter
 from netlib.net import Net
 from netlib.ranks import Ranks
-from netlib.saved import SolverState
+from netlib.saved import SolverState, contradictions
 from netlib.together import moving
 from netlib.updates import steps_taken
 
@@ -139,12 +139,20 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
         if weights_of.legacy_shape(array, target.shape).shape != target.shape:
             raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
                                f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
+        if array.size and np.abs(array).max() > np.finfo(target.dtype).max:
+            raise WeightsError(f"{path}: history {i} has values that are too large for {target.dtype}")
 
 
 def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
     """What is not as it was when the state was written, and changes the course of the training."""
     if not _same_data(solver, state):
         yield "the data files; they are read from the first row"
+    states = state.extra.get("layers", [])
+    for i, net in enumerate([solver.net, *solver.test_nets]):
+        there = states[i] if i < len(states) else {}
+        if new := [layer.name for layer in net.layers if layer.name not in there]:
+            yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which begins anew"
+            break
     now = snapshot.as_plain(_course(solver))
     if solver.param.lr_policy != "poly":
         now.pop("max_iter")  # training longer changes nothing on the way

@@ -8,6 +8,7 @@ import textwrap
 
 from netlib import files
 from netlib.paths import ROOT
+from tools.advice import command
 from tools.exercises.exercise import Exercise
 from tools.exercises.reading import functions
 
@@ -25,7 +26,7 @@ def stub(exercise: Exercise) -> str:
         lines[first - 1 : last] = _instead(exercise.to_do[name], function.body[0].col_offset)
     text = "\n".join(lines) + "\n"
     text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
-    return f"# Write what raises NotImplementedError, then: python tools/exercise.py {exercise.name}\n{text}"
+    return f"# Write what raises NotImplementedError, then: {command('exercise')} {exercise.name}\n{text}"
 
 
 def _body(function: ast.FunctionDef) -> tuple[int, int]:

@@ -99,6 +99,43 @@ def test_wrong_usage(argv: list[str], said: str, work: Path, capsys: pytest.Capt
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import os; os._exit(0)", "its process ended with status 0 in the middle of the check"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "its process ended with status -9 in the middle"),
+        ("import os; os.closerange(0, 100)", "its process ended with status"),
+        ("import sys; sys.exit(0)", "SystemExit: 0"),
+        ("while True: pass", "nothing has come of it for 0.5 s, so it was ended; look for a loop without end"),
+    ],
+)
+@pytest.mark.parametrize("at", ["import", "forward"])
+def test_a_file_that_ends_its_process(
+    at: str, code: str, said: str, work: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Status 1 and one line, when it is loaded and when it is run."""
+    text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
+    line = "y.data[...] = bottom[0].data"
+    assert line in text
+    indented = f"exec({code!r})"
+    text = f"{text}\n{code}\n" if at == "import" else text.replace(line, indented)
+    (work / "split.py").write_text(text)
+    assert command.main(["split", "--limit", "0.5"]) == 1
+    out, err = capsys.readouterr()
+    if "sys.exit" in code and at == "forward":  # it is caught where an error of this step would be
+        assert said in out.splitlines()[-1] or said in out
+        return
+    assert err.startswith("split.py:") and said in err and err.count("\n") == 1
+
+
+def test_closed_streams_are_no_obstacle(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The reader's code may close its own."""
+    text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
+    (work / "split.py").write_text(f"{text}\nimport sys\nsys.stdout.close()\nsys.stdin.close()\n")
+    assert command.main(["split", "--iterations", "0"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("All of it is right.")
+
+
 def test_ctrl_c_ends_a_loop_without_end(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Status 130, in one word: what the reader's code does is the reader's."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
