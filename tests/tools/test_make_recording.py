@@ -28,18 +28,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["take.npz", "take"])
+@pytest.mark.parametrize("name", ["take.npz", "take", "new/folder/take"])
 def test_a_recording_and_its_truth(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """What is written is what the recording is, frame by frame, and the truth is read back."""
+    """What is written is what the recording is, frame by frame, and the truth is read back; folders are made."""
+    truth = Path(name).with_name("take.truth.json")
     assert make_recording.main(["rest", *SHORT, "--seed", "5", "--out", name]) == 0
-    assert capsys.readouterr().out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; the truth is take.truth.json\n"
+    assert capsys.readouterr().out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; the truth is {truth}\n"
     own = SyntheticRecording("rest", ICVL, seconds=0.4, rate=10, seed=5)
     with open_recording(name) as recording:
         for frame, expected in zip(recording, own, strict=True):
             np.testing.assert_array_equal(frame.depth, expected.depth)
             assert frame.time == pytest.approx(expected.time, abs=1e-5)
         assert recording.camera == ICVL and recording.rate == 10
-    track = read_track("take.truth.json")
+    track = read_track(truth)
     assert not track.cut
     scores = score(track.header, track.frames, own.truths())
     assert scores.found == 1 and scores.hands[0].errors.mean < 0.01 and scores.hands[0].rest_frames == 0
