@@ -72,6 +72,7 @@ RUN = {
 # Of these, the commands are parsed.
 NOT_RUN = {
     "test": "it runs these tests",
+    "kernels": "it runs a part of these tests, and .ci/run runs it",
     "site": "minutes; tests/docs/site/test_site.py makes a part of the site by the same command and follows its links",
     "lint": ".ci/run runs it; its programs are in the extra dev, which the tests do without",
     "clean": "it removes the environment that runs these tests",
