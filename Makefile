@@ -3,6 +3,7 @@
 # make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
 # make person  the same for a person instead of a hand, in ten minutes; make arm: for a planar arm, in one
 # make test    set up and run the tests
+# make kernels the tests of fits, layers and documents again, with the slowest BLAS kernels and NumPy's SIMD off
 # make faults  kill it, cut its files, fill its disk: tens of thousands of cases (half an hour; CASES=100 for a look)
 # make table1  the paper's Table 1: trains what is missing of it (days; HOURS=8 for a night), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
@@ -21,7 +22,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train person arm test docs site faults lint table1 bench twins ranks clean
+.PHONY: help demo train person arm test kernels docs site faults lint table1 bench twins ranks clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -65,6 +66,12 @@ ranks: .venv/mpi
 
 test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal
+
+# As on a processor without AVX. NumPy refuses names of features that it does not have, so it is asked for those.
+SIMD := import numpy; print(*numpy.show_config("dicts").get("SIMD Extensions", {}).get("found", []))
+kernels: .venv/test
+	OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES="$$($(RUN) -c '$(SIMD)')" $(RUN) -m pytest -n auto \
+		--dist worksteal tests/docs/test_made.py tests/handpose/fitting/depth tests/handpose/predicting tests/layers
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")

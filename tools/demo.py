@@ -5,12 +5,14 @@
 
 writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), runs what tools/predict.py runs on
 them, and draws demo/hands.png: each frame's crop with the skeleton, the flesh that explains it, and the hand in space;
-above them how sure the fit is, and how far it really is from the true joints.
+above them how sure the fit is, and how far it really is from the true joints. demo/hands.json has the same in numbers:
+joints in mm from each crop's centre (x right, y up, z away).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import shlex
 import sys
@@ -31,7 +33,8 @@ from handpose.facts.cameras import NYU
 from handpose.predicting.packaged import load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
-from tools import pictures
+from netlib import atomic
+from tools import findings, pictures
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -52,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     pictures.make_folder(args.out)
     predictor = load_predictor(NYU)
     scenes = draw_scenes(np.random.default_rng(args.seed), args.frames)
-    images, titles = [], []
+    images, titles, results = [], [], []
     begun = time.perf_counter()
     with ProgressBar(args.frames) as progress:
         for n, (depth, truth) in enumerate(zip(scenes.depth, scenes.joints)):
@@ -69,9 +72,12 @@ def run(args: argparse.Namespace) -> int:
             off = float(mean_errors_14(found.xyz[None], truth[None])[0])
             titles += [f"{found.hand}, {percent(found.fit.confidence)} sure", f"expected {found.fit.error_mm:.0f} mm",
                        f"true error {off:.0f} mm"]  # fmt: skip
+            joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm.round(1).tolist()))
+            results.append({**findings.facts(found, predictor), "true_error_mm": round(off, 1), "joints_mm": joints})
             progress(1)
     seconds = time.perf_counter() - begun
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
+    atomic.replace_text(args.out / "hands.json", json.dumps(results, indent=2) + "\n")
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
     program = [_from_here(path) for path in (sys.executable, str(Path(__file__).resolve().with_name("predict.py")))]
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]

@@ -1,11 +1,21 @@
-"""Pictures of documents are compared by their pixels, up to what rounding may move."""
+"""Pictures of documents are compared by their pixels or, where a fit drew them, by the hands that they show."""
 
 from __future__ import annotations
+
+import copy
+import json
+from typing import Any
 
 import cv2
 import numpy as np
 
-from docs.making.pictures import alike
+from docs.making.pictures import alike, described, shows_the_same_hands, with_description
+
+HANDS: list[dict[str, Any]] = [
+    {"hand": "right", "confidence": 0.98, "expected_error_mm": 4.0, "joints_mm": {"palm": [1.0, 2, 3]}, "misfit": 20.0},
+    {"hand": "left", "confidence": 0.5, "expected_error_mm": 30.0, "joints_mm": {"palm": [4.0, 5, 6]}, "misfit": 90.0},
+]
+PICTURE = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
 
 
 def png(image: np.ndarray) -> bytes:
@@ -13,13 +23,36 @@ def png(image: np.ndarray) -> bytes:
     return cv2.imencode(".png", image)[1].tobytes()
 
 
+def shown(image: np.ndarray, hands: list[dict[str, Any]]) -> bytes:
+    """The image as a file that describes these hands."""
+    return with_description(png(image), json.dumps(hands))
+
+
 def test_pixels_decide() -> None:
     """A few pixels may differ; another picture, another size, and no picture at all are others."""
-    picture = np.random.default_rng(0).integers(0, 255, (40, 60, 3), np.uint8)
-    moved = picture.copy()
+    moved = PICTURE.copy()
     moved[:2, :2] = 0
-    assert alike(png(picture), png(picture))
-    assert alike(png(picture), png(moved))
-    assert not alike(png(picture), png(picture[::-1]))
-    assert not alike(png(picture), png(picture[:-1]))
-    assert not alike(b"", png(picture))
+    assert alike(png(PICTURE), png(PICTURE))
+    assert alike(png(PICTURE), png(moved))
+    assert not alike(png(PICTURE), png(PICTURE[::-1]))
+    assert not alike(png(PICTURE), png(PICTURE[:-1]))
+    assert not alike(b"", png(PICTURE))
+
+
+def test_hands_decide() -> None:
+    """Pixels do not; the size, the number of hands, their sides, joints and figures do. So does a missing description."""
+    there = shown(PICTURE, HANDS)
+    assert described(there) == HANDS and described(png(PICTURE)) is None
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(there, np.uint8), cv2.IMREAD_UNCHANGED), PICTURE)
+    assert shows_the_same_hands(there, shown(PICTURE[::-1], HANDS))
+    assert not shows_the_same_hands(there, shown(PICTURE[:-1], HANDS))
+    assert not shows_the_same_hands(there, shown(PICTURE, HANDS[:1]))
+    assert not shows_the_same_hands(png(PICTURE), png(PICTURE)) and not shows_the_same_hands(b"", there)
+    changes = [("hand", "left", False), ("confidence", 0.96, True), ("confidence", 0.8, False), ("misfit", 60.0, True),
+               ("expected_error_mm", 4.6, True), ("expected_error_mm", 9.0, False),
+               ("joints_mm", {"palm": [1, 3, 3.5]}, True), ("joints_mm", {"palm": [1, 2, 9]}, False),
+               ("joints_mm", {}, False)]  # fmt: skip
+    for key, value, same in changes:
+        other = copy.deepcopy(HANDS)
+        other[0][key] = value
+        assert shows_the_same_hands(there, shown(PICTURE, other)) == same, (key, value)

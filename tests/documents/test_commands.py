@@ -83,6 +83,7 @@ NOT_RUN = {
         name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "twins", "ranks")
     },
     "test": "it runs these tests",
+    "kernels": "it runs a part of these tests, and .ci/run runs it",
     "site": "minutes; tests/docs/site/test_site.py makes a part of the site by the same command and follows its links",
     "lint": ".ci/run runs it; its programs are in the extra dev, which the tests do without",
     "clean": "it removes the environment that runs these tests",

@@ -1,5 +1,6 @@
 """tools/demo.py: frames, and a picture of what was found in them."""
 
+import json
 import shlex
 import subprocess
 from pathlib import Path
@@ -13,7 +14,7 @@ from tools import demo
 
 
 def test_demo(tmp_path, capsys, monkeypatch):
-    """Two depth frames that read back, one picture of both, and a command that runs as it is printed."""
+    """Two depth frames that read back, a picture and the numbers of both, and a command that runs as it is printed."""
     monkeypatch.chdir(tmp_path)
     assert demo.main(["--out", "my frames ö", "--frames", "2"]) == 0
     first, second = capsys.readouterr().out.splitlines()
@@ -26,6 +27,8 @@ def test_demo(tmp_path, capsys, monkeypatch):
     depth = read_frame("my frames ö/frame_1.png", NYU)
     assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
     assert cv2.imread("my frames ö/hands.png").shape[1] > 6 * 256
+    hands = json.loads(Path("my frames ö/hands.json").read_text())
+    assert len(hands) == 2 and all(hand["true_error_mm"] < 15 and "palm" in hand["joints_mm"] for hand in hands)
 
 
 def test_nowhere_to_write(tmp_path, capsys):

@@ -42,4 +42,4 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> No
         found = predictor.in_frame(np.ascontiguousarray(depth), center)
         assert found.fit is not None and found.camera == camera
         strange.append(found.fit.strangeness)
-    assert strange[0] == pytest.approx(strange[1], rel=0.1)
+    assert strange[0] == pytest.approx(strange[1], rel=0.2)

@@ -64,11 +64,11 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
-    """The accurate plan; nobody has measured it here, so that its confidence is not known."""
+    """The accurate plan, on average; its errors are not measured here, so its confidence is unknown."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     fast = fitter.fit(scene.seen, [inputs], "fast")
     accurate = fitter.fit(scene.seen, [inputs] * 4, "accurate")
-    assert np.median(accurate.misfit) < np.median(fast.misfit)
+    assert np.log(accurate.misfit).mean() < np.log(fast.misfit).mean()
     assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
 
 
@@ -88,6 +88,16 @@ def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> Non
         np.testing.assert_array_equal(fitter.fit(scene.seen, [inputs] * quarters, plan).x, whole.x)
     finally:
         engine.get().set_threads(threads)
+
+
+@pytest.mark.parametrize("plan", ["fast", "accurate"])
+def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Scene, plan: str) -> None:
+    """Predictions that differ as those of two processors do, by 1e-7, are fitted alike."""
+    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
+    nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
+    quarters = 4 if plan == "accurate" else 1
+    found, again = (fitter.fit(scene.seen, [own] * quarters, plan) for own in (inputs, nearly))
+    np.testing.assert_array_equal(found.x, again.x)
 
 
 def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:

@@ -48,6 +48,18 @@ def test_normal_equations_are_those_of_the_written_out_jacobian(model: FleshMode
     np.testing.assert_allclose(b, np.einsum("ntr,ntrv,ntr->nv", weight, J, r.value), rtol=1e-3, atol=0.05)
 
 
+def test_the_order_of_points_changes_nothing(model: FleshModel) -> None:
+    """The sums are exact, so that the order in which a processor adds does not matter."""
+    rng = np.random.default_rng(3)
+    posed, r = model.posed(rng.normal(0, 0.2, (3, model.variables))), some_residuals(model, rng, 3, 400)
+    weight = rng.random((3, 2, 400)).astype(np.float32)
+    found = normal_equations(model, posed, r, weight)
+    for order in (np.arange(400)[::-1], rng.permutation(400)):
+        shuffled = Residuals(*(np.ascontiguousarray(values[..., order]) for values in r))
+        for one, other in zip(found, normal_equations(model, posed, shuffled, weight[..., order])):
+            np.testing.assert_array_equal(one, other)
+
+
 def test_how_a_point_moves(model: FleshModel) -> None:
     """The motion of the ends, mixed as the place says, is the derivative of the point."""
     rng = np.random.default_rng(1)
