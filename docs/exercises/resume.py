@@ -8,7 +8,6 @@ data positions of all layers and the losses that are averaged. States that Caffe
 from __future__ import annotations
 
 import logging
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -23,7 +22,7 @@ from netlib.errors import WeightsError, reason_of
 from netlib.messages import SolverParameter
 from netlib.net import Net
 from netlib.ranks import Ranks
-from netlib.saved import EXTRA, SolverState
+from netlib.saved import SolverState, contradictions
 from netlib.together import moving
 from netlib.updates import steps_taken
 
@@ -142,34 +141,6 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
                                f"layer {param.layer!r} parameter {param.index} {target.shape}")  # fmt: skip
         if array.size and np.abs(array).max() > np.finfo(target.dtype).max:
             raise WeightsError(f"{path}: history {i} has values that are too large for {target.dtype}")
-
-
-def _contradictions(solver: Solver, state: SolverState) -> Iterator[str]:
-    """What is wrong with the content of a state that has a checksum, and so all fields of this version."""
-    extra = state.extra
-    if "checksum" not in extra:
-        return
-    for name in EXTRA:
-        if name not in extra and name != "ranks":
-            yield f"it has no {name!r}, but a checksum"
-    if not re.search(rf"_iter_{state.iter}\.caffemodel(\.h5)?$", state.learned_net):
-        yield f"iter is {state.iter}, but its weights are {state.learned_net!r}"
-    if len(extra["smoothed"]) > state.iter:
-        yield f"iter is {state.iter}, but 'smoothed' holds {len(extra['smoothed'])} losses"
-    then, now = extra["solver"], snapshot.as_plain(_course(solver))
-    for name, value in then.items():
-        if name in now and _kind(value) != _kind(now[name]):
-            yield f"the solver's {name} is {value!r}"
-    if len(extra.get("ranks", [])) != then.get("ranks", 1) - 1:
-        yield f"ranks is {then.get('ranks', 1)}, but there are states of {len(extra.get('ranks', [])) + 1}"
-    if all(then.get(name) == now[name] for name in ("lr_policy", "stepsize", "stepvalue")):
-        steps = steps_taken(solver.param, state.iter)
-        if state.current_step != steps:
-            yield f"current_step is {state.current_step}, but {steps} at iter {state.iter}"
-
-
-def _kind(value: Any) -> str:
-    return "number" if type(value) in (int, float) else type(value).__name__
 
 
 def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
