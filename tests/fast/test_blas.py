@@ -50,3 +50,17 @@ def test_late_import_is_told() -> None:
     """After NumPy, kernels cannot be changed any more."""
     note = run("import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))")
     assert "kernels chosen by OpenBLAS" in note and note.endswith("None")
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="Linux lists the files that a process has mapped")
+def test_a_mapped_file_with_an_odd_name(tmp_path: Path) -> None:
+    """One whose name is not UTF-8 is passed over, and the libraries after it are found."""
+    (tmp_path / os.fsdecode(b"a_openblas\xe9.so")).write_bytes(b"no library")
+    code = (
+        "import mmap, os, sys, netlib; from fast import blas\n"
+        f"file = open(os.path.join({str(tmp_path)!r}, os.fsdecode(b'a_openblas\\xe9.so')), 'rb')\n"
+        "held = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)\n"
+        "import numpy; print(len(list(blas._loaded('openblas'))))"
+    )
+    plain = run("import netlib, numpy; from fast import blas; print(len(list(blas._loaded('openblas'))))")
+    assert run(code) == plain

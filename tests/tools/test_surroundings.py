@@ -1,0 +1,112 @@
+"""Commands in unusual surroundings: installed, in the C locale, without a home, with names of any bytes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.tools.conftest import ROOT
+from tools import demo, make_recording, plot_log, predict
+
+LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
+PACKAGES = ("netlib", "layers", "fast", "handpose", "tools", "prototxt", "models")
+C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+ODD = os.fsdecode(b"odd\xe9")  # in UTF-8 there is no such name
+
+
+def run(folder: Path, *words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own, and what it printed."""
+    return subprocess.run(
+        [sys.executable, *map(str, words)], cwd=folder, env={**os.environ, **environment}, capture_output=True,
+        encoding="utf-8", errors="replace", check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def odd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A name that is not UTF-8, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    try:
+        Path(ODD).mkdir()
+    except OSError:
+        pytest.skip("this file system has no such names")
+    Path(ODD).rmdir()
+    return ODD
+
+
+class TestNamesThatAreNotUtf8:
+    def test_demo_and_predict(self, odd: str, capsys: pytest.CaptureFixture[str]) -> None:
+        assert demo.main(["--frames", "1", "--out", odd]) == 0
+        assert r"--out 'odd\udce9'" in capsys.readouterr().out
+        assert predict.main([f"{odd}/frame_0.png", "--camera", "nyu", "--out", f"{odd}/again"]) == 0
+        assert len(list(Path(odd, "again").iterdir())) == 1
+
+    @pytest.mark.parametrize("ending", ["", ".npz", ".mkv"])
+    def test_recordings(self, odd: str, ending: str) -> None:
+        if ending == ".mkv":
+            pytest.importorskip("av")
+        words = ["rest", "--camera", "icvl", "--seconds", "0.1", "--clean", "--out", f"{odd}{ending}"]
+        assert make_recording.main(words) == 0
+        assert {path.name for path in Path().iterdir()} == {f"{odd}{ending}", f"{odd}.truth.json"}
+
+    @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+    def test_plots(self, odd: str, ending: str) -> None:
+        Path(f"{odd}.log").write_text(LOG)
+        assert plot_log.main([f"{odd}.log", "--out", f"{odd}.{ending}"]) == 0
+        assert Path(f"{odd}.{ending}").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no C locale")
+def test_the_c_locale(tmp_path: Path) -> None:
+    """A name that its encoding lacks is written as it is, and printed as an escape."""
+    (tmp_path / "ö.log").write_text(LOG)
+    done = run(tmp_path, ROOT / "tools" / "plot_log.py", "ö.log", "--out", "ü.png", **C_LOCALE)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "wrote \\udcc3\\udcbc.png\n" and (tmp_path / "ü.png").exists()
+
+
+def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
+    """Matplotlib says nothing of it on our stderr."""
+    (tmp_path / "home").touch()
+    (tmp_path / "a.log").write_text(LOG)
+    home = {name: str(tmp_path / "home") for name in ("HOME", "USERPROFILE", "MPLCONFIGDIR", "XDG_CACHE_HOME")}
+    done = run(tmp_path, ROOT / "tools" / "plot_log.py", "a.log", "--out", "a.png", **home)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "wrote a.png\n", "")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the package installs, without the rest of the clone."""
+    site = tmp_path_factory.mktemp("site")
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, site / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return site
+
+
+class TestInstalled:
+    def run(self, site: Path, folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
+        return run(folder, "-m", *words, PYTHONPATH=str(site))
+
+    def test_training(self, site: Path, tmp_path: Path) -> None:
+        """A solver of the package finds its net from any folder; of data, the advice names a command that is there."""
+        done = self.run(site, tmp_path, "tools.train", site / "prototxt" / "nyu_solver.prototxt", "--max-iter", "1")
+        assert done.returncode == 1
+        assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.stderr
+        assert "make synthetic hands with 'python -m tools.make_synthetic'" in done.stderr
+
+    def test_advice(self, site: Path, tmp_path: Path) -> None:
+        done = self.run(site, tmp_path, "tools.exercise")
+        assert done.stdout.splitlines()[-1] == "Begin one: python -m tools.exercise relu --start"
+        done = self.run(site, tmp_path, "tools.demo", "--frames", "1")
+        assert " -m tools.predict demo/frame_0.png --camera nyu" in done.stdout.replace("\\", "/")
+
+    def test_the_ledger_of_table_1(self, site: Path, tmp_path: Path) -> None:
+        """Is no part of the package: one line says where it is."""
+        done = self.run(site, tmp_path, "tools.table1", "--list")
+        assert done.returncode == 1 and done.stdout == ""
+        assert done.stderr.count("\n") == 1 and "--ledger FOLDER names that of a clone" in done.stderr
