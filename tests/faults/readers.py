@@ -891,6 +891,73 @@ def make_azure() -> list[str]:
     return [str(azure_file.write(Path("kinect.mkv"), depth, said=azure_file.calibration()))]
 
 
+DICE = "some bytes that are damaged\n" * 4
+
+
+def make_dice() -> list[str]:
+    """A file whose bytes decide what is made; every damage throws anew."""
+    return [put("dice.txt", DICE)]
+
+
+def read_mixed_bag(path: Path) -> Any:
+    """A bag of random records: messages of any type under any name, several types under one."""
+    import bags
+
+    from handpose.facts.cameras import Camera
+    from handpose.recordings.given import Given
+    from handpose.recordings.ros_bag import open_bag
+
+    if path.read_bytes() == DICE.encode():  # a good file is to be read
+        return
+    rng = random.Random(path.read_bytes())
+    topics = [*[bags.TOPIC] * 6, "/camera/depth/camera_info", f"{bags.TOPIC}/compressedDepth", "/a",
+              f"{bags.REALSENSE}/Depth_0/image/data", f"{bags.REALSENSE}/Depth_0/info/camera_info",
+              f"{bags.REALSENSE}/option/Depth_Units/value"]  # fmt: skip
+    depth = np.full((6, 8), 900, np.uint16)
+
+    def records(of: bags.Messages, _: Any) -> bags.Content:
+        contents = {
+            "sensor_msgs/msg/Image": of.image(depth, 5, rng.choice(["16UC1", "mono16", "rgb8", "32FC1"])),
+            "sensor_msgs/msg/CompressedImage": of.packed(depth, 5),
+            "sensor_msgs/msg/CameraInfo": of.info(depth.shape),
+            "std_msgs/msg/Float32": of.number(0.001),
+            "std_msgs/msg/String": of.text(rng.choice(["0.001", "e", ""])),
+        }
+        kinds = [*contents, *["sensor_msgs/msg/Image"] * 4]
+        right = rng.random() < 0.5  # each message of the type that it says
+        made = []
+        for i in range(rng.randint(1, 8)):
+            kind = rng.choice(kinds)
+            made.append((rng.choice(topics), kind, i, contents[kind if right else rng.choice(kinds)]))
+        return made
+
+    write = rng.choice([bags.write_ros1, bags.write_ros2, functools.partial(bags.write_ros2, storage="MCAP")])
+    name = "mixed.bag" if write is bags.write_ros1 else "mixed"
+    camera = Camera("own", 60, 60, 4, 3, 8, 6)
+    try:
+        for i, given in enumerate((Given(camera), Given())):
+            list(open_bag(write(Path(f"{i}_{name}"), depth[None], make=records), given))
+    except NetlibError as error:
+        if name not in str(error):
+            raise
+        raise NetlibError(f"{path}: {error}") from error
+
+
+def read_log_of_many_names(path: Path) -> Any:
+    """A log with names of any number and length, and one in ten of such as a picture."""
+    from tools import plot_log
+
+    rng = random.Random(path.read_bytes())
+    names = rng.choice([1, 9, 400, 2000])
+    word = rng.choice(["a", "$x$", "\\", "_", "\u202e", "\udce9", "x" * 60000 if names < 10 else "x" * 100])
+    lines = [f"Test net output #{i}: {word}{i} = {rng.choice(['1', '-2e30', 'nan', 'inf', '0'])}" for i in range(names)]
+    text = "\n".join(["Iteration 0, loss = 1", *lines, "Iteration 5, loss = nan", *lines])
+    Path("many.log").write_bytes(text.encode("utf-8", "surrogateescape" if word == "\udce9" else "strict"))
+    log = plot_log.read_log("many.log")
+    if rng.random() < 0.1:
+        plot_log.plot({"many.log": log}, "many.png")
+
+
 def make_bags() -> list[str]:
     """Of ROS 1, plain and compressed, and of ROS 2 in its three forms."""
     import bags
@@ -1035,6 +1102,8 @@ READERS: tuple[Reader, ...] = (
     Reader("video", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"), make_videos, read_recording),
     Reader("azure kinect", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"),
            make_azure, read_recording),
+    Reader("records of a bag under other names", (), make_dice, read_mixed_bag),
+    Reader("log of many names", (), make_dice, read_log_of_many_names),
     Reader("ros bag", ("handpose/recordings/ros_bag.py", "handpose/recordings/ros_limits.py"),
            make_bags, read_recording),
     Reader("camera.json", ("handpose/recordings/camera_file.py",), make_camera_json, read_camera_json),
