@@ -17,17 +17,20 @@ from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 
 PNG = b"\x89PNG\r\n\x1a\n"  # the first bytes of such a file
+JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"  # markers; none of them occurs in coded pixels
 MOST_PIXELS = 1 << 28  # more than any camera has
 
 
 def decode(content: bytes, flag: int, what: str) -> Array:
     """The pixels (H, W) or (H, W, C), blue first, of a picture's file, as the flag of cv2.imdecode says.
 
-    Raises DataError, which begins with ``what``. A PNG file is checked chunk by chunk first, because some versions of
-    OpenCV fill up a truncated picture.
+    Raises DataError, which begins with ``what``. Some versions of OpenCV fill up a truncated picture, so a PNG file is
+    checked chunk by chunk first, and a JPEG file for its end.
     """
     if content.startswith(PNG):
         _check_png(content, what)
+    if content.startswith(JPEG) and content.rfind(JPEG_END) < content.rfind(JPEG_SCAN):
+        raise DataError(f"{what}: truncated JPEG")
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flag) if content else None
     except (cv2.error, MemoryError) as error:

@@ -8,7 +8,7 @@ from tests.faults import campaign, disks
 from tests.faults.isolation import Worker
 
 SHORT = {"clock": range(2), "soak": range(1), "two trainings": range(2)}
-STEPS = {"full": 16, "read-only": 18, "one": 20, "limited": 5, "data": 3, "planted": 1}  # else every 12th
+STEPS = {"full": 24, "read-only": 27, "one": 30, "limited": 5, "data": 3, "planted": 1}  # else every 12th
 
 
 @pytest.mark.parametrize("name", disks.NAMES)

@@ -7,7 +7,7 @@ import pytest
 from tests.faults import campaign, kills
 from tests.faults.isolation import Worker
 
-EVERY = 12
+EVERY = 18
 
 
 @pytest.mark.parametrize("name", kills.NAMES)

@@ -51,6 +51,16 @@ def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str
     )
 
 
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.999])
+def test_a_truncated_jpeg(part: float) -> None:
+    """Is refused by every version of OpenCV; what other programs write after its end does no harm."""
+    image = np.random.default_rng(0).integers(0, 255, (40, 50, 3), np.uint8)
+    whole = cv2.imencode(".jpg", image)[1].tobytes()
+    with pytest.raises(DataError, match=r"^p: truncated JPEG$" if part > 0.5 else "^p: "):
+        pictures.decode(whole[: int(len(whole) * part)], cv2.IMREAD_COLOR, "p")
+    assert pictures.decode(whole + b"more", cv2.IMREAD_COLOR, "p").shape == (40, 50, 3)
+
+
 def test_a_picture_with_too_long_a_side() -> None:
     """OpenCV takes a million."""
     with pytest.raises(DataError, match=r"^p: a picture of too many pixels in a row; OPENCV_IO_MAX_IMAGE_WIDTH in"):

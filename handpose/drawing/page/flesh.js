@@ -14,7 +14,7 @@ export class Flesh {
      offsets   {joint, axes: joints of the whole body, vector} */
   constructor(skeleton, whole) {
     const { flesh } = skeleton.param, joint = (owner, field) => indexOf(whole.joints, owner, field, "joint");
-    if (!flesh.capsule.length) throw new PrototxtError(placeOf(flesh), "no capsule in the flesh");
+    if (!flesh.capsule.length) throw new PrototxtError(placeOf(flesh), "no capsule and no wedge in the flesh");
     for (const [many, what] of [[flesh.capsule, "capsules"], [flesh.offset, "offsets"]]) {
       if (many.length > MOST) {
         throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
