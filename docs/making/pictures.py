@@ -1,7 +1,7 @@
 """Pictures that a command draws in seconds from what is packaged.
 
-A picture that a fit drew depends on the processor's last bits, and is compared by what it shows: its size and the numbers
-that the command wrote, which the picture's file keeps in a text chunk. Others are compared by their pixels.
+A picture that a fit drew is compared by what it shows: its size and the numbers that the command wrote, which the
+picture's file keeps in a text chunk. Others are compared by their pixels.
 """
 
 from __future__ import annotations

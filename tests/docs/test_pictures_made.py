@@ -40,7 +40,7 @@ def test_pixels_decide() -> None:
 
 
 def test_hands_decide() -> None:
-    """Pixels do not; the size, the number of hands, their sides, joints and figures do. So does a missing description."""
+    """Pixels do not; the size, the number of hands, their sides, joints and figures do."""
     there = shown(PICTURE, HANDS)
     assert described(there) == HANDS and described(png(PICTURE)) is None
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(there, np.uint8), cv2.IMREAD_UNCHANGED), PICTURE)

@@ -94,8 +94,8 @@ class DepthFitter:
     ) -> DepthFit:  # fmt: skip
         """The best fit of every frame. Raises DataError.
 
-        The same frames give the same fits, bit for bit; other frames beside them change them as rounding does, which
-        now and then tips one into another valley.
+        The same frames give the same fits, bit for bit, whatever other frames are fitted with them and on any
+        processor, but for rare cases (docs/reliability.md, "What repeats exactly").
 
         predictions  inputs (N, D), from each crop turned counter-clockwise by the quarters of the plan
         size         the body's, one or (N,), if it is known
