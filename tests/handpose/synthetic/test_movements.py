@@ -58,7 +58,7 @@ def test_values_have_speed_and_acceleration_without_jumps() -> None:
 
 def test_turns_take_the_shortest_way() -> None:
     """About a steady axis, by at most half a turn, through the poses."""
-    keys = Rotation.random(3, rng=np.random.default_rng(0))
+    keys = Rotation.random(3, np.random.default_rng(0))
     turns = Turns(keys[0])
     assert (turns.at(5.0) * keys[0].inv()).magnitude() < 1e-12
     turns.move(1.0, 1.0, keys[1])
@@ -74,7 +74,7 @@ def test_turns_take_the_shortest_way() -> None:
 
 def test_overlapping_turns_have_no_jumps() -> None:
     """Nor where one stroke ends, nor where the angles of the palm jump by a whole turn."""
-    keys = Rotation.random(3, rng=np.random.default_rng(1))
+    keys = Rotation.random(3, np.random.default_rng(1))
     turns = Turns(keys[0])
     turns.move(0.0, 1.0, keys[1])
     turns.move(0.7, 1.0, keys[2])
@@ -85,7 +85,7 @@ def test_overlapping_turns_have_no_jumps() -> None:
 
 def test_posed_hands_have_their_middle_at_the_origin() -> None:
     """The palm is turned as asked for, whatever person it is."""
-    palm = Rotation.random(2, rng=np.random.default_rng(2))
+    palm = Rotation.random(2, np.random.default_rng(2))
     fingers = HAND.inputs.copy()
     whole = posed(SAMPLER, PERSON, fingers, palm, np.stack([ARM, ARM]))
     kinematics = PERSON.flesh.kinematics
