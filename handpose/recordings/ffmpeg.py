@@ -55,7 +55,9 @@ def opened(path: Path) -> Iterator[Any]:
         container: Any = None
         try:
             with complaints() as said:
-                container = av.open(stream, format=kind, metadata_errors="replace")
+                # PyAV 19 has no such option any more.
+                names = {"metadata_errors": "replace"} if int(av.__version__.split(".")[0]) < 19 else {}
+                container = av.open(stream, format=kind, **names)
         except (av.FFmpegError, ValueError, MemoryError) as error:
             reason = "; ".join(said[:1]) or reason_of(error)
             raise DataError(f"{path}: cannot read the video: damaged or cut: {reason}") from error
