@@ -126,22 +126,26 @@ def is_sliced(net: netlib.Net) -> bool:
 @pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
 @pytest.mark.parametrize("engine", ["plain", "fast"])
 def test_slices_give_what_layer_by_layer_gives(net_of: MakeNet, start: str, items: int, engine: str) -> None:
-    """To float32's rounding, under either engine. In training, the first convolution looks only at what is not
-    background.
+    """To float32's rounding, under either engine, where no rounding decides between the values of a pooling window. In
+    training, the first convolution looks only at what is not background.
     """
     sliced, plain = net_of(start + PAPER), layer_by_layer(net_of(start + PAPER, engine=engine))
     inputs = batch(items, flat=not start)
     got, want = everything(sliced, inputs), everything(plain, inputs)
     assert is_sliced(sliced)
     assert not is_sliced(plain)
-    assert_close(got, want, 2e-5)
+    assert got.keys() == want.keys()
+    for name, array in want.items():
+        off = np.abs(got[name] - array) > 2e-5 * np.abs(array).max(initial=1e-30)
+        assert off.mean() <= 1e-3, name  # a window whose two largest values are equal: its gradient goes elsewhere
 
 
 @pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
-def test_slices_give_the_same_in_float64(net_of: MakeNet, start: str) -> None:
+@pytest.mark.parametrize("items", [7, 37])
+def test_slices_give_the_same_in_float64(net_of: MakeNet, start: str, items: int) -> None:
     """The paths differ in rounding only: 1e-12 in float64."""
     sliced, plain = (net_of(start + PAPER, dtype=np.float64) for _ in range(2))
-    assert_close(everything(sliced, batch(7)), everything(layer_by_layer(plain), batch(7)), 1e-12)
+    assert_close(everything(sliced, batch(items)), everything(layer_by_layer(plain), batch(items)), 1e-12)
 
 
 @pytest.mark.parametrize("background", ["none", "nothing else", "another value", "nothing else, and zero"])

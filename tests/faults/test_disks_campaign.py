@@ -8,12 +8,12 @@ from tests.faults import campaign, disks
 from tests.faults.isolation import Worker
 
 SHORT = {"clock": range(2), "soak": range(1), "two trainings": range(2)}
-STEPS = {"full": 24, "read-only": 27, "one": 30, "limited": 5, "data": 3, "planted": 1}  # else every 12th
+STEPS = {"full": 36, "read-only": 40, "one": 44, "limited": 8, "data": 5, "planted": 1}  # else every 24th
 
 
 @pytest.mark.parametrize("name", disks.NAMES)
 def test_disks(worker: Worker, name: str) -> None:
     """One line, or the work is done all the same; old files are whole, and the next run ends as it should."""
-    step = STEPS.get(name.split()[0], 12)
+    step = STEPS.get(name.split()[0], 24)
     numbers = SHORT.get(name, range(disks.NAMES.index(name) % step, 1000, step))
     assert campaign.failures(worker, "disks", name, numbers) == []

@@ -11,7 +11,7 @@ import pytest
 from tests.faults import campaign, readers
 from tests.faults.isolation import Worker
 
-CASES = 40
+CASES = 24
 
 
 @pytest.mark.parametrize("name", [reader.name for reader in readers.READERS])
