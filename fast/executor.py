@@ -203,20 +203,24 @@ class SlicedExecutor(Executor):
         kept = self._kept_back if self._seen[1] else self._kept
         for step in self.steps:
             if isinstance(step, SlicedStep):
-                for blob in [*step.run.outside("bottom"), *(step.run.outside("top") if self._seen[1] else [])]:
+                for blob in step.run.outside("top") if self._seen[1] else []:
                     if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
                         blob.on_look = partial(_keep, weakref.ref(self), blob)
+                        self._watched.append(blob)
+                for blob in step.run.outside("bottom"):  # backward writes their diffs, and reads none of them
+                    if isinstance(blob, FastBlob) and blob.on_look is None and id(blob) not in kept:
+                        blob.on_look_data = partial(_keep, weakref.ref(self), blob)
                         self._watched.append(blob)
 
     def _unwatch(self) -> None:
         for blob in self._watched:
-            blob.on_look = None
+            blob.on_look = blob.on_look_data = None
         self._watched.clear()
 
     def keep(self, blob: FastBlob) -> None:
         """Copy a blob that a caller is going to access."""
-        blob.on_look = None
-        data, diff = blob.copies()
+        data, diff = blob.copies(of_diff=blob.on_look is not None)
+        blob.on_look = blob.on_look_data = None
         if data is not None:
             self._kept.setdefault(id(blob), (blob, data))
         if self._seen[1]:
@@ -245,7 +249,7 @@ def _keep(executor: weakref.ref[SlicedExecutor], blob: FastBlob) -> None:
     """Before the first access, after a pass, to a blob that the pass has read."""
     owner = executor()
     if owner is None:
-        blob.on_look = None
+        blob.on_look = blob.on_look_data = None
     else:
         owner.keep(blob)
 

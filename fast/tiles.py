@@ -52,7 +52,8 @@ class FastBlob(Blob):
     pitch          columns stored per row if tiled, T * P
     may_be_sparse  both users of a tiled blob can handle sparse windows
     sparse         None, or the windows that are stored, instead of ``data`` and ``diff``
-    on_look        called before the first look at a blob that is not stored
+    on_look        called before the first look at data or diff
+    on_look_data   called before the first look at data
     """
 
     tile: int | None = None
@@ -60,6 +61,7 @@ class FastBlob(Blob):
     may_be_sparse: bool = False
     sparse: SparseTiles | None = None
     on_look: Callable[[], None] | None = None
+    on_look_data: Callable[[], None] | None = None
 
     @property
     def storage_shape(self) -> tuple[int, ...]:
@@ -74,6 +76,8 @@ class FastBlob(Blob):
         """Values."""
         while self.on_look is not None:  # a hidden blob is first stored, and then copied
             self.on_look()
+        if self.on_look_data is not None:
+            self.on_look_data()
         return super().data if self._data is None else self._data  # a call less: one image looks 60 times
 
     @property
@@ -83,10 +87,10 @@ class FastBlob(Blob):
             self.on_look()
         return super().diff if self._diff is None else self._diff
 
-    def copies(self) -> tuple[Array | None, Array | None]:
-        """Copies of data and diff; None where there is no memory for them yet."""
-        data, diff = (None if array is None else array.copy() for array in (self._data, self._diff))
-        return data, diff
+    def copies(self, of_diff: bool) -> tuple[Array | None, Array | None]:
+        """Copies of data, and of diff if that is wanted; None where there is no memory for them yet."""
+        data, diff = self._data, self._diff if of_diff else None
+        return None if data is None else data.copy(), None if diff is None else diff.copy()
 
     def adopt(self, data: Array) -> None:
         """Make ``data`` the blob's data, without a copy."""
