@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import socket
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def test_what_is_read_within_a_block_is_noted(tmp_path: Path) -> None:
 
 
 def kinds_in(folder: Path) -> dict[str, str]:
-    """Names of what is no file, and how each is called."""
+    """Names of what is no file, and how each is called, as a pattern: Python 3.13 has other words for a null byte."""
     os.mkfifo(folder / "pipe")
     (folder / "folder").mkdir()
     with socket.socket(socket.AF_UNIX) as server:
@@ -59,7 +60,7 @@ def kinds_in(folder: Path) -> dict[str, str]:
         str(folder / "folder"): "Is a directory; expected a file",
         str(folder / "socket"): "it is a socket; expected a file",
         str(folder / "none"): "No such file or directory",
-        str(folder / "a\0b"): "embedded null byte",
+        str(folder / "a\0b"): ".*embedded null (byte|character in path)",
         str(folder / ("x" * 300)): "File name too long",
         "/dev/zero": "it is a device; expected a file",
     }
@@ -73,7 +74,7 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         for read in (files.read_bytes, files.read_text, files.opened):
             with pytest.raises(WeightsError) as error:
                 read(name, "weights", WeightsError)
-            assert str(error.value) == printable(f"{name}: cannot read weights: {reason}")
+            assert re.fullmatch(re.escape(printable(f"{name}: cannot read weights: ")) + reason, str(error.value))
 
 
 def test_a_file_that_is_too_large(tmp_path: Path) -> None:
