@@ -62,7 +62,7 @@ def checked_weights(card: Card) -> Path:
 
 
 def checked_net(card: Card) -> Path:
-    """The net, after comparing its checksum: a layer that somebody added does not run. Raises WeightsError."""
+    """The net, after comparing its checksum, so that a modified net does not run. Raises WeightsError."""
     _check(card.net, net_content(card.net), card.net_sha256)
     return card.net
 

@@ -221,7 +221,7 @@ def _check(prior: PosePrior) -> None:
     )
     for message in (*drawn, *(prior.center,) * (prior.center is not None)):
         _check_numbers(message)
-    _check_sizes(prior)
+    _check_sizes(prior, skeleton)
     _check_center(prior, skeleton)
     bent = [part for bend in prior.bend for part in (bend.shared, bend.own)]
     betas: list[BetweenParameter | BetaParameter] = [*prior.between, *bent]
@@ -256,7 +256,7 @@ def _check_numbers(message: object) -> None:
             _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
 
 
-def _check_sizes(prior: PosePrior) -> None:
+def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
     """No body, and no bone, is drawn smaller than nothing."""
     expected = "less than 1 / scale_clip, so that none is below 0"
     _expect(prior, "scale_std", not prior.scale_std or prior.scale_std * prior.scale_clip < prior.scale_mean, expected)
@@ -264,8 +264,8 @@ def _check_sizes(prior: PosePrior) -> None:
     for group in prior.proportion:
         _expect(group, "std", not group.std or group.std * prior.scale_clip < 1, expected)
         for joint in group.joint:
-            if joint not in prior.body().joint_names:
-                raise _unknown(group, "joint", joint, prior.body().joint_names)
+            if joint not in skeleton.joint_names:
+                raise _unknown(group, "joint", joint, skeleton.joint_names)
 
 
 def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
