@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from handpose.facts.cameras import Camera
 from handpose.fitting.depth.fit import DepthFit, DepthFitter
 from handpose.predicting.many import fit_crops
-from handpose.predicting.nets import hand_inputs
+from handpose.predicting.starts import fit_starts
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.generator import BLOCK, Generator
 from layers.hand.skeleton import Skeleton
@@ -84,8 +84,7 @@ def measure(
         if block.unit not in fitters:
             fitters[block.unit] = fitter_of(block.unit)
         fitter = fitters[block.unit]
-        own = hand_inputs(net, block.crops)
-        x = fitter.model.variables_of(own)
+        x = fit_starts(net, fitter.model, block.crops, (0,))[0]
         limbs = fitter.model.limbs
         part = {
             "network": mean_errors_14(fitter.model.joints(x), block.joints),

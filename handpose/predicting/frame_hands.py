@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop
+from handpose.data.flying_pixels import clear_crop
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side
 from handpose.predicting import finding
@@ -87,7 +87,7 @@ class FrameHands:
         places, last = [], None
         for start, likely in zip(starts, odds):
             try:
-                first = Place(crop(depth, start, self._crops.cube_mm, camera), start, self._sides[0], likely)
+                first = Place(clear_crop(depth, start, self._crops.cube_mm, camera), start, self._sides[0], likely)
             except DataError as error:
                 last = error
                 continue
@@ -113,7 +113,7 @@ class FrameHands:
             if not (far < LARGEST_MOVE_MM and there[2] > self._crops.cube_mm / 2):
                 break  # a prediction gone astray
             try:
-                place = place._replace(crop=crop(depth, there, self._crops.cube_mm, camera), center_uvd=there)
+                place = place._replace(crop=clear_crop(depth, there, self._crops.cube_mm, camera), center_uvd=there)
             except DataError:  # out of sight
                 break
         return place

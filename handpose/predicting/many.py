@@ -12,7 +12,7 @@ from handpose.facts.sides import Side, as_right, is_mirrored
 from handpose.fitting.depth.fit import DepthFit, DepthFitter
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import turned_inputs
+from handpose.predicting.starts import fit_starts
 from netlib.net import Net
 from netlib.rows import blocks
 
@@ -41,8 +41,8 @@ def fit_crops(
     how, uvd = PLANS[plan], np.asarray(center_uvd, dtype=np.float64)
     found = []
     for rows in blocks(len(crops), TOGETHER):
-        predictions = turned_inputs(net, as_right(crops[rows], side), how.quarters)
+        starts = fit_starts(net, fitter.model, as_right(crops[rows], side), how.quarters)
         seen = observe(crops[rows], uvd[rows], camera, 2 * fitter.model.unit_mm, how.points)
-        found.append(fitter.fit(seen.mirrored() if is_mirrored(side) else seen, predictions, plan, size=size))
+        found.append(fitter.fit(seen.mirrored() if is_mirrored(side) else seen, starts, plan, size=size))
         progress(len(seen))
     return DepthFit(**{name: np.concatenate([getattr(part, name) for part in found]) for name in vars(found[0])})

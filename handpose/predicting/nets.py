@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from netlib.layer import TEST
 from netlib.net import Net
 
 PALM = "palm"  # the joint that makes a body a hand
+JOINTS = "joints"  # the blob of joints that a net says beside those of its hand model
 
 
 def trained(model: str | Path, weights: str | Path, engine: str | None = None) -> Net:
@@ -67,12 +68,17 @@ def cube_of(skeleton: Skeleton, cube_mm: float | None) -> float:
 def best_fit(model: str | Path) -> Literal["no", "fast", "accurate"]:
     """The plan that suits the net of a file. Only hands are turned by quarters, as the accurate one does.
 
-    Bodies without flesh are not fitted, nor such whose sizes the net predicts.
+    Bodies without flesh are not fitted, nor such whose bones the net predicts.
 
     Raises NetlibError.
     """
-    hand = hand_layer(Net(model, TEST))
-    if hand is None or hand.skeleton.param.flesh is None or len(hand.spec.bottom) > 1:
+    net = Net(model, TEST)
+    hand = hand_layer(net)
+    if hand is None or hand.skeleton.param.flesh is None:
+        return "no"
+    try:
+        _refuse_bones(net, hand)
+    except NetlibError:
         return "no"
     return "accurate" if is_hand(hand.skeleton) else "fast"
 
@@ -82,16 +88,16 @@ def skeleton_to_fit(net: Net) -> Skeleton:
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
-    _refuse_own_sizes(net, hand)
+    _refuse_bones(net, hand)
     return hand.skeleton
 
 
-def _refuse_own_sizes(net: Net, hand: HandModel) -> None:
-    """Inputs and the skeleton are not the predicted hand where its layer has a second bottom. Raises NetlibError."""
-    if len(hand.spec.bottom) > 1:
-        raise NetlibError(f"{net.source}: layer {hand.name!r} takes the size of each hand from blob "
+def _refuse_bones(net: Net, hand: HandModel) -> None:
+    """A fit knows the sizes of hands, but not all of their bones. Raises NetlibError."""
+    if len(hand.spec.bottom) > 1 and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num:
+        raise NetlibError(f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
                           f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
-                          "layer one bottom")  # fmt: skip
+                          "layer one bottom, or two with a size")  # fmt: skip
 
 
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
@@ -110,25 +116,42 @@ def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera
     return np.asarray(centers[frames]), camera
 
 
-def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
-    """What the net feeds its hand model for crops (N, size, size): inputs (N, D), float64. Raises NetlibError."""
+class HandPoses(NamedTuple):
+    """What a net says of N hands.
+
+    inputs  (N, D) of the skeleton, its limbs' angles among them; 0 for fixed DoFs
+    size    (N,) of each hand relative to the skeleton; 1 of nets that do not say it
+    joints  (N, K, 3) half-cubes from the crop centres, of nets that say them apart from the inputs: their blob joints
+    """
+
+    inputs: Array
+    size: Array
+    joints: Array | None
+
+
+def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
+    """What the net says of crops (N, size, size), in float64. Raises NetlibError."""
     hand = hand_layer(net)
     if hand is None:
         raise NetlibError(f"{net.source}: no HandModel layer, so there are no angles")
-    _refuse_own_sizes(net, hand)
-    name = hand.spec.bottom[0]
+    _refuse_bones(net, hand)
+    names = [*hand.spec.bottom, *([JOINTS] if JOINTS in net.blobs else [])]
     depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
     if net.blobs["depth"].shape != depth.shape:
         net.blobs["depth"].reshape(*depth.shape)
     # The hand model is not needed, but takes less than a net that is run in parts, which is no longer run in slices.
-    found = net.forward(blobs=[name], depth=depth)[name].reshape(len(crops), -1).astype(np.float64)
-    if not np.isfinite(found).all():
+    outputs = net.forward(blobs=names, depth=depth)
+    found = {name: outputs[name].reshape(len(crops), -1).astype(np.float64) for name in names}
+    if not all(np.isfinite(values).all() for values in found.values()):
         raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
-    found[:, hand.skeleton.fixed] = 0
-    return found
+    inputs, size = found[hand.spec.bottom[0]], np.ones(len(crops))
+    if len(hand.spec.bottom) > 1:
+        size = found[hand.spec.bottom[1]][:, 0]
+        inputs += (size - 1)[:, None] * hand.starts  # a factor of the initial translations, too
+    inputs[:, hand.skeleton.fixed] = 0
+    return HandPoses(inputs, size, found[JOINTS].reshape(len(crops), -1, 3) if JOINTS in found else None)
 
 
-def turned_inputs(net: Net, crops: NDArray[np.floating], quarters: Sequence[int]) -> list[Array]:
-    """``hand_inputs`` (N, D) of crops (N, size, size) turned counter-clockwise by each of the quarters."""
-    turned = np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])
-    return np.split(hand_inputs(net, turned), len(quarters))
+def hand_inputs(net: Net, crops: NDArray[np.floating]) -> Array:
+    """The inputs (N, D) of ``hand_poses``. Raises NetlibError."""
+    return hand_poses(net, crops).inputs

@@ -25,7 +25,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from handpose.data.crops import window
+from handpose.data.crops import SIZE, window
 from handpose.data.frames import Frames, empty_frames
 from handpose.facts.cameras import NYU, Camera
 from handpose.flesh.render import Floats, normalise_depth, render_crop
@@ -139,7 +139,8 @@ class Generator:
                                  half, center)  # fmt: skip
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if sensor is not None:
-            depth = sense(rng, depth, center_uvd[:, 2] + half, sensor, camera)
+            pixel = SIZE * center_uvd[:, 2] / (cube_mm * camera.fx)
+            depth = sense(rng, depth, center_uvd[:, 2] + half, sensor, camera, pixel)
             _blank_outside(depth, center_uvd, camera, cube_mm)
         return Scene(bodies, camera, center_uvd, normalise_depth(depth, center_uvd[:, 2], cube_mm), cube_mm)
 

@@ -15,17 +15,16 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.flesh_prior import ANYBODY, OTHER_FLESH, FleshPrior
 from handpose.synthetic.generator import Generator, Recipe, Subject, View
 from handpose.synthetic.prior_file import PosePrior, RangeParameter
-from handpose.synthetic.sensor import CODED_LIGHT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
+from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
 from netlib.errors import NetlibError
 
 ONE_THICKNESS = FleshPrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # as NYU's second subject: smaller, with proportions of its own
-# Of hands of all ages, from all sides. Relative to the length of the hand, fingers are thicker than the model's by
-# about a tenth and palms by a quarter: joints of the fingers 17 to 20 mm wide, palms 28 mm and wrists 40 mm thick, for
-# hands 190 mm long (Greiner, Hand Anthropometry of U.S. Army Personnel, 1991). An arm may come from the camera's side.
+# Of hands of all ages, from all sides; the surface of their skeleton has the thickness of most. An arm may come from the
+# camera's side.
 PEOPLE_FLESH = FleshPrior(
-    thickness_mean=1.1, thickness_std=0.1, trunk_mean=1.12, trunk_std=0.1, radius_std=0.06, offsets=(0.4, 1.6),
-    limb=(0.75, 1.2), towards_camera=0.9, cut=0.3, sleeve=0.4,
+    thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
+    cut=0.3, sleeve=0.4,
 )  # fmt: skip
 
 
@@ -51,8 +50,11 @@ def like_nyu() -> PosePrior:
 
 
 def _people() -> Recipe:
-    views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
-             View(ICVL, TIME_OF_FLIGHT), View(ICVL, CODED_LIGHT))  # fmt: skip
+    kinect, noisy = replace(KINECT, spread=(0.0, 1.5)), replace(NOISY_KINECT, spread=(0.0, 2.0))
+    time_of_flight = replace(TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0))
+    coded_light = replace(CODED_LIGHT, spread=(0.0, 2.0), disparity_noise=(0.0, 0.08))
+    views = (View(NYU, kinect), View(NYU, noisy), View(KINECT2, time_of_flight), View(SR305, coded_light),
+             View(ICVL, time_of_flight), View(ICVL, coded_light))  # fmt: skip
     return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_FLESH, views)
 
 

@@ -2,8 +2,8 @@
 
     sense(rng, depth, far, KINECT, camera)
 
-The faults in the order in which they arise: matching takes the depth of a neighbour (``_shift``), light from both sides
-of an edge gives a depth between them (``_fly``), disparity or time is noisy and rounded (``_measure``), some pixels at
+The faults in the order in which they arise: near surfaces cover what is behind their edges (``_spread``), matching takes
+the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them (``_fly``), disparity or time is noisy and rounded (``_measure``), some pixels at
 depth steps are not read at all (``_drop``). A change of this code changes synthetic frames: raise
 ``handpose.synthetic.generator.VERSION``.
 """
@@ -13,8 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from handpose.facts.cameras import Camera
 from handpose.flesh.render import Floats
@@ -31,6 +32,7 @@ class Sensor:
     Of two numbers each frame draws its own between them, uniformly.
     """
 
+    spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface covers what is behind its edges
     pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: a pixel looks so far beside itself (deviation)
     block_shift: tuple[float, float] = (0.2, 0.7)  # px of the crop: the same for 4 x 4 pixels together
     baseline: float = 75.0  # mm between projector and camera
@@ -82,8 +84,17 @@ NOISY_KINECT = Sensor(
 )
 
 
-def sense(rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera) -> Floats:
-    """Depth (N, H, W) in mm as ``sensor`` would read it; ``far`` (N,) mm is the background, and what is not read."""
+def sense(
+    rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera,
+    pixel: ArrayLike = 1.0,
+) -> Floats:  # fmt: skip
+    """Depth (N, H, W) in mm as ``sensor`` would read it.
+
+    far    (N,) mm, the background, and what is not read
+    pixel  size of a pixel of the camera's image in pixels of ``depth``, one or (N,)
+    """
+    if sensor.spread[1]:
+        depth = _spread(rng, depth, sensor, np.broadcast_to(np.asarray(pixel, np.float64), len(depth)))
     out = np.empty_like(depth)
     limits = np.asarray(far, dtype=np.float32)[:, None, None]
     for first in range(0, len(depth), _CHUNK):
@@ -108,6 +119,19 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]
     """Random bytes, the cheapest random numbers there are."""
     count = int(np.prod(shape))
     return rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
+
+
+def _spread(rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDArray[np.float64]) -> Floats:
+    """Depth in which surfaces cover the pixels beside their edges: windows of matching and of filters do that."""
+    out = depth.copy()
+    for n, radius in enumerate(rng.uniform(*sensor.spread, len(depth)) * pixel):
+        if radius >= 1:  # else no other pixel is as near
+            steps = np.arange(-int(radius), int(radius) + 1)
+            disc = (steps**2 + steps[:, None] ** 2 <= radius**2).astype(np.uint8)
+            nearest = cv2.erode(depth[n], disc)
+            covered = depth[n] - nearest > sensor.edge
+            out[n][covered] = nearest[covered]
+    return out
 
 
 def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import crop
+from handpose.data.flying_pixels import clear_crop
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, is_mirrored, mirror_of, seen_as_right
 from handpose.fitting.depth.fit import DepthFit
@@ -20,8 +20,8 @@ from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.fitting.depth.strangeness import strangeness
 from handpose.predicting.finding import recenter
-from handpose.predicting.nets import turned_inputs
 from handpose.predicting.predictor import Predictor
+from handpose.predicting.starts import fit_starts
 from handpose.tracking.body_pose import Placed, Placer
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -108,7 +108,7 @@ class Looker:
         alike: dict[tuple[bool, ...], list[int]] = {}
         for i, aim in enumerate(aims):
             try:
-                crops.append(crop(depth, aim.center_uvd, self.cube_mm, self.camera))
+                crops.append(clear_crop(depth, aim.center_uvd, self.cube_mm, self.camera))
             except DataError:
                 crops.append(None)
                 continue
@@ -170,7 +170,7 @@ class Looker:
         if before is not None and aims[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)
         else:
-            fit = self.fitter.fit(seen, self._predictions(crops, mirrored, plan), plan, size=sizes, before=before)
+            fit = self.fitter.fit(seen, self._starts(crops, mirrored, plan), plan, size=sizes, before=before)
             goes_on &= fit.start == len(PLANS[plan].quarters)
         sights = []
         for i, (aim, center) in enumerate(zip(aims, centers)):
@@ -178,8 +178,8 @@ class Looker:
             sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center), bool(goes_on[i])))
         return sights
 
-    def _predictions(self, crops: NDArray[np.float32], mirrored: NDArray[np.bool_], plan: str) -> list[Array]:
-        """The network's inputs (N, D) for crops (N, S, S), turned by each quarter of the plan; some mirrored."""
+    def _starts(self, crops: NDArray[np.float32], mirrored: NDArray[np.bool_], plan: str) -> list[Array]:
+        """What the network sees in crops (N, S, S), turned by each quarter of the plan; some mirrored."""
         shown = crops.copy()
         shown[mirrored] = crops[mirrored][:, :, ::-1]
-        return turned_inputs(self.net, shown, PLANS[plan].quarters)
+        return fit_starts(self.net, self.fitter.model, shown, PLANS[plan].quarters)

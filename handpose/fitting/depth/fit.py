@@ -2,7 +2,7 @@
 
 fitter = DepthFitter(FleshModel(skeleton, CUBE_MM / 2), errors)
 seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
-found = fitter.fit(seen, predictions, "accurate")   # predictions: the network's inputs, per quarter turn of the plan
+found = fitter.fit(seen, starts, "accurate")   # starts: what the network sees, per quarter turn of the plan
 found.joints                                        # (N, K, 3) mm from the crops' centres
 """
 
@@ -18,10 +18,9 @@ from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel
 from handpose.fitting.depth.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
 from handpose.fitting.depth.objective import Objective, Weights
 from handpose.fitting.depth.observation import Observation
-from handpose.fitting.depth.search import PLANS, Found, Plan, drawn, search, turned_back
+from handpose.fitting.depth.search import PLANS, Found, Plan, drawn, search
 from handpose.fitting.parallel import for_each
 from handpose.rounding import NETWORK_STEP, rounded
-from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -89,7 +88,7 @@ class DepthFitter:
         return cls(model, read_errors(path, model), weights)
 
     def fit(
-        self, seen: Observation, predictions: Sequence[Array], plan: str, *, size: float | Array | None = None,
+        self, seen: Observation, starts: Sequence[Array], plan: str, *, size: float | Array | None = None,
         before: Array | None = None, seed: int = 0,
     ) -> DepthFit:  # fmt: skip
         """The best fit of every frame. Raises DataError.
@@ -97,31 +96,28 @@ class DepthFitter:
         The same frames give the same fits, bit for bit, whatever other frames are fitted with them and on any
         processor, but for rare cases (docs/reliability.md, "What repeats exactly").
 
-        predictions  inputs (N, D), from each crop turned counter-clockwise by the quarters of the plan
-        size         the body's, one or (N,), if it is known
-        before       x (N, V) as the frames before let it be expected: one more start, with a prior about itself
-        seed         of the drawn starts
+        starts  x (N, V) that the network sees in the crops, turned by each of the quarters of the plan
+        size    the body's, one or (N,), if it is known
+        before  x (N, V) as the frames before let it be expected: one more start, with a prior about itself
+        seed    of the drawn starts
         """
         how, model = PLANS[plan], self.model
-        if len(predictions) != len(how.quarters):
-            raise DataError(f"{len(predictions)} predictions, expected {len(how.quarters)} for the plan {plan!r}")
-        own = np.stack([
-            model.variables_of(turned_back(model, rounded(p, NETWORK_STEP), quarter))
-            for p, quarter in zip(predictions, how.quarters)
-        ])  # fmt: skip
+        if len(starts) != len(how.quarters):
+            raise DataError(f"{len(starts)} starts, expected {len(how.quarters)} for the plan {plan!r}")
+        own = np.stack([rounded(x, NETWORK_STEP) for x in starts])
         if before is not None:
             own = np.concatenate([own, before[None]])
         if own.shape[1] != len(seen):
-            raise DataError(f"predictions of {own.shape[1]} frames for {len(seen)} crops")
-        network = kinematics_of(model.skeleton).joints(np.asarray(predictions[0], np.float64)) * model.unit_mm
-        starts, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
+            raise DataError(f"starts of {own.shape[1]} frames for {len(seen)} crops")
+        network = model.joints(own[0])
+        tried, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
         if how.draws:
-            starts.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
+            tried.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
             priors.append(np.tile(own[:1], (how.draws, 1, 1)))
         handicap = np.ones(len(own) + how.draws)
         if before is not None:
             handicap[len(own) - 1] = STAY
-        found = self._searched(seen, np.concatenate(starts), np.concatenate(priors), how, size, handicap)
+        found = self._searched(seen, np.concatenate(tried), np.concatenate(priors), how, size, handicap)
         return self._told(found, seen, network, plan)
 
     def follow(
@@ -142,10 +138,10 @@ class DepthFitter:
         return self._told(found, seen, network, plan, moved_mm)
 
     def _expected(self, before: Array) -> Array:
-        """The prior of x (N, V): about itself, but for what only the flesh has, size and girth, about their means."""
+        """The prior of x (N, V): about itself, but for what only the flesh has and its girth, about their means."""
         prior = before.copy()
         prior[:, self.model.own] = 0
-        prior[:, [SIZE, GIRTH]] = 0
+        prior[:, GIRTH] = 0
         return prior
 
     def _searched(

@@ -98,14 +98,14 @@ def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int)
     return np.clip(starts, model.lower, model.upper)
 
 
-def turned_back(model: FleshModel, inputs: Array, quarter: int) -> Array:
-    """Inputs (N, D) found in crops that were turned counter-clockwise by quarters, for the crops as they were.
+def turned_back(model: FleshModel, x: Array, quarter: int) -> Array:
+    """Variables (N, V) found in crops that were turned counter-clockwise by quarters, for the crops as they were.
 
     A turn about the line of sight turns the root's place, and is added to its outermost angle. Raises NetlibError for a
     skeleton whose root does not translate along x and y and turn about z first.
     """
     if quarter % 4 == 0:
-        return inputs
+        return x
     skeleton = model.skeleton
     motions = skeleton.motions[int(np.flatnonzero(skeleton.parents < 0)[0])]
     slides = {m.axis: m for m in motions if m.kind == "translate"}
@@ -115,13 +115,13 @@ def turned_back(model: FleshModel, inputs: Array, quarter: int) -> Array:
             f"skeleton {skeleton.name!r}: its root does not translate along x and y and turn about z first, so it "
             "cannot be turned with the picture; expected a plan without quarter turns"
         )
-    theta = skeleton.theta(inputs)
-    x, y = (slides[axis].sign * theta[:, slides[axis].dof] for axis in (0, 1))
+    column = {int(dof): i for i, dof in enumerate(model.free)}
+    right, up = (slides[a].sign * (x[:, column[slides[a].dof]] + skeleton.initial[slides[a].dof]) for a in (0, 1))
     c, s = [(0, -1), (-1, 0), (0, 1)][quarter % 4 - 1]  # cosine and sine of -quarter * 90 degrees
-    result = inputs.copy()
-    for axis, value in ((0, c * x - s * y), (1, s * x + c * y)):
+    result = x.copy()
+    for axis, value in ((0, c * right - s * up), (1, s * right + c * up)):
         m = slides[axis]
-        result[:, m.dof] = m.sign * value - skeleton.initial[m.dof]
-    angle = result[:, turns[0].dof] - turns[0].sign * quarter * np.pi / 2
-    result[:, turns[0].dof] = (angle + np.pi) % (2 * np.pi) - np.pi
+        result[:, column[m.dof]] = m.sign * value - skeleton.initial[m.dof]
+    angle = result[:, column[turns[0].dof]] - turns[0].sign * quarter * np.pi / 2
+    result[:, column[turns[0].dof]] = (angle + np.pi) % (2 * np.pi) - np.pi
     return result
