@@ -14,6 +14,7 @@ from handpose.fitting.depth.body import GIRTH
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.strangeness import strangeness
 from handpose.predicting.many import fit_crops
+from handpose.predicting.nets import JOINTS
 from handpose.predicting.options import Fit
 from handpose.predicting.prediction import FittedHand, FramePrediction, Prediction
 from netlib.blob import Array
@@ -44,7 +45,8 @@ class CropHands:
     def network(self, crop: NDArray[np.float32], side: Side) -> Array:
         """The joints (K, 3) in half-cubes that the net alone predicts in a crop (128, 128). Raises NetlibError."""
         shown = np.ascontiguousarray(as_right(crop, side))
-        joints = self.net.forward(blobs=["pred"], depth=shown[None, None])["pred"].reshape(-1, 3).astype(np.float64)
+        name = JOINTS if JOINTS in self.net.blobs else "pred"
+        joints = self.net.forward(blobs=[name], depth=shown[None, None])[name].reshape(-1, 3).astype(np.float64)
         if not np.isfinite(joints).all():
             raise NetlibError(f"{self.net.source}: predicts joints that are not finite; check its weights")
         return np.asarray(joints * mirror_of(side))

@@ -145,7 +145,7 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)
     start[:, :3] = scene.bodies.inputs[:n, :3] + rng.normal(0, 0.02, (n, 3))
     seen = observe(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF, 300)
-    fit = DepthFitter(model).fit(seen, [start], "fast")
+    fit = DepthFitter(model).fit(seen, [model.variables_of(start)], "fast")
     before = np.linalg.norm(model.joints(model.variables_of(start)) - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(fit.joints - truth, axis=2).mean(axis=1)
     assert after.mean() < 0.6 * before.mean() and (after < before).mean() > 0.8

@@ -5,8 +5,7 @@ are no body. So the inputs x of the body, its size among them, are those that mi
 
     |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2  +  (log size - log size_0)^2 / SIZE_STD^2
 
-by Levenberg-Marquardt from x_0, the inputs that the network predicts. The joints' errors are not independent, so
-JOINT_MM is several times the error of one.
+by Levenberg-Marquardt from x_0, the inputs that the network predicts. What comes of it depends little on these numbers.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from handpose.fitting.depth.body import SIZE, FleshModel
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 
-JOINT_MM, LIMB, SIZE_STD = 30.0, 0.3, 0.05
+JOINT_MM, LIMB, SIZE_STD = 10.0, 0.6, 0.1
 STEPS = 8
 FIRST_MU, TRUST, MISTRUST = 1e-2, 1 / 3, 4.0
 

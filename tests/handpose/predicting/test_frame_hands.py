@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.crops import crop
+from handpose.data.flying_pixels import clear_crop
 from handpose.facts.cameras import KINECT2
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.facts.sides import Side, mirror_of
@@ -53,7 +53,7 @@ def test_the_crop_goes_to_the_palm(
     start = np.array([260.0, 210.0, 690.0])
     found = predictor.in_frame(frame, start)
     np.testing.assert_allclose(found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3)
-    np.testing.assert_array_equal(found.crop, crop(frame, found.center_uvd, CUBE_MM, KINECT2))
+    np.testing.assert_array_equal(found.crop, clear_crop(frame, found.center_uvd, CUBE_MM, KINECT2))
 
 
 def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:

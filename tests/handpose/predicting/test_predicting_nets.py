@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import NYU
-from handpose.predicting.nets import hand_inputs, skeleton_to_fit, turned_inputs
+from handpose.predicting.nets import hand_inputs, skeleton_to_fit
 from handpose.predicting.packaged import load_predictor
 from layers.hand.bodies import kinematics_of
 from netlib.net import Net
@@ -43,9 +43,3 @@ def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -
     np.testing.assert_array_equal(net.forward(depth=depth)["pred"], before)
     np.testing.assert_array_equal(hand_inputs(net, crops[:1]), inputs)
 
-
-def test_turned_crops(net: Net, crops: np.ndarray) -> None:
-    """Counter-clockwise by quarters, each with the inputs of that picture."""
-    plain, turned = turned_inputs(net, crops, (0, 1))
-    np.testing.assert_allclose(plain, hand_inputs(net, crops), atol=1e-6)
-    np.testing.assert_allclose(turned, hand_inputs(net, np.rot90(crops, 1, (1, 2))), atol=1e-6)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.crops import crop
+from handpose.data.flying_pixels import clear_crop
 from handpose.data.depth_images import UnitError
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CUBE_MM
@@ -81,21 +81,28 @@ layer { name: "hand\"""",
 
 
 def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
-    """Its joints are those of its layer, of the hand's own size; a fit, which has another size, is refused."""
+    """Its joints are those of its layer, of the hand's own size."""
     net = net_of(SIZED % 1, netlib.TEST)
     bias = net.params["DoF"][1].data
     net.params["DoF"][0].data[...], bias[...] = 0, -HAND.initial * HAND.slides * 1.5  # the palm in the middle
     found = Predictor(net).in_crop(some_crop())
     usual = HAND.scaled(1.5)
     assert np.allclose(found.joints, kinematics_of(usual).joints(bias[None].astype(float))[0], atol=1e-5)
-    message = "layer 'hand' takes the size of each hand from blob 'size', which a fit does not know; do without a fit"
+    (tmp_path / "net.prototxt").write_text(SIZED % 1)
+    assert best_fit(tmp_path / "net.prototxt") == "accurate"
+
+
+def test_a_net_that_predicts_bones(net_of: NetOf, tmp_path: Path) -> None:
+    """A fit does not know them, so it is refused."""
+    boned = SIZED.replace("num_output: 1 ", "num_output: 31 ") % 1
+    net = net_of(boned, netlib.TEST)
+    message = "layer 'hand' takes the bones of each hand from blob 'size', which a fit does not know; do without a fit"
     with pytest.raises(NetlibError, match=message):
         Predictor(net, fit="fast").in_crop(some_crop())
     with pytest.raises(NetlibError, match=message):
         skeleton_to_fit(net)
-    for text, expected in ((SIZED, "no"), (NET, "accurate")):
-        (tmp_path / "net.prototxt").write_text(text % 1)
-        assert best_fit(tmp_path / "net.prototxt") == expected
+    (tmp_path / "net.prototxt").write_text(boned)
+    assert best_fit(tmp_path / "net.prototxt") == "no"
 
 
 @pytest.mark.parametrize(
@@ -136,7 +143,7 @@ def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
         np.testing.assert_array_equal(found.xyz, same.xyz)
     hidden = np.ma.array(frame, mask=frame > 1000)
     np.testing.assert_array_equal(
-        crop(hidden, (270, 215, 700), 300, KINECT2), crop(holes, (270, 215, 700), 300, KINECT2)
+        clear_crop(hidden, (270, 215, 700), 300, KINECT2), clear_crop(holes, (270, 215, 700), 300, KINECT2)
     )
 
 
@@ -161,7 +168,7 @@ def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
     """Without refinement: the joints of the crop at this centre, and where they are before the camera."""
     center = [260.0, 210.0, 690.0]
     found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
-    np.testing.assert_array_equal(found.crop, crop(frame, center, CUBE_MM, KINECT2))
+    np.testing.assert_array_equal(found.crop, clear_crop(frame, center, CUBE_MM, KINECT2))
     np.testing.assert_array_equal(found.joints, Predictor(seeing).in_crop(found.crop).joints)
     np.testing.assert_array_equal(found.center_uvd, center)
     np.testing.assert_allclose(found.center_mm, KINECT2.unproject(center))

@@ -113,3 +113,15 @@ def test_a_settled_sensor_is_one_camera() -> None:
         else:
             assert own == bounds
     assert one.dropout != other.dropout
+
+
+def test_near_surfaces_spread() -> None:
+    """A plate covers the background beside it by as many pixels of the image as said; its own depths stay."""
+    depth = np.full((1, 128, 128), 950, np.float32)
+    depth[:, 40:80, 40:80] = 700
+    wide = replace(PERFECT, spread=(2.0, 2.0), disparity_step=1e-4)
+    for pixel, rows in ((1.0, 2), (0.6, 1), (0.4, 0)):
+        read = sense(np.random.default_rng(0), depth, FAR[:1], wide, NYU, pixel)
+        covered = np.flatnonzero(read[0, :, 60] < 900)
+        assert covered.min() == 40 - rows and covered.max() == 79 + rows
+        np.testing.assert_allclose(read[0, covered, 60], 700, atol=0.1)

@@ -14,6 +14,7 @@ from handpose.fitting.depth.network_errors import LOST_MM, NetworkErrors
 from handpose.fitting.depth.observation import observe
 from handpose.flesh.flesh import Flesh
 from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib import engine, prototxt, schema
@@ -51,7 +52,7 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     """Joints near the truth, inputs that make them, a size, a misfit, and what the table says of it."""
     model = fitter.model
     start = start_of(scene, model)
-    found = fitter.fit(scene.seen, [model.inputs_of(start)], "fast")
+    found = fitter.fit(scene.seen, [start], "fast")
     assert np.median(np.linalg.norm(found.joints - scene.joints, axis=2).mean(axis=1)) < 6
     assert error(model, start, scene).mean() > 12
     np.testing.assert_allclose(found.joints, model.joints(found.x))
@@ -59,15 +60,15 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     np.testing.assert_allclose(found.error_mm, np.interp(found.doubt, [1, 100, 1000], [2, 20, 60]))
     assert np.isfinite(found.confidence).all()
     np.testing.assert_allclose(found.misfit, found.signs[:, :4].sum(axis=1))
-    np.testing.assert_allclose(found.network, model.joints(start), atol=1e-6)
+    np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
     np.testing.assert_allclose(found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1))
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
     """The accurate plan, on average; its errors are not measured here, so its confidence is unknown."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    fast = fitter.fit(scene.seen, [inputs], "fast")
-    accurate = fitter.fit(scene.seen, [inputs] * 4, "accurate")
+    fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast")
+    accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, "accurate")
     assert np.log(accurate.misfit).mean() < np.log(fast.misfit).mean()
     assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
 
@@ -77,15 +78,15 @@ def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> Non
     """A frame's fit does not depend on the frames beside it, nor on threads; a second run is the same bit for bit."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     quarters = 4 if plan == "accurate" else 1
-    whole = fitter.fit(scene.seen, [inputs] * quarters, plan)
-    again = fitter.fit(scene.seen, [inputs] * quarters, plan)
+    whole = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
+    again = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
     np.testing.assert_array_equal(whole.x, again.x)
-    one = fitter.fit(scene.seen.take(slice(3, 4)), [inputs[3:4]] * quarters, plan)
+    one = fitter.fit(scene.seen.take(slice(3, 4)), [fitter.model.variables_of(inputs[3:4])] * quarters, plan)
     np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
     threads = engine.get().threads()
     try:
         engine.get().set_threads(1)
-        np.testing.assert_array_equal(fitter.fit(scene.seen, [inputs] * quarters, plan).x, whole.x)
+        np.testing.assert_array_equal(fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x)
     finally:
         engine.get().set_threads(threads)
 
@@ -96,7 +97,7 @@ def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Sce
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
     quarters = 4 if plan == "accurate" else 1
-    found, again = (fitter.fit(scene.seen, [own] * quarters, plan) for own in (inputs, nearly))
+    found, again = (fitter.fit(scene.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly))
     np.testing.assert_array_equal(found.x, again.x)
 
 
@@ -105,13 +106,13 @@ def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> Non
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     inputs = fitter.model.inputs_of(scene.truth[:2])
-    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [inputs], "fast")
+    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [fitter.model.variables_of(inputs)], "fast")
     assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.doubt).all()
 
 
 def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) -> None:
     """The longer its edge cuts the hand, the less; nothing else changes."""
-    start = [fitter.model.inputs_of(start_of(scene, fitter.model))]
+    start = [start_of(scene, fitter.model)]
     cut = [np.full(len(scene.seen), mm, np.float32) for mm in (0, 40, 60, 300)]
     found = [fitter.fit(replace(scene.seen, cut_mm=own), start, "fast") for own in cut]
     for one, part, times in zip(found, (1, 1, 0.9, 0.6), (1, 1, 1.3, 2.2)):
@@ -123,15 +124,15 @@ def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) 
 def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
     """Exactly enough."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    found = fitter.fit(scene.seen, [inputs], "fast", size=1.07)
+    found = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast", size=1.07)
     assert found.size == pytest.approx(1.07, abs=2e-3)
 
 
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
     """The true pose as a start, of the hand and of its mirror image."""
     inputs = fitter.model.inputs_of(scene.truth)
-    right = fitter.fit(scene.seen, [inputs] * 4, "accurate")
-    left = fitter.fit(scene.seen.mirrored(), [inputs] * 4, "accurate")
+    right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, "accurate")
+    left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, "accurate")
     assert (right.misfit < left.misfit).all()
 
 
@@ -149,7 +150,7 @@ def test_any_body_with_flesh() -> None:
     crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
     fitter = DepthFitter(FleshModel(skeleton, 150.0))
     start = inputs + rng.normal(0, 0.15, inputs.shape)
-    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [start] * 4, "accurate")
+    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, "accurate")
     truth = flesh.kinematics.joints(inputs) * 150
     before = np.linalg.norm(flesh.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
@@ -163,14 +164,14 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     far[:, model.limbs] = np.clip(far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs])
     far[:, model.root[3:]] += 0.7
     near = scene.truth + np.random.default_rng(0).normal(0, 0.02, scene.truth.shape)
-    alone = fitter.fit(scene.seen, [model.inputs_of(far)], "fast")
-    found = fitter.fit(scene.seen, [model.inputs_of(far)], "fast", before=near)
+    alone = fitter.fit(scene.seen, [far], "fast")
+    found = fitter.fit(scene.seen, [far], "fast", before=near)
     assert (found.start == 1).mean() > 0.7 and np.median(error(model, found.x, scene)) < 4
     assert error(model, found.x, scene).mean() < 0.5 * error(model, alone.x, scene).mean()
     np.testing.assert_allclose(found.network, alone.network)
-    other = fitter.fit(scene.seen, [model.inputs_of(near)], "fast", before=far)
+    other = fitter.fit(scene.seen, [near], "fast", before=far)
     assert (other.start == 0).mean() > 0.7
-    accurate = fitter.fit(scene.seen, [model.inputs_of(far)] * 4, "accurate", before=near)
+    accurate = fitter.fit(scene.seen, [far] * 4, "accurate", before=near)
     assert (accurate.start == 4).mean() > 0.5
 
 
@@ -178,8 +179,8 @@ def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
     """Each frame has its own, also of the start that is given."""
     inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
     for found in (
-        fitter.fit(scene.seen, [inputs], "fast", size=sizes),
-        fitter.fit(scene.seen, [inputs], "fast", size=sizes, before=scene.truth),
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast", size=sizes),
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast", size=sizes, before=scene.truth),
         fitter.follow(scene.seen, scene.truth, np.zeros(12), "fast", size=sizes),
     ):
         np.testing.assert_allclose(found.size, sizes, atol=3e-3)
@@ -221,9 +222,9 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch:
 
 
 def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
-    """As many predictions as quarter turns, as many frames as crops."""
+    """As many starts as quarter turns, as many frames as crops."""
     inputs = fitter.model.inputs_of(scene.truth)
-    with pytest.raises(DataError, match="1 predictions, expected 4 for the plan 'accurate'"):
-        fitter.fit(scene.seen, [inputs], "accurate")
-    with pytest.raises(DataError, match="predictions of 11 frames for 12 crops"):
-        fitter.fit(scene.seen, [inputs[:11]], "fast")
+    with pytest.raises(DataError, match="1 starts, expected 4 for the plan 'accurate'"):
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "accurate")
+    with pytest.raises(DataError, match="starts of 11 frames for 12 crops"):
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs[:11])], "fast")
