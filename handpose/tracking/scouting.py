@@ -6,6 +6,8 @@ during the frames after it; those that may be hands are then looked at as ``Pred
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,16 @@ ROUND, ROUND_ALONE = 0.5, 0.2  # s that a round takes, while a hand is followed,
 MOST, MOST_ALONE = 200.0, 1500.0  # ... but for so many places a second, which is what there is time for
 APART_MM = 170.0  # from the middles of hands that are followed
 TIMES = 2  # that a likely place is looked at again, from where the hand was said to be
+# A place that was no hand after all, such as an elbow, is passed over for a pause, which doubles each time.
+REJECTED_MM, PAUSE, LONGEST_PAUSE = 100.0, 0.5, 4.0
+
+
+class Rejected(NamedTuple):
+    """A place (3,) in mm that was no hand, for how long it is passed over, and until when, both in s."""
+
+    place: Array
+    pause: float
+    until: float
 
 
 class Scout:
@@ -29,6 +41,15 @@ class Scout:
         self._left = np.zeros((0, 3))
         self._begun = self._last = -np.inf
         self._a_second = 0.0
+        self._rejected: list[Rejected] = []
+
+    def reject(self, place: Array, time: float) -> None:
+        """Pass over what is near a place (3,) in mm for a while: it was looked at, and is no hand."""
+        recent = [r for r in self._rejected if time < r.until + LONGEST_PAUSE]
+        near = [np.linalg.norm(r.place - place) < REJECTED_MM for r in recent]
+        pause = min(max((2 * r.pause for r, is_near in zip(recent, near) if is_near), default=PAUSE), LONGEST_PAUSE)
+        others = [r for r, is_near in zip(recent, near) if not is_near]
+        self._rejected = [*others, Rejected(place, pause, time + pause)]
 
     def begin_anew(self) -> None:
         """Look at all places of the next image, as if it were the first."""
@@ -62,6 +83,9 @@ class Scout:
             likeliest = middle[likely][np.argsort(-chance[likely])][:4]
             chance, middle = self.locator.at(depth, likeliest, self.camera)
         good = chance > LIKELY
+        for rejected in self._rejected if len(followed) else []:
+            if time < rejected.until:
+                good &= np.linalg.norm(middle - rejected.place, axis=1) > REJECTED_MM
         if len(followed) and good.any():
             good &= np.linalg.norm(middle[:, None] - followed, axis=2).min(axis=1) > APART_MM
         if not good.any():

@@ -200,22 +200,28 @@ class Tracker:
         place = self.scout.look(depth, middles, time)
         if place is None:
             return
-        try:
-            found = self.predictor.hands_at(depth, [self.camera.project(place)], [0.0])[0]
-        except DataError:  # out of sight
-            return
-        aims = [Aim(found.center_uvd, side) for side in self.predictor.sides]
-        seen = [sight for sight in self.looker.look(depth, aims, "accurate") if sight is not None]
-        if not seen or max(s.confidence for s in seen) < ENOUGH:
-            return
-        best = min(seen, key=lambda s: s.doubt)
-        if not self._looks_like_a_hand(depth, best, STRANGE_NEW_MM):
+        seen = self._hands_at(depth, place)
+        if not seen:
+            self.scout.reject(place, time)
             return
         follower = Follower(-1, self.looker, seen, time, self.size, self._leaning(time))
         follower.id = self._id_of(follower.hand, time)
         known = self.known.setdefault(follower.id, Known(follower.hand, time, "", SizeKeeper(self.looker), self.size))
         known.since, known.hand, follower.size = time, follower.hand, known.size
         self.followers = [other for other in self.followers if other.id != follower.id] + [follower]
+
+    def _hands_at(self, depth: NDArray[np.float32], place: Array) -> list[Sight]:
+        """What is seen near a place (3,) in mm, as a hand of each side; none if that is no hand."""
+        try:
+            found = self.predictor.hands_at(depth, [self.camera.project(place)], [0.0])[0]
+        except DataError:  # out of sight
+            return []
+        aims = [Aim(found.center_uvd, side) for side in self.predictor.sides]
+        seen = [sight for sight in self.looker.look(depth, aims, "accurate") if sight is not None]
+        if not seen or max(s.confidence for s in seen) < ENOUGH:
+            return []
+        best = min(seen, key=lambda s: s.doubt)
+        return seen if self._looks_like_a_hand(depth, best, STRANGE_NEW_MM) else []
 
     def _missing(self, time: float) -> list[int]:
         """The hands that are known and not seen in this frame."""
