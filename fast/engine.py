@@ -34,8 +34,8 @@ from layers.hand.kinematics import Kinematics
 from layers.vision.convolution import Convolution
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
-from netlib.plain import Connection, Engine, Executor
-from netlib.rows import blocks
+from netlib.engine.plain import Connection, Engine, Executor
+from netlib.system.memory import blocks
 from netlib.updates import Rule
 
 T = TypeVar("T")

@@ -20,7 +20,7 @@ from fast.tiles import LazilyCleared
 from fast.twin import Twin
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Blob, Blobs
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/twins.py shows both

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from netlib import create, schema
 from netlib.blob import Blob, Blobs
+from netlib.building import create
+from netlib.distributed.share import EVERY_ROW, Share
+from netlib.engine.plain import Connection, Engine, guarded
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer
-from netlib.messages import LayerParameter, NetParameter
-from netlib.net_parameter import distinct
-from netlib.plain import Connection, Engine, guarded
-from netlib.share import EVERY_ROW, Share
-from netlib.sharing import Parameters
+from netlib.params import Parameters
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter, NetParameter
+from netlib.proto.net_parameter import distinct
 from netlib.splits import insert_splits
 
 log = logging.getLogger("netlib")

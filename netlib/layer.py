@@ -14,40 +14,24 @@ your own needs none of them.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib import schema
 from netlib.blob import Blob, Blobs
+from netlib.distributed.share import EVERY_ROW, Share
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
-from netlib.messages import LayerParameter
-from netlib.prototxt import Field, Message, Place, Scalar
-from netlib.schema import Phase, numbered
-from netlib.share import EVERY_ROW, Share
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter, PythonParameter
+from netlib.proto.options import NoParameter, block_name
+from netlib.proto.prototxt import Message, Place
+from netlib.proto.schema import Phase
 
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
 PHASES = {"TRAIN": TRAIN, "TEST": TEST}
-
-
-@dataclass(frozen=True)
-class NoParameter:
-    """A layer type without options."""
-
-
-@dataclass(frozen=True)
-class PythonParameter:
-    """The ``python_param { ... }`` block of a layer of type Python."""
-
-    module: str = numbered(1)  # imported from the working directory or PYTHONPATH
-    layer: str = numbered(2)  # the class
-    param_str: str = numbered(3, "")
-    share_in_parallel: bool = numbered(4, False)
 
 
 class Layer:
@@ -143,12 +127,6 @@ class Layer:
             where = next((f.position for f in block.fields if f.name == field), where)
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
 
-    def largest_option(self) -> Field | None:
-        """The field with the greatest whole number among the options; None where all are below 1000."""
-        block = self.spec.blocks.get(block_name(type(self), self.spec.type))
-        numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
-        return max(numbers)[2] if numbers else None
-
     def batch_of(self, size: int) -> int:
         """How many rows to read of a ``batch_size``: its own, where several ranks divide it. Raises LayerError."""
         try:
@@ -176,21 +154,3 @@ class Layer:
                     "the same number of items and of values per item"
                 )
         return items, first.count // items
-
-
-def _numbers(block: Message) -> Iterator[tuple[int, Field]]:
-    """The whole numbers from 1000 on in an options block."""
-    for field in block.fields:
-        if isinstance(field.value, Message):
-            yield from _numbers(field.value)
-        elif isinstance(field.value, Scalar) and re.fullmatch(r"[1-9]\d{3,19}", field.value.text):
-            yield int(field.value.text), field
-
-
-def block_name(cls: type[Layer], type_name: str) -> str:
-    """Name of the options block of a layer type."""
-    if type_name == "Python":  # also if the user's class derives from one of ours
-        return "python_param"
-    return (
-        cls.param_name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name).lower() + "_param"
-    )

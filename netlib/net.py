@@ -14,17 +14,19 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from netlib import engine as engines
-from netlib import python_layer, schema, snapshot
-from netlib import weights as weights_of
 from netlib.blob import Blob
+from netlib.building import python_layer
+from netlib.distributed.share import EVERY_ROW, Share
+from netlib.engine.plain import Connection, Passed
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.graph import Graph
 from netlib.layer import PHASES, TEST, TRAIN
-from netlib.messages import NetParameter, NetState
-from netlib.net_parameter import load_parameter, select_layers
-from netlib.plain import Connection, Passed
-from netlib.prototxt import Message
-from netlib.share import EVERY_ROW, Share
+from netlib.proto import schema
+from netlib.proto.messages import NetParameter, NetState
+from netlib.proto.net_parameter import load_parameter, select_layers
+from netlib.proto.prototxt import Message
+from netlib.snapshots import snapshot
+from netlib.snapshots import weights as weights_of
 
 log = logging.getLogger("netlib")
 
@@ -46,8 +48,8 @@ class Net:
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` refuses a net that brings code of its own.
-    ``share`` says which rows of the data it reads (netlib/share.py).
+    is "plain" or "fast" (netlib/engine/choice.py). ``python_layers=False`` refuses a net that brings code of its own.
+    ``share`` says which rows of the data it reads (netlib/distributed/share.py).
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some

@@ -22,16 +22,19 @@ from typing import Any
 import numpy as np
 
 from netlib import engine as engines
-from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, together, weights
+from netlib.distributed import consistency
+from netlib.distributed.gradients import Gradients
+from netlib.distributed.ranks import ALONE, Ranks, latest
+from netlib.distributed.share import EVERY_ROW
 from netlib.errors import DataError, DivergenceError, LayerError, WeightsError
-from netlib.gradients import Gradients
-from netlib.messages import NetParameter, NetState, SolverParameter
+from netlib.files.paths import find
 from netlib.net import Net, next_seed
-from netlib.paths import find
-from netlib.ranks import ALONE, Ranks, latest
-from netlib.resume import extra_state, restore_state, state_of, undo_of
-from netlib.share import EVERY_ROW
-from netlib.updates import Update, learning_rate, steps_taken
+from netlib.proto import schema
+from netlib.proto.messages import NetParameter, NetState, SolverParameter
+from netlib.snapshots import hdf5_format, snapshot, weights
+from netlib.training import report, solver_parameter
+from netlib.training.resume import extra_state, restore_state, state_of, undo_of
+from netlib.updates import RULES, Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
 
@@ -77,7 +80,8 @@ class Solver:
         self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
-        self.update = Update(self.param, self.net.learnable, self.engine.rules[self.param.type], self.engine.run)
+        rule = {**RULES, **self.engine.rules}[self.param.type]
+        self.update = Update(self.param, self.net.learnable, rule, self.engine.run)
         self.history = self.update.history
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
         self._gradients = Gradients(self.net.layers, self.net.learnable)
@@ -128,7 +132,7 @@ class Solver:
             if (p.snapshot or p.snapshot_after_train) and self.ranks.rank == 0:
                 stack.enter_context(snapshot.prefix_in_use(self.prefix))
                 if p.snapshot_format == "HDF5":
-                    snapshot_hdf5.check_names(weights.owned(self.net))
+                    hdf5_format.check_names(weights.owned(self.net))
                 extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
             return self._solve(resume)
 
@@ -154,7 +158,7 @@ class Solver:
             with self.ranks.together():
                 loss = self._finite(self.net.run_forward())
             self.smoothed.append(self.ranks.agree(loss, None, None))
-            self.ranks.average(together.moving(self.net))
+            self.ranks.average(consistency.moving(self.net))
             log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
         if p.test_interval and self.iter % p.test_interval == 0:
             self._at_root(self.test_all)
@@ -176,12 +180,12 @@ class Solver:
                     return self._stop()
                 for on_start, _ in self.callbacks:
                     on_start()
-                checksum = together.checksum(self)
+                checksum = consistency.checksum(self)
                 with self.ranks.together():
                     loss = self._forward_backward()
                 self.smoothed.append(self.ranks.agree(loss, self.requested, checksum))
             self.ranks.finish_gradients()
-            self.ranks.average(together.moving(self.net))
+            self.ranks.average(consistency.moving(self.net))
             if self._display_is_due():
                 self._display()
             for _, on_gradients_ready in self.callbacks:
@@ -210,7 +214,7 @@ class Solver:
         """Ranks that train together must be about to compute the same, each on its own rows. Raises NetlibError."""
         if not self._introduced and self.ranks.count > 1:
             with self.ranks.together():
-                facts = together.facts_of(self)
+                facts = consistency.facts_of(self)
             self.ranks.introduce(facts)
         self._introduced = True
 
@@ -273,7 +277,7 @@ class Solver:
         speed = done / seconds if seconds and done else 0.0
         log.info("Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
                  self.iter, speed, seconds, self.param.display, self.loss)  # fmt: skip
-        report.outputs("Train", self.net, together.mean_outputs(self.net, self.ranks))
+        report.outputs("Train", self.net, consistency.mean_outputs(self.net, self.ranks))
         if self.param.debug_info:
             report.debug_params(self.net)
 

@@ -20,7 +20,7 @@ MAY_IMPORT = {  # besides itself
     "docs": {"netlib", "layers", "handpose", "tools"},
 }
 CORE = {"numpy", "scipy", "cv2", "h5py"}
-EXTRAS = {"netlib/mpi.py": {"mpi4py"}}  # of an extra, imported where it is used
+EXTRAS = {"netlib/distributed/mpi.py": {"mpi4py"}}  # of an extra, imported where it is used
 SHARED_BY_LAYERS = {
     "layers.hand.skeleton",
     "layers.hand.skeleton_file",
@@ -76,12 +76,12 @@ def test_layers_do_not_import_layers() -> None:
     assert offenders(wrong) == {}
 
 
-@pytest.mark.parametrize(("package", "place"), [("layers", "create.py"), ("fast", "engine.py")])
+@pytest.mark.parametrize(("package", "place"), [("layers", "proto/options.py"), ("fast", "engine/choice.py")])
 def test_netlib_asks_for_layers_and_fast_in_one_place_each(package: str, place: str) -> None:
     """By name, when they are needed."""
     users = [
-        path.name
-        for path in (ROOT / "netlib").glob("*.py")
+        path.relative_to(ROOT / "netlib").as_posix()
+        for path in (ROOT / "netlib").rglob("*.py")
         if re.search(rf'(import_module|own_package)\(f?"{package}\b', path.read_text(encoding="utf-8"))
     ]
     assert users == [place]
@@ -98,7 +98,7 @@ def test_the_textbook_knows_nothing_of_speed() -> None:
     found = {str(path.relative_to(ROOT)) for path in files if words.search(path.read_text(encoding="utf-8"))}
     others = {"layers/__init__.py", "layers/common/tile.py"}  # where Caffe's layer type Tile stands
     # locks and a watch, so that threads do not get into each other
-    safe = {"netlib/files.py", "netlib/hdf5_helper.py", "netlib/one_thread.py"}
+    safe = {"netlib/files/reading.py", "netlib/files/hdf5_helper.py", "netlib/system/one_thread.py"}
     assert found == others | safe
 
 

@@ -69,7 +69,7 @@ def test_a_solver_trains(bare: Path) -> None:
 # the whole suite as well; that nothing imports fast/ by name is one of the rules in test_arrows.py.
 WHERE_IT_COUNTS = (
     "test_nets.py", "netlib/caffe",
-    *(f"netlib/test_{name}.py" for name in ("engine", "net", "sharing", "solver")),
+    *(f"netlib/{name}.py" for name in ("engine/test_engine", "test_net", "test_params", "test_solver")),
     *(f"tools/test_{name}.py" for name in ("extract_features", "time", "tools")),
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
 )  # fmt: skip

@@ -42,8 +42,9 @@ from handpose.recordings.writing import RecordingWriter
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracks.json_file import JsonWriter
-from netlib import atomic, files
+from netlib import files
 from netlib.errors import NetlibError
+from netlib.files import atomic
 from tools.arguments import camera, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar

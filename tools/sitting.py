@@ -26,7 +26,7 @@ from layers.hand import skeleton as skeletons
 from netlib import engine
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.hdf5 import File
+from netlib.files.hdf5 import File
 from netlib.solver import Solver
 from tools import training
 from tools.advice import on_missing_data

@@ -16,8 +16,9 @@ from typing import Any, Literal
 
 import netlib
 from netlib import engine as engines
-from netlib import files, prototxt
-from netlib.ranks import ALONE, Ranks
+from netlib import files
+from netlib.distributed.ranks import ALONE, Ranks
+from netlib.proto import prototxt
 from netlib.solver import Solver
 from tools import advice
 from tools.caffe_log import BarHandler, log_to

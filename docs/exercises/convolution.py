@@ -36,7 +36,7 @@ import numpy as np
 from netlib.blob import Array, Blob, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import Engine, UInt, numbered
+from netlib.proto.schema import Engine, UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from netlib import snapshot
-from netlib import weights as weights_of
 from netlib.blob import Array
+from netlib.distributed.consistency import moving
+from netlib.distributed.ranks import Ranks
 from netlib.errors import WeightsError, reason_of
-from netlib.messages import SolverParameter
 from netlib.net import Net
-from netlib.ranks import Ranks
-from netlib.saved import SolverState, contradictions
-from netlib.together import moving
+from netlib.proto.messages import SolverParameter
+from netlib.snapshots import snapshot
+from netlib.snapshots import weights as weights_of
+from netlib.snapshots.solver_state import SolverState, contradictions
 from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")

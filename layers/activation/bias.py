@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

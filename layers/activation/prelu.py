@@ -20,7 +20,7 @@ import numpy as np
 from netlib.blob import Blobs
 from netlib.fillers import Constant, Filler
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

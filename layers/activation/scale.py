@@ -22,7 +22,7 @@ import numpy as np
 from netlib.blob import Array, Blobs
 from netlib.fillers import Constant, Filler
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

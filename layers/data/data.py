@@ -19,9 +19,9 @@ from layers.data.lmdb_file import Cursor, Database
 from layers.data.transform import TransformationParameter, Transformer, misplaced
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
+from netlib.files.paths import find
 from netlib.layer import Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
-from netlib.hdf5 import File, read_list
+from netlib.files.hdf5 import File, read_list
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
 

@@ -27,9 +27,9 @@ from layers.data.transform import TransformationParameter, Transformer, misplace
 from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
+from netlib.files.paths import find
 from netlib.layer import Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 Cursor = tuple[int, int]  # pass over the list, place in the order of the pass
 

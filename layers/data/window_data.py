@@ -39,9 +39,9 @@ from layers.data.transform import TransformationParameter, Transformer, misplace
 from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError, did_you_mean
+from netlib.files.paths import find
 from netlib.layer import Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered, round_to_32_bits
+from netlib.proto.schema import UInt, numbered, round_to_32_bits
 
 T = TypeVar("T", int, float)
 

@@ -32,7 +32,7 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load_for
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ import math
 
 import numpy as np
 
-from netlib import schema
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.messages import LossParameter
+from netlib.proto import schema
+from netlib.proto.messages import LossParameter
 
 LEAST = float(np.float32(1e-20))  # what Caffe takes the logarithm of instead of a smaller probability
 

@@ -23,7 +23,7 @@ from scipy.special import expit
 from layers.loss import labels as labels_of
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.messages import LossParameter
+from netlib.proto.messages import LossParameter
 
 
 class SigmoidCrossEntropyLoss(Layer):

@@ -28,12 +28,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib import schema
 from netlib.blob import Array, Blobs
 from netlib.fillers import Constant
 from netlib.layer import TEST, Layer
-from netlib.messages import ParamSpec
-from netlib.schema import numbered
+from netlib.proto import schema
+from netlib.proto.messages import ParamSpec
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, UInt, numbered
+from netlib.proto.schema import Engine, UInt, numbered
 
 NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
 

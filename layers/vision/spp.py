@@ -24,7 +24,7 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, UInt, numbered
+from netlib.proto.schema import Engine, UInt, numbered
 
 Bin = tuple[Array, Array, int]  # the part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
 

@@ -14,8 +14,9 @@ from layer_cases import CASES, SOURCES, forward, made
 from layers import LAYER_TYPES
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
-from netlib.layer import Layer, block_name
+from netlib.layer import Layer
 from netlib.net import Net
+from netlib.proto.options import block_name
 
 WINDOWS = {"by_group", "col2im", "im2col", "images", "places"}  # of Convolution and what is derived from it
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlib import schema
 from netlib.caffe.proto.descriptor import FieldDescriptor
-from netlib.schema import ARRAYS, INTEGERS
+from netlib.proto import schema
+from netlib.proto.schema import ARRAYS, INTEGERS
 
 if TYPE_CHECKING:
     from netlib.caffe.proto.message import Message
