@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Blob, Blobs
-from netlib.distributed.share import EVERY_ROW, Share
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
 from netlib.proto import schema
@@ -42,7 +41,6 @@ class Layer:
     param_str           the string of a Python layer's ``python_param``
     blobs               the parameters
     rng                 the source of all randomness of this layer
-    share               which rows of a training's data it reads (share.py)
     """
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
@@ -57,7 +55,6 @@ class Layer:
     loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
     is_input: ClassVar[bool] = False  # the caller writes the tops
     moving: ClassVar[bool] = False  # forward changes the parameters: running means
-    share: Share = EVERY_ROW
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
         self.spec = spec
@@ -97,10 +94,6 @@ class Layer:
         if "rng" in state:
             self.rng.bit_generator.state = state["rng"]
 
-    def reads(self) -> Any:
-        """Of a layer that reads files: what tells its data from others, as plain numbers, strings, lists."""
-        return None
-
     # ------------------------------------------------------------------------------------------ for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
@@ -126,13 +119,6 @@ class Layer:
         if field is not None and block is not None:
             where = next((f.position for f in block.fields if f.name == field), where)
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
-
-    def batch_of(self, size: int) -> int:
-        """How many rows to read of a ``batch_size``: its own, where several ranks divide it. Raises LayerError."""
-        try:
-            return self.share.batch(size)
-        except ValueError as error:
-            raise self.fail(str(error), "batch_size") from None
 
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""

@@ -32,6 +32,7 @@ SHARED_BY_LAYERS = {
     "layers.data.lmdb_file",
     "layers.data.transform",
     "layers.data.images",
+    "layers.data.reader",
     "layers.data.datum",
 }  # what several layers compute or read, no layer types; but Deconvolution and Im2col are parts of a Convolution, and
 # an LSTM is a row of LSTMUnits

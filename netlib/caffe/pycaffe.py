@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from netlib import net as core
-from netlib import solver as core_solver
 from netlib.blob import Array, Blob
+from netlib.distributed.solver import DistributedSolver
 from netlib.engine.plain import Executor, Passed
 from netlib.errors import LayerError
 from netlib.proto import schema
@@ -248,7 +248,7 @@ class Options:
         return repr(object.__getattribute__(self, "_solver")._param)
 
 
-class Solver(core_solver.Solver):
+class Solver(DistributedSolver):
     """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type that the file says."""
 
     net_class = Net

@@ -12,6 +12,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.distributed.ranks import Ranks
 from netlib.engine.plain import Engine
+from netlib.layer import Layer
 from netlib.net import Net
 from netlib.params import Param
 from netlib.proto import schema
@@ -35,7 +36,7 @@ def facts_of(solver: Solver) -> dict[str, Any]:
     return {
         "solver prototxt": _crc(repr(solver.param)),
         "net prototxt": _crc(str(schema.to_tree(solver.net.param))),
-        **{f"data in layer {layer.name!r}": reads for layer in solver.net.layers if (reads := layer.reads())},
+        **{f"data in layer {layer.name!r}": reads for layer in solver.net.layers if (reads := _reads(layer))},
         "engine": solver.engine.name,
         "iteration": solver.iter,
         "parameters": f"{_crc_of(solver.net.learnable):08x}",
@@ -49,11 +50,6 @@ def checksum(solver: Solver) -> int | None:
     return _crc_of(solver.net.learnable)
 
 
-def moving(net: Net) -> list[Array]:
-    """The parameters that forward changes: running means."""
-    return [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
-
-
 def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
     """The outputs of the net, at rank 0 their means over the ranks."""
     own = {name: net.blobs[name].data for name in net.outputs}
@@ -64,6 +60,11 @@ def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
         alike = all(other.shape == y.shape for other in all_ranks)  # of layers that leave rows out, they are not
         means[name] = np.mean(all_ranks, axis=0) if others and alike else y
     return means
+
+
+def _reads(layer: Layer) -> Any:
+    """Of a layer that reads files: what tells its data from others."""
+    return layer.reads() if hasattr(layer, "reads") else None
 
 
 def _crc_of(params: Sequence[Param]) -> int:

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
+from netlib.graph import LayerHook
+from netlib.layer import Layer
+
 
 @dataclass(frozen=True)
 class Share:
@@ -39,3 +44,23 @@ class Share:
 
 
 EVERY_ROW = Share()
+
+
+class RankOfLayers(LayerHook):
+    """Makes the layers of a net those of one rank: which rows they read, and which random numbers they draw.
+
+    Parameters and the order of the data are those of rank 0; what else is random is not.
+    """
+
+    def __init__(self, share: Share) -> None:
+        self.share = share
+
+    def before_setup(self, layer: Layer) -> None:
+        """Tell a layer that reads data which rows are its own."""
+        if hasattr(layer, "share"):
+            layer.share = self.share
+
+    def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
+        """Give the layers of other ranks than 0 random numbers of their own."""
+        if self.share.rank:
+            layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.share.rank)[-1]).state

@@ -7,7 +7,7 @@ import pytest
 from caffe_messages import datum
 
 from netlib.distributed.ranks import ALONE
-from netlib.distributed.share import Share
+from netlib.distributed.share import RankOfLayers, Share
 from netlib.errors import LayerError, NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt
@@ -87,7 +87,8 @@ def pictures(folder, write_rows, shuffle):
 
 def net(text, batch, share):
     """A net of that layer."""
-    return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1, share=share)
+    return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
+               layer_hook=RankOfLayers(share))  # fmt: skip
 
 
 @pytest.mark.parametrize("shuffle", ["false", "true"])
@@ -107,7 +108,7 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
             for r, of_rank in enumerate(nets):
                 if step == 2:
                     states = of_rank.layer_states()
-                    of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.share)
+                    of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].share)
                     of_rank.restore_layer_states(states)
                 assert np.array_equal(of_rank.forward()["x"], expected[r::COUNT])
     assert len(np.unique(seen)) == ROWS  # all rows, and they differ
