@@ -192,6 +192,10 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
     """The layer for one slice of a batch: same options, parameters with diffs of their own."""
     other = copy.copy(layer)
     other.blobs = params
+    of_layer = {id(param): of_lane for param, of_lane in zip(layer.blobs, params)}
+    for name, value in vars(layer).items():  # self.weight, self.bias
+        if id(value) in of_layer:
+            setattr(other, name, of_layer[id(value)])
     return other
 
 

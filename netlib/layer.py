@@ -37,9 +37,10 @@ class Layer:
     """Base of all layers.
 
     name, type, phase   as in the prototxt; phase is netlib.TRAIN or netlib.TEST
+    source              the prototxt file that this layer is written in
     param               the options, an instance of ``param_type``
     param_str           the string of a Python layer's ``python_param``
-    blobs               the parameters
+    blobs               the parameters, in the order in which new_param made them
     rng                 the source of all randomness of this layer
     """
 
@@ -57,7 +58,7 @@ class Layer:
     moving: ClassVar[bool] = False  # forward changes the parameters: running means
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
-        self.spec = spec
+        self.spec, self.source = spec, schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng, self.dtype = rng, np.dtype(dtype)
         self.blobs = Blobs(dtype=self.dtype)
@@ -97,7 +98,7 @@ class Layer:
     # ------------------------------------------------------------------------------------------ for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
-        """Make the next parameter and fill it."""
+        """Make the next parameter and fill it: ``self.gain = self.new_param("gain", shape, filler)``."""
         blob = self.blobs.add_blob(*shape)
         fill(blob.data, filler, self.rng)
         return blob
@@ -106,11 +107,6 @@ class Layer:
         """An options block as its dataclass; an absent one has all defaults. Raises PrototxtError."""
         nothing = Message([], schema.position_of(self.spec))  # required options are then missed at the layer
         return schema.read(self.spec.blocks.get(name, nothing), kind, name)
-
-    @property
-    def source(self) -> str:
-        """The prototxt file that this layer is written in."""
-        return schema.position_of(self.spec).source
 
     def fail(self, message: str, field: str | None = None, at: Place | None = None) -> LayerError:
         """A LayerError that names this layer and its place in the prototxt, or that of a field of its options."""
@@ -126,17 +122,3 @@ class Layer:
         if not -n <= axis < n:
             raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
         return axis % n
-
-    def items_and_values(self, bottom: Blobs) -> tuple[int, int]:
-        """The number of items and of values per item, which all bottoms must share. Raises LayerError."""
-        first = bottom[0]
-        items = first.shape[0] if first.shape else 0
-        if items == 0:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {first.shape} has no items")
-        for other, name in zip(bottom[1:], self.spec.bottom[1:]):
-            if other.count != first.count or other.shape[:1] != first.shape[:1]:
-                raise self.fail(
-                    f"bottoms {self.spec.bottom[0]!r} {first.shape} and {name!r} {other.shape} must have "
-                    "the same number of items and of values per item"
-                )
-        return items, first.count // items

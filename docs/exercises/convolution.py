@@ -82,9 +82,9 @@ class Convolution(Layer):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no channels")
         if channels % p.group or p.num_output % p.group:
             raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
-        self.new_param("weight", self._weight_shape(), p.weight_filler)
+        self.weight = self.new_param("weight", self._weight_shape(), p.weight_filler)
         if p.bias_term:
-            self.new_param("bias", (p.num_output,), p.bias_filler)
+            self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def _read_windows(self, bottom: Blob) -> None:
         """Read ``axis``, and how the kernel lies: one number per spatial axis."""
@@ -124,7 +124,7 @@ class Convolution(Layer):
             self._check_axes(i, x)
             if x.shape[self.axis] != self.channels:
                 raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
-                                f"its weights {self.blobs[0].shape} expect {self.channels}")  # fmt: skip
+                                f"its weights {self.weight.shape} expect {self.channels}")  # fmt: skip
             y.reshape(*x.shape[: self.axis], self.param.num_output, *self._outputs(i, x))
 
     def _check_axes(self, i: int, x: Blob) -> None:

@@ -81,9 +81,9 @@ class Convolution(Layer):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no channels")
         if channels % p.group or p.num_output % p.group:
             raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
-        self.new_param("weight", self._weight_shape(), p.weight_filler)
+        self.weight = self.new_param("weight", self._weight_shape(), p.weight_filler)
         if p.bias_term:
-            self.new_param("bias", (p.num_output,), p.bias_filler)
+            self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def _read_windows(self, bottom: Blob) -> None:
         """Read ``axis``, and how the kernel lies: one number per spatial axis."""
@@ -123,7 +123,7 @@ class Convolution(Layer):
             self._check_axes(i, x)
             if x.shape[self.axis] != self.channels:
                 raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
-                                f"its weights {self.blobs[0].shape} expect {self.channels}")  # fmt: skip
+                                f"its weights {self.weight.shape} expect {self.channels}")  # fmt: skip
             y.reshape(*x.shape[: self.axis], self.param.num_output, *self._outputs(i, x))
 
     def _check_axes(self, i: int, x: Blob) -> None:
@@ -147,21 +147,21 @@ class Convolution(Layer):
         return out
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        w = self.by_group(self.blobs[0].data)
+        w = self.by_group(self.weight.data)
         for x, y in zip(bottom, top):
             for image, out in zip(self.images(x.data), self.images(y.data)):
                 out[...] = (w @ self.by_group(self.im2col(image, out.shape))).reshape(out.shape)
                 if self.param.bias_term:
-                    out += self.blobs[1].data.reshape(-1, *(1,) * len(self.kernel))
+                    out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        w, dw = self.by_group(self.blobs[0].data), self.by_group(self.blobs[0].diff)
+        w, dw = self.by_group(self.weight.data), self.by_group(self.weight.diff)
         for x, y, down in zip(bottom, top, propagate_down):
             for n, (image, gradient) in enumerate(zip(self.images(x.data), self.images(y.diff))):
                 dy = self.by_group(gradient)
                 dw += dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)
                 if self.param.bias_term:
-                    self.blobs[1].diff[...] += dy.sum(axis=2).reshape(-1)
+                    self.bias.diff[...] += dy.sum(axis=2).reshape(-1)
                 if down:
                     self.images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
 
