@@ -12,7 +12,7 @@ from netlib.errors import PrototxtError, option_advice
 from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter
-from netlib.proto.options import block_name, layer_types, option_blocks
+from netlib.proto.options import block_name, class_of, layer_types, option_blocks
 from netlib.proto.schema import Phase
 
 
@@ -43,7 +43,7 @@ def create(
     if spec.type == "Python":
         cls = python_layer.find_class(spec)
     elif spec.type in types:
-        cls = twin(types[spec.type])
+        cls = twin(class_of(spec.type, len(spec.bottom)))
     else:
         advice = option_advice(spec.type, types)
         known = ", ".join(sorted([*types, "Python"]))

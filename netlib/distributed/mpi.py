@@ -2,7 +2,7 @@
 
     mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
 
-**Means** of the gradients are taken in the order of the ranks (mpi_means.py). On several machines they begin while
+**Means** of the gradients are taken in the order of the ranks (allreduce.py). On several machines they begin while
 layers still run backwards.
 
 **Agreement**: then every rank tells rank 0 five numbers (the loss, what it was asked for, whether it failed, a

@@ -28,6 +28,12 @@ def layer_types() -> dict[str, Any]:
     return types
 
 
+def class_of(type_name: str, bottoms: int) -> Any:
+    """The class of a layer type with so many bottoms. The type must be known."""
+    cls = layer_types()[type_name]
+    return own_package("layers").BY_BOTTOMS.get((type_name, bottoms), cls)
+
+
 def option_blocks() -> dict[str, type]:
     """Every options block by name, with its dataclass."""
     blocks: dict[str, type] = {"python_param": PythonParameter, "loss_param": LossParameter}

@@ -1,4 +1,4 @@
-"""What snapshots hold, whatever their format (snapshot_hdf5.py, snapshot_binary.py)."""
+"""What snapshots hold, whatever their format (hdf5_format.py, binary_format.py)."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from netlib.layer import Layer
 from netlib.net import Net
 from netlib.proto.options import block_name
 
-WINDOWS = {"by_group", "col2im", "im2col", "images", "places"}  # of Convolution and what is derived from it
+WINDOWS = {"by_group", "col2im", "im2col", "images", "padded", "places"}  # of Convolution and what is derived from it
 READER = {"batch_of", "reads"}  # of layers/data/reader.py
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
@@ -34,6 +34,7 @@ EXTRAS = {
     "InnerProduct": {"output_first", "rows"},
     "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "places", "windows"},
+    "SPP": {"padded"},
     "WindowData": READER,
 }  # documented: the parts of a longer computation, or for tools
 
