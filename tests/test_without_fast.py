@@ -66,7 +66,7 @@ def test_a_solver_trains(bare: Path) -> None:
 
 
 # Tests that build nets, run them and ask which engine there is. The rest knows no engine, or runs on the plain one in
-# the whole suite as well; that nothing imports fast/ by name is one of the rules in test_arrows.py.
+# the whole suite as well; that nothing imports fast/ by name is one of the contracts of `make lint`.
 WHERE_IT_COUNTS = (
     "test_nets.py", "netlib/caffe",
     *(f"netlib/{name}.py" for name in ("engine/test_engine", "test_net", "test_params", "test_solver")),
