@@ -91,6 +91,7 @@ lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 
 .venv/tools .venv/test .venv/docs .venv/dev .venv/bench .venv/mpi: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv

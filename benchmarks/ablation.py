@@ -37,9 +37,11 @@ from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.many import generate
 from handpose.synthetic.prior_file import BetaParameter
 from layers.hand import skeleton
-from netlib import atomic, engine, prototxt, schema
+from netlib import engine
 from netlib.errors import PrototxtError
-from netlib.prototxt import Message
+from netlib.files import atomic
+from netlib.proto import prototxt, schema
+from netlib.proto.prototxt import Message
 from tools import training
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded

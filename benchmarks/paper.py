@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 import netlib
+from netlib.files.paths import ROOT
 from netlib.net import Net
-from netlib.paths import ROOT
 from netlib.solver import Solver
 from tools.arguments import positive
 

@@ -41,12 +41,12 @@ import numpy as np
 import netlib
 from benchmarks.paper import Paper, add_batch, small
 from netlib import engine
+from netlib.distributed.allreduce import Buffers
+from netlib.distributed.gradients import Gradients
+from netlib.engine.plain import Passed
 from netlib.errors import NetlibError
-from netlib.gradients import Gradients
 from netlib.layer import Layer
-from netlib.mpi_means import Buffers
 from netlib.net import Net
-from netlib.plain import Passed
 from tools.arguments import parser_of, positive
 from tools.console import DONE, aligned, guarded
 from tools.ranks import world

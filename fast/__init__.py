@@ -1,4 +1,4 @@
-"""Everything that exists for speed alone. Delete this folder and every result is the same, slower (netlib/plain.py).
+"""Everything that exists for speed alone. Delete this folder and every result is the same, slower.
 
     engine        the table of twins, and what else this engine does its own way
     executor      runs a net: rows of layers slice by slice (slices, slice_blobs), others whole; plan decides which, and
@@ -11,5 +11,5 @@
     parallel, blas
                   threads, and OpenBLAS set up before NumPy is loaded
 
-netlib asks for this folder by name in one place (netlib/engine.py); nothing else imports it.
+netlib asks for this folder by name in one place (netlib/engine/choice.py); nothing else imports it.
 """

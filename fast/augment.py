@@ -15,7 +15,7 @@ from fast import parallel
 from fast.twin import Twin
 from layers.hand.augment import HandAugment
 from netlib.blob import Array
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 BLOCK = 16  # crops per job, 1 MB: few enough to stay in the cache, many enough to hide the call
 

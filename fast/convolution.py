@@ -25,7 +25,7 @@ class FastConvolution(Twin, Convolution):
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
         """What makes a product of a good shape, if the top leaves the choice."""
-        return self.row_tiles.tile(top_tile, self.blobs[0].shape) if self.simple else None
+        return self.row_tiles.tile(top_tile, self.weight.shape) if self.simple else None
 
     def writes_tiles(self) -> bool:
         """Of any size."""
@@ -45,7 +45,7 @@ class FastConvolution(Twin, Convolution):
                 y.pitch = -(-(pitch_of(x) or x.width) // y.tile) * y.tile
         if len(top) == 1 and self.simple:
             may = isinstance(top[0], FastBlob) and top[0].may_be_sparse
-            fits = may and WindowTiles.fits(bottom[0], tile_of(top[0]), self.blobs[0])
+            fits = may and WindowTiles.fits(bottom[0], tile_of(top[0]), self.weight)
             self.way = self.window_tiles if fits else self.row_tiles
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -53,16 +53,16 @@ class FastConvolution(Twin, Convolution):
         if not self.simple:
             super().forward(bottom, top)
             return
-        bias = self.blobs[1].data if self.param.bias_term else None
+        bias = self.bias.data if self.param.bias_term else None
         for x, y in zip(bottom, top):
-            self.way.forward(self, x, y, self.blobs[0].data, bias)
+            self.way.forward(self, x, y, self.weight.data, bias)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Bottom by bottom."""
         if not self.simple:
             super().backward(top, propagate_down, bottom)
             return
-        w, dw = self.blobs[0].data, self.blobs[0].diff
-        db = self.blobs[1].diff if self.param.bias_term else None
+        w, dw = self.weight.data, self.weight.diff
+        db = self.bias.diff if self.param.bias_term else None
         for x, y, down in zip(bottom, top, propagate_down):
             self.way.backward(self, x, y, w, dw, db, down)

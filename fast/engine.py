@@ -17,7 +17,7 @@ from fast import parallel
 from fast.augment import FastHandAugment
 from fast.convolution import FastConvolution
 from fast.executor import SlicedExecutor
-from fast.hand_model import FastHandModel
+from fast.hand_model import FastHandModel, FastSizedHandModel
 from fast.hdf5_data import FastHDF5Data
 from fast.inner_product import FastInnerProduct
 from fast.kinematics import FastKinematics
@@ -31,11 +31,12 @@ from layers.data.hdf5_data import HDF5Data
 from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics
+from layers.hand.sized_hand_model import SizedHandModel
 from layers.vision.convolution import Convolution
 from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
-from netlib.plain import Connection, Engine, Executor
-from netlib.rows import blocks
+from netlib.engine.plain import Connection, Engine, Executor
+from netlib.system.memory import blocks
 from netlib.updates import Rule
 
 T = TypeVar("T")
@@ -51,6 +52,7 @@ TWINS: dict[type, type] = {
     Kinematics: FastKinematics,
     Pooling: FastPooling,
     ReLU: FastReLU,
+    SizedHandModel: FastSizedHandModel,
 }
 
 

@@ -24,8 +24,8 @@ from fast.slices import SlicedStep
 from fast.tiles import FastBlob, LazilyCleared
 from fast.twin import Twin
 from netlib.blob import Array, Blob
+from netlib.engine.plain import Connection, Executor, Passed, Step, guarded
 from netlib.errors import NetlibError
-from netlib.plain import Connection, Executor, Passed, Step, guarded
 
 Halves = tuple["Array | None", "Array | None"]  # data and diff, as far as there is memory for them
 

@@ -25,7 +25,7 @@ class Facts:
     """About one layer.
 
     batchwise      item n of a top depends only on item n of the bottoms, so it may run on a slice of the batch; such a
-                   layer reaches its parameters through self.blobs only, which is another list for every slice
+                   layer reaches its parameters by self.blobs or their names, which are others for every slice
     elementwise    every value for itself, f(0) finite: tiled blobs are welcome
     monotone       elementwise, non-decreasing and f(f(x)) = f(x): may as well run after a max pooling
     takes_maximum  a max pooling: every top value is one of the bottom values

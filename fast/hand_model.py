@@ -5,6 +5,7 @@ from __future__ import annotations
 from fast.kinematics import FastKinematics
 from fast.twin import Twin
 from layers.hand.hand_model import HandModel
+from layers.hand.sized_hand_model import SizedHandModel
 from netlib.blob import Blobs
 
 
@@ -24,3 +25,7 @@ class FastHandModel(Twin, HandModel):
             self.kinematics.spare = self.pose  # backward is done with it before the next forward
         else:
             y[...] = self.kinematics.joints(*body)
+
+
+class FastSizedHandModel(FastHandModel, SizedHandModel):
+    """The same of bodies of different sizes."""

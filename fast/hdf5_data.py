@@ -16,7 +16,7 @@ from fast.tiles import FastBlob
 from fast.twin import Twin
 from layers.data.hdf5_data import Cursor, HDF5Data
 from netlib.blob import Array, Blobs
-from netlib.one_thread import tell
+from netlib.system.one_thread import tell
 
 
 class FastHDF5Data(Twin, HDF5Data):

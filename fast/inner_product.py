@@ -20,7 +20,7 @@ from fast.tiles import LazilyCleared
 from fast.twin import Twin
 from layers.common.inner_product import InnerProduct
 from netlib.blob import Blob, Blobs
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
 FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/twins.py shows both
@@ -32,18 +32,18 @@ class FastInnerProduct(Twin, InnerProduct):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Make the gradient of the weights one that may be written."""
         super().setup(bottom, top)
-        w = self.blobs[0]
+        w = self.weight
         if not (self.spec.param and self.spec.param[0].name):  # another layer that shares it may keep the array
-            self.blobs[0] = LazilyCleared(w.shape, w.dtype, w.data)
+            self.weight = self.blobs[0] = LazilyCleared(w.shape, w.dtype, w.data)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """y = x wᵀ + b by blocks of outputs, or item by item."""
-        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
+        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.weight.data)
 
         def job(rows: slice, o: slice) -> None:
             np.matmul(x[rows], w[o].T, out=y[rows, o])
             if self.param.bias_term:
-                y[rows, o] += self.blobs[1].data[o]
+                y[rows, o] += self.bias.data[o]
 
         if len(x) <= FEW_ITEMS:
             parallel.run([partial(job, slice(n, n + 1), slice(None)) for n in range(len(x))])
@@ -52,8 +52,8 @@ class FastInnerProduct(Twin, InnerProduct):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """dw = dyᵀ x and db by blocks of outputs, dx = dy w by blocks of inputs."""
-        x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.blobs[0].data)
-        diff, is_zero = _to_add_to(self.blobs[0])
+        x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.weight.data)
+        diff, is_zero = _to_add_to(self.weight)
         dw = self.output_first(diff)
 
         def weight_job(o: slice) -> None:
@@ -62,7 +62,7 @@ class FastInnerProduct(Twin, InnerProduct):
             else:
                 dw[o] += dy[:, o].T @ x
             if self.param.bias_term:
-                self.blobs[1].diff[o] += dy[:, o].sum(axis=0, dtype=np.float64)
+                self.bias.diff[o] += dy[:, o].sum(axis=0, dtype=np.float64)
 
         _each(weight_job, len(dw))
         if propagate_down[0]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from netlib.engine import available_cpus
-from netlib.one_thread import tell
+from netlib.system.one_thread import tell
 
 T = TypeVar("T")
 
@@ -85,7 +85,7 @@ def run(jobs: Sequence[Callable[[], None]]) -> None:
     def work() -> None:
         _here.inside = True
         try:
-            with np.errstate(all="ignore"):  # which is a thread's own: as in netlib/plain.py's Executor
+            with np.errstate(all="ignore"):  # which is a thread's own: as in netlib/engine/plain.py's Executor
                 for job in queue:
                     if failed:
                         return

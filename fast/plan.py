@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from fast.facts import facts_of
 from fast.twin import Twin
 from netlib.blob import Blob, Blobs
-from netlib.plain import Connection
+from netlib.engine.plain import Connection
 
 
 @dataclass

@@ -31,11 +31,11 @@ from fast.facts import facts_of
 from fast.plan import Run, Use, uses_of
 from fast.slice_blobs import Hidden, ParamOfLane, Window
 from fast.twin import Twin
-from netlib import memory
 from netlib.blob import Array, Blob, Blobs
+from netlib.engine import memory_advice
+from netlib.engine.plain import Connection, Passed, Step, guarded
 from netlib.layer import Layer
-from netlib.plain import Connection, Passed, Step, guarded
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 # Aim for the largest blob of a slice; less is more calls, and threads wait for each other in calls.
 SLICE_BYTES = 16 << 20
@@ -115,7 +115,7 @@ class SlicedStep(Step):
             getattr(blob, half)
         except MemoryError as error:
             at = self._user[id(blob)]
-            raise memory.of_layer(at.layer, half, at.bottom, at.top, error) from error
+            raise memory_advice.error_of(at.layer, half, at.bottom, at.top, error) from error
 
     def _weights_now(self) -> list[tuple[Blob, Array]]:
         return [(p, p.data.copy()) for at in self.run.connections for p in at.layer.blobs]
@@ -192,6 +192,10 @@ def _with_params(layer: Layer, params: Blobs) -> Layer:
     """The layer for one slice of a batch: same options, parameters with diffs of their own."""
     other = copy.copy(layer)
     other.blobs = params
+    of_layer = {id(param): of_lane for param, of_lane in zip(layer.blobs, params)}
+    for name, value in vars(layer).items():  # self.weight, self.bias
+        if id(value) in of_layer:
+            setattr(other, name, of_layer[id(value)])
     return other
 
 

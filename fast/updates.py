@@ -13,8 +13,7 @@ import numpy as np
 
 from fast.parallel import buffer_of
 from netlib.blob import Array
-from netlib.messages import SolverParameter
-from netlib.updates import RULES as PLAIN_RULES
+from netlib.proto.messages import SolverParameter
 from netlib.updates import Rule
 
 _buffers = threading.local()
@@ -51,4 +50,4 @@ def _adam(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence
     w -= step
 
 
-RULES: dict[str, tuple[Rule, int]] = {**PLAIN_RULES, "SGD": (_sgd, 1), "Adam": (_adam, 2)}
+RULES: dict[str, tuple[Rule, int]] = {"SGD": (_sgd, 1), "Adam": (_adam, 2)}

@@ -48,6 +48,7 @@ from layers.data.window_data import WindowData
 from layers.hand.augment import HandAugment
 from layers.hand.hand_model import HandModel
 from layers.hand.phys_limit import PhysLimit, ReleasedPhysLimit
+from layers.hand.sized_hand_model import SizedHandModel
 from layers.loss.accuracy import Accuracy
 from layers.loss.contrastive_loss import ContrastiveLoss
 from layers.loss.euclidean_loss import EuclideanLoss
@@ -141,4 +142,10 @@ LAYER_TYPES: dict[str, type[Layer]] = {
     "Threshold": Threshold,
     "Tile": Tile,
     "WindowData": WindowData,
+}
+
+# Types that are another class with so many bottoms.
+BY_BOTTOMS: dict[tuple[str, int], type[Layer]] = {
+    ("DeepHandModel", 2): SizedHandModel,
+    ("HandModel", 2): SizedHandModel,
 }

@@ -12,11 +12,12 @@ import os
 from netlib import engine
 
 BLAS_NOTE = engine.prepare()  # before anything imports NumPy
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # before anything imports OpenCV: netlib/pictures.py
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # before OpenCV is imported: netlib/files/pictures.py
 
-from netlib import gradcheck, notes  # noqa: E402
+from netlib import gradcheck  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
-from netlib.create import layer_types  # noqa: E402
+from netlib.building import python_layer  # noqa: E402
+from netlib.distributed.solver import get_solver  # noqa: E402
 from netlib.errors import (  # noqa: E402
     DataError,
     DivergenceError,
@@ -25,10 +26,12 @@ from netlib.errors import (  # noqa: E402
     PrototxtError,
     WeightsError,
 )
-from netlib.install import install_as_caffe  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
-from netlib.solver import Solver, get_solver  # noqa: E402
+from netlib.proto.options import layer_types  # noqa: E402
+from netlib.solver import Solver  # noqa: E402
+from netlib.system import aliases  # noqa: E402
+from netlib.system.once import once  # noqa: E402
 
 __all__ = [
     "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
@@ -40,6 +43,33 @@ __all__ = [
 def layer_type_list() -> list[str]:
     """The names of all layer types."""
     return sorted([*layer_types(), "Python"])
+
+
+def install_as_caffe() -> None:
+    """From now on ``import caffe`` gives netlib.caffe in this process, whatever else is installed.
+
+    Where the package protobuf is missing, ``from google.protobuf import text_format`` gives one that knows caffe_pb2's
+    messages.
+    """
+    if aliases.install("caffe", "netlib.caffe"):
+        aliases.lend_text_format("netlib.caffe.proto.text_format")
+
+
+def _install_if_missing() -> None:
+    """The same, unless a Caffe is installed that Python would find."""
+    if not aliases.is_installed("caffe", "Net"):
+        install_as_caffe()
+
+
+python_layer.before_import = _install_if_missing
+aliases.keep_old_names({
+    "netlib.hdf5": "netlib.files.hdf5", "netlib.messages": "netlib.proto.messages",
+    "netlib.mpi": "netlib.distributed.mpi",
+    "netlib.net_parameter": "netlib.proto.net_parameter", "netlib.pictures": "netlib.files.pictures",
+    "netlib.prototxt": "netlib.proto.prototxt", "netlib.saved": "netlib.snapshots.solver_state",
+    "netlib.schema": "netlib.proto.schema", "netlib.snapshot": "netlib.snapshots.snapshot",
+    "netlib.weights": "netlib.snapshots.weights",
+})  # fmt: skip
 
 
 def threads() -> int:
@@ -58,4 +88,4 @@ def set_mode_cpu() -> None:
 
 def set_mode_gpu() -> None:
     """For scripts written for pycaffe; this runs on the CPU all the same, and says so once."""
-    notes.once("set_mode_gpu: accepted, but this runs on the CPU")
+    once("set_mode_gpu: accepted, but this runs on the CPU")

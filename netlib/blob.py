@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from netlib import memory
-from netlib.memory import OutOfMemoryError
+from netlib.system import memory
+from netlib.system.memory import OutOfMemoryError
 
 Array = NDArray[Any]
 MOST_AXES = 32  # Caffe's limit, too

@@ -11,32 +11,19 @@ and fan-out is count / shape[1], whatever the layer does with the axes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib import schema
 from netlib.errors import PrototxtError, did_you_mean
-from netlib.schema import numbered
+from netlib.proto import schema
+from netlib.proto.messages import Filler
+
+__all__ = ["Filler", "fill"]
 
 BLOCK = 1 << 20  # numbers drawn together
 TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
-
-
-@dataclass(frozen=True)
-class Filler:
-    """A ``weight_filler { ... }``, ``bias_filler { ... }`` or ``filler { ... }``."""
-
-    type: str = numbered(1, "constant")
-    value: float = numbered(2, 0.0)  # constant
-    min: float = numbered(3, 0.0)  # uniform
-    max: float = numbered(4, 1.0)  # uniform
-    mean: float = numbered(5, 0.0)  # gaussian
-    std: float = numbered(6, 1.0)  # gaussian
-    sparse: int = numbered(7, -1)  # gaussian: expected number of non-zero weights of an output; negative: all
-    variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = numbered(8, "FAN_IN")  # xavier, msra
 
 
 def Constant(value: float) -> Filler:

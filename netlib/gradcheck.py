@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from netlib import engine as engines
-from netlib import prototxt, schema
 from netlib.blob import Array, Blob, Blobs
-from netlib.create import create
+from netlib.building.create import create
 from netlib.layer import Layer
-from netlib.messages import LayerParameter
-from netlib.schema import Phase
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter
+from netlib.proto.schema import Phase
 
 
 class GradientError(AssertionError):

@@ -10,27 +10,37 @@ from typing import Any
 
 import numpy as np
 
-from netlib import create, schema
 from netlib.blob import Blob, Blobs
+from netlib.building import create
+from netlib.engine.plain import Connection, Engine, guarded
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer
-from netlib.messages import LayerParameter, NetParameter
-from netlib.net_parameter import distinct
-from netlib.plain import Connection, Engine, guarded
-from netlib.share import EVERY_ROW, Share
-from netlib.sharing import Parameters
+from netlib.params import Parameters
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter, NetParameter
+from netlib.proto.net_parameter import distinct
 from netlib.splits import insert_splits
 
 log = logging.getLogger("netlib")
 AUTOMATIC = "(automatic)"  # Caffe's name for the top that a loss layer has without a name
 
 
+class LayerHook:
+    """What else is done to each layer while a graph is built; a subclass says what."""
+
+    def before_setup(self, layer: Layer) -> None:
+        """The layer is made, and has not read its options."""
+
+    def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
+        """The layer has its parameters and tops; ``seed`` is that of its random numbers."""
+
+
 class Graph:
     """The layers of a net, made and connected.
 
     ``param`` holds the layers of one phase and no others; ``seed`` is that of their random numbers, None for a new one
-    each run. ``share`` says which rows of the data they read (share.py). What it has is explained in net.py: blobs,
-    params, inputs, outputs, layer_dict, connections, losses, learnable. Raises LayerError.
+    each run. What it has is explained in net.py: blobs, params, inputs, outputs, layer_dict, connections, losses,
+    learnable. Raises LayerError.
     """
 
     def __init__(
@@ -40,9 +50,10 @@ class Graph:
         engine: Engine,
         dtype: np.dtype[Any],
         seed: int | None = None,
-        share: Share = EVERY_ROW,
+        layer_hook: LayerHook | None = None,
     ) -> None:
-        self.phase, self.engine, self.dtype, self.share = phase, engine, dtype, share
+        self.phase, self.engine, self.dtype = phase, engine, dtype
+        self.layer_hook = layer_hook or LayerHook()
         self.blobs: dict[str, Blob] = {}
         self.params: dict[str, Blobs] = {}
         self.layer_dict: dict[str, Layer] = {}
@@ -69,11 +80,12 @@ class Graph:
         """Make a layer and its tops; its bottoms are there already."""
         rng = np.random.Generator(np.random.SFC64(seed))
         layer = create.create(spec, spec.phase or self.phase, rng, self.dtype, self.engine.twin)
-        layer.name, layer.share = name, self.share
+        layer.name = name
         _check_counts(layer)
         bottom = self._bottoms(layer)
         top = self._tops(layer)
         layer.blobs.others = self._parameters.bytes
+        self.layer_hook.before_setup(layer)
         guarded(layer, "setup", bottom, top)
         guarded(layer, "reshape", bottom, top)
         self._connect(layer, bottom, top)
@@ -84,8 +96,7 @@ class Graph:
         if layer.blobs and name != spec.name:
             log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
                         "of the first are loaded twice", schema.position_of(spec), spec.name, name)  # fmt: skip
-        if self.share.rank:  # parameters and the order of the data are those of rank 0; what else is random is not
-            layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.share.rank)[-1]).state
+        self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
         """Enter the layer and its parameters. It runs backwards if it, or a layer below, learns: so far."""

@@ -14,51 +14,34 @@ your own needs none of them.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib import schema
 from netlib.blob import Blob, Blobs
 from netlib.errors import LayerError
 from netlib.fillers import Filler, fill
-from netlib.messages import LayerParameter
-from netlib.prototxt import Field, Message, Place, Scalar
-from netlib.schema import Phase, numbered
-from netlib.share import EVERY_ROW, Share
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter, PythonParameter
+from netlib.proto.options import NoParameter, block_name
+from netlib.proto.prototxt import Message, Place
+from netlib.proto.schema import Phase
 
 TRAIN, TEST = 0, 1  # pycaffe's caffe.TRAIN and caffe.TEST
 PHASES = {"TRAIN": TRAIN, "TEST": TEST}
-
-
-@dataclass(frozen=True)
-class NoParameter:
-    """A layer type without options."""
-
-
-@dataclass(frozen=True)
-class PythonParameter:
-    """The ``python_param { ... }`` block of a layer of type Python."""
-
-    module: str = numbered(1)  # imported from the working directory or PYTHONPATH
-    layer: str = numbered(2)  # the class
-    param_str: str = numbered(3, "")
-    share_in_parallel: bool = numbered(4, False)
 
 
 class Layer:
     """Base of all layers.
 
     name, type, phase   as in the prototxt; phase is netlib.TRAIN or netlib.TEST
+    source              the prototxt file that this layer is written in
     param               the options, an instance of ``param_type``
     param_str           the string of a Python layer's ``python_param``
-    blobs               the parameters
+    blobs               the parameters, in the order in which new_param made them
     rng                 the source of all randomness of this layer
-    share               which rows of a training's data it reads (share.py)
     """
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
@@ -73,10 +56,9 @@ class Layer:
     loss_weight: ClassVar[float] = 0.0  # of the first top, unless the prototxt gives one
     is_input: ClassVar[bool] = False  # the caller writes the tops
     moving: ClassVar[bool] = False  # forward changes the parameters: running means
-    share: Share = EVERY_ROW
 
     def __init__(self, spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> None:
-        self.spec = spec
+        self.spec, self.source = spec, schema.position_of(spec).source
         self.name, self.type, self.phase = spec.name, spec.type, PHASES[phase]
         self.rng, self.dtype = rng, np.dtype(dtype)
         self.blobs = Blobs(dtype=self.dtype)
@@ -113,14 +95,10 @@ class Layer:
         if "rng" in state:
             self.rng.bit_generator.state = state["rng"]
 
-    def reads(self) -> Any:
-        """Of a layer that reads files: what tells its data from others, as plain numbers, strings, lists."""
-        return None
-
     # ------------------------------------------------------------------------------------------ for layer authors
 
     def new_param(self, name: str, shape: Sequence[int], filler: Filler) -> Blob:
-        """Make the next parameter and fill it."""
+        """Make the next parameter and fill it: ``self.gain = self.new_param("gain", shape, filler)``."""
         blob = self.blobs.add_blob(*shape)
         fill(blob.data, filler, self.rng)
         return blob
@@ -130,11 +108,6 @@ class Layer:
         nothing = Message([], schema.position_of(self.spec))  # required options are then missed at the layer
         return schema.read(self.spec.blocks.get(name, nothing), kind, name)
 
-    @property
-    def source(self) -> str:
-        """The prototxt file that this layer is written in."""
-        return schema.position_of(self.spec).source
-
     def fail(self, message: str, field: str | None = None, at: Place | None = None) -> LayerError:
         """A LayerError that names this layer and its place in the prototxt, or that of a field of its options."""
         block = self.spec.blocks.get(block_name(type(self), self.spec.type))
@@ -143,54 +116,9 @@ class Layer:
             where = next((f.position for f in block.fields if f.name == field), where)
         return LayerError(f"{at or where}: error: layer {self.name!r}: {message}")
 
-    def largest_option(self) -> Field | None:
-        """The field with the greatest whole number among the options; None where all are below 1000."""
-        block = self.spec.blocks.get(block_name(type(self), self.spec.type))
-        numbers = [(n, i, field) for i, (n, field) in enumerate(_numbers(block))] if block else []
-        return max(numbers)[2] if numbers else None
-
-    def batch_of(self, size: int) -> int:
-        """How many rows to read of a ``batch_size``: its own, where several ranks divide it. Raises LayerError."""
-        try:
-            return self.share.batch(size)
-        except ValueError as error:
-            raise self.fail(str(error), "batch_size") from None
-
     def canonical_axis(self, axis: int, blob: Blob, what: str = "axis") -> int:
         """``axis`` counted from the front; negative ones count from the back. Raises LayerError."""
         n = len(blob.shape)
         if not -n <= axis < n:
             raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
         return axis % n
-
-    def items_and_values(self, bottom: Blobs) -> tuple[int, int]:
-        """The number of items and of values per item, which all bottoms must share. Raises LayerError."""
-        first = bottom[0]
-        items = first.shape[0] if first.shape else 0
-        if items == 0:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {first.shape} has no items")
-        for other, name in zip(bottom[1:], self.spec.bottom[1:]):
-            if other.count != first.count or other.shape[:1] != first.shape[:1]:
-                raise self.fail(
-                    f"bottoms {self.spec.bottom[0]!r} {first.shape} and {name!r} {other.shape} must have "
-                    "the same number of items and of values per item"
-                )
-        return items, first.count // items
-
-
-def _numbers(block: Message) -> Iterator[tuple[int, Field]]:
-    """The whole numbers from 1000 on in an options block."""
-    for field in block.fields:
-        if isinstance(field.value, Message):
-            yield from _numbers(field.value)
-        elif isinstance(field.value, Scalar) and re.fullmatch(r"[1-9]\d{3,19}", field.value.text):
-            yield int(field.value.text), field
-
-
-def block_name(cls: type[Layer], type_name: str) -> str:
-    """Name of the options block of a layer type."""
-    if type_name == "Python":  # also if the user's class derives from one of ours
-        return "python_param"
-    return (
-        cls.param_name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type_name).lower() + "_param"
-    )

@@ -14,17 +14,18 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from netlib import engine as engines
-from netlib import python_layer, schema, snapshot
-from netlib import weights as weights_of
 from netlib.blob import Blob
+from netlib.building import python_layer
+from netlib.engine.plain import Connection, Passed
 from netlib.errors import LayerError, NetlibError, did_you_mean
-from netlib.graph import Graph
+from netlib.graph import Graph, LayerHook
 from netlib.layer import PHASES, TEST, TRAIN
-from netlib.messages import NetParameter, NetState
-from netlib.net_parameter import load_parameter, select_layers
-from netlib.plain import Connection, Passed
-from netlib.prototxt import Message
-from netlib.share import EVERY_ROW, Share
+from netlib.proto import schema
+from netlib.proto.messages import NetParameter, NetState
+from netlib.proto.net_parameter import load_parameter, select_layers
+from netlib.proto.prototxt import Message
+from netlib.snapshots import snapshot
+from netlib.snapshots import weights as weights_of
 
 log = logging.getLogger("netlib")
 
@@ -46,8 +47,8 @@ class Net:
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file, or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` refuses a net that brings code of its own.
-    ``share`` says which rows of the data it reads (netlib/share.py).
+    is "plain" or "fast" (netlib/engine/choice.py). ``python_layers=False`` refuses a net that brings code of its own.
+    ``layer_hook`` is called with each layer before and after its setup.
 
     blobs           name -> Blob, in the order in which they are made
     params          layer name -> its parameters, for layers that have some
@@ -74,7 +75,7 @@ class Net:
         seed: int | None = None,
         engine: str | None = None,
         python_layers: bool = True,
-        share: Share = EVERY_ROW,
+        layer_hook: LayerHook | None = None,
     ) -> None:
         for value in args:
             if isinstance(value, (int, np.integer)):
@@ -96,8 +97,7 @@ class Net:
         self.param = schema.changed(param, layer=tuple(select_layers(param, self.state)))
         python_layer.check_allowed(self.param.layer, python_layers)
         self.engine = engines.get(engine)
-        self.share = share
-        graph = Graph(self.param, self.state.phase, self.engine, self.dtype, self.seed, share)
+        graph = Graph(self.param, self.state.phase, self.engine, self.dtype, self.seed, layer_hook)
         self.blobs, self.params, self.losses = graph.blobs, graph.params, graph.losses
         self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
         self.connections, self.layer_dict = graph.connections, graph.layer_dict

@@ -5,52 +5,49 @@
     solver.step(100)               some iterations
 
 ``iter`` always equals the number of updates made. What a training prints is Caffe's log, line for line, written
-to the logger "netlib"; tools/train.py gives it Caffe's time stamps.
+to the logger "netlib"; tools/train.py gives it Caffe's time stamps. A subclass attaches more at the points that
+``step`` has for it.
 """
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from netlib import engine as engines
-from netlib import report, schema, snapshot, snapshot_hdf5, solver_parameter, together, weights
-from netlib.errors import DataError, DivergenceError, LayerError, WeightsError
-from netlib.gradients import Gradients
-from netlib.messages import NetParameter, NetState, SolverParameter
+from netlib.blob import Array
+from netlib.errors import DivergenceError, LayerError
+from netlib.files.paths import find
 from netlib.net import Net, next_seed
-from netlib.paths import find
-from netlib.ranks import ALONE, Ranks, latest
-from netlib.resume import extra_state, restore_state, state_of, undo_of
-from netlib.share import EVERY_ROW
-from netlib.updates import Update, learning_rate, steps_taken
+from netlib.proto import schema
+from netlib.proto.messages import NetParameter, NetState, SolverParameter
+from netlib.snapshots import snapshot, weights
+from netlib.snapshots.solver_state import SolverState
+from netlib.training import report, solver_parameter
+from netlib.training.resume import restore_state, state_of
+from netlib.updates import RULES, Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
-
-SNAPSHOT_S = 120.0  # that other ranks wait for one to be written
 
 
 class Solver:
     """Trains a net.
 
-    param       SolverParameter
-    net         the training net
-    test_nets   nets for testing; they share the parameters of ``net``
-    iter        number of updates made
-    update      what changes the weights (updates.py); its history has, per parameter, the arrays of the update rule
-    ranks       who trains together (ranks.py)
-    callbacks   pairs of functions: one is called before each iteration, one when its gradients are there
-
-    ``requested`` may be set to "stop" or "snapshot" at any time, by a signal handler or another thread: the
-    iteration is finished first.
+    param         SolverParameter
+    net           the training net
+    test_nets     nets for testing; they share the parameters of ``net``
+    iter          number of updates made
+    update        what changes the weights (updates.py); its history has, per parameter, the arrays of the update rule
+    smoothed      the losses of the last average_loss iterations
+    callbacks     pairs of functions: one is called before the gradients of an iteration, one when they are there
+    on_iteration  a function that is called with the solver after each update
     """
 
     net_class: type[Net] = Net  # of all its nets
@@ -62,43 +59,45 @@ class Solver:
         seed: int | None = None,
         engine: str | None = None,
         python_layers: bool = True,
-        ranks: Ranks = ALONE,
     ) -> None:
-        self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
-        latest[:] = [ranks]
-        if seed is None:
-            seed = param.random_seed if param.random_seed >= 0 else next_seed()
-        self.seed = ranks.of_root(secrets.randbits(31) if seed is None else seed)
+        self.param, self.source = solver_parameter.checked(param), source
+        self.seed = self._choose_seed(seed)
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0
-        self.requested: str | None = None
-        self.on_iteration: Callable[[Solver], None] | None = None
+        self.on_iteration: Callable[[Any], None] | None = None
         self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
-        self.update = Update(self.param, self.net.learnable, self.engine.rules[self.param.type], self.engine.run)
+        rule = {**RULES, **self.engine.rules}[self.param.type]
+        self.update = Update(self.param, self.net.learnable, rule, self.engine.run)
         self.history = self.update.history
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
-        self._gradients = Gradients(self.net.layers, self.net.learnable)
         self.test_nets = self._make_test_nets()
         for names in param.weights:
             for path in names.split(","):
                 self.copy_weights(path.strip())
-        self._introduced = False
         self._lap: tuple[int, float] = (0, time.perf_counter())
         self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> what it meant when it was first used
         self._saved: Path | None = None  # the last solver state
 
+    def _choose_seed(self, given: int | None) -> int:
+        """The seed given, else that of the file, else one that ``set_random_seed`` or the system gives."""
+        if given is None:
+            given = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
+        return secrets.randbits(31) if given is None else given
+
     # ------------------------------------------------------------------------------------------ nets
 
-    def _make_net(self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int) -> Net:
+    def _make_net(
+        self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int, **options: Any
+    ) -> Net:
+        """The net number ``number`` of this solver; ``options`` are those of ``net_class``."""
         which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
         log.info("Creating %s net file: %s", which, name)
         net = self.net_class(
             param, state=solver_parameter.state_of(phase, param.state, state), seed=self.seed + number,
-            engine=self.engine.name, python_layers=self.python_layers,
-            share=self.ranks.share if phase == "TRAIN" else EVERY_ROW,
+            engine=self.engine.name, python_layers=self.python_layers, **options,
         )  # fmt: skip
         net.source = name
         return net
@@ -120,106 +119,68 @@ class Solver:
     # ------------------------------------------------------------------------------------------ training
 
     def solve(self, resume: str | Path | None = None) -> bool:
-        """Train until max_iter; False if a request stopped it early. Takes the last snapshot and test."""
+        """Train until max_iter; False if it was stopped early. Takes the last snapshot and test."""
         p = self.param
         log.info("Solving %s", self.net.name)
         log.info("Learning Rate Policy: %s", p.lr_policy)
-        with self.ranks.together(), contextlib.ExitStack() as stack:
-            if (p.snapshot or p.snapshot_after_train) and self.ranks.rank == 0:
-                stack.enter_context(snapshot.prefix_in_use(self.prefix))
-                if p.snapshot_format == "HDF5":
-                    snapshot_hdf5.check_names(weights.owned(self.net))
-                extra_state(self)  # a layer whose state cannot be stored is found now, not after hours
-            return self._solve(resume)
-
-    def _solve(self, resume: str | Path | None) -> bool:
-        p = self.param
         if resume is not None:
             self.restore(resume)
-        try:
-            finished = self.step(p.max_iter - self.iter)
-        except DataError:
-            if self._introduced and (p.snapshot or p.snapshot_after_train) and not self._is_saved():
-                try:
-                    self.snapshot()  # what was learned is not lost with the data
-                except WeightsError as error:
-                    log.error("%s", error)
-            raise
+        finished = self._train(p.max_iter - self.iter)
         if p.snapshot_after_train and not (p.snapshot and self.iter % p.snapshot == 0) and not self._is_saved():
             self.snapshot()
         if not finished:
             log.info("Optimization stopped early.")
             return False
-        if p.display and self.iter % p.display == 0:
-            with self.ranks.together():
-                loss = self._finite(self.net.run_forward())
-            self.smoothed.append(self.ranks.agree(loss, None, None))
-            self.ranks.average(together.moving(self.net))
+        if self._display_is_due():
+            self.smoothed.append(self._last_loss())
             log.info("Iteration %d, loss = %.6g", self.iter, self.loss)
         if p.test_interval and self.iter % p.test_interval == 0:
-            self._at_root(self.test_all)
+            self.test_all()
         log.info("Optimization Done.")
         return True
 
+    def _train(self, iterations: int) -> bool:
+        return self.step(iterations)
+
     def step(self, iterations: int) -> bool:
-        """Make some updates; False if a request stopped it early."""
-        self._introduce()
-        with self.ranks.together():
-            self.ranks.begin_steps(self._gradients)
+        """Make some updates; True when all are made."""
         self._lap = (self.iter, time.perf_counter())
         for _ in range(iterations):
+            self._before_iteration()
+            if self._test_is_due():
+                self.test_all()
             self.net.clear_param_diffs()
-            test = self._test_is_due()
-            with _undone_if_cut_short([self.net, *self.test_nets] if test else [self.net]) as undo:
-                if test and self._at_root(self.test_all) == "stop":
-                    undo()  # a resume makes the tests of this iteration again, from the same rows on
-                    return self._stop()
-                for on_start, _ in self.callbacks:
-                    on_start()
-                checksum = together.checksum(self)
-                with self.ranks.together():
-                    loss = self._forward_backward()
-                self.smoothed.append(self.ranks.agree(loss, self.requested, checksum))
-            self.ranks.finish_gradients()
-            self.ranks.average(together.moving(self.net))
+            self._before_gradients()
+            self.smoothed.append(self._forward_backward())
             if self._display_is_due():
                 self._display()
-            for _, on_gradients_ready in self.callbacks:
-                on_gradients_ready()
+            self._before_update()
             self.apply_update()
             self.iter += 1
-            if self.on_iteration is not None:
-                self.on_iteration(self)
-            asked = self.ranks.asked(self.requested)
-            if asked == "stop":
-                return self._stop()
-            if self.requested == asked:
-                self.requested = None
-            if asked == "snapshot" or (self.param.snapshot and self.iter % self.param.snapshot == 0):
+            self._after_update()
+            if self._snapshot_is_due():
                 self.snapshot()
         return True
 
-    def _stop(self) -> bool:
-        self.requested = None
-        self.snapshot()
-        return False
+    # ------------------------------------------------------------------------------------------ where more attaches
 
-    # ------------------------------------------------------------------------------------------ several ranks
+    def _before_iteration(self) -> None:
+        """An iteration begins, with its tests."""
 
-    def _introduce(self) -> None:
-        """Ranks that train together must be about to compute the same, each on its own rows. Raises NetlibError."""
-        if not self._introduced and self.ranks.count > 1:
-            with self.ranks.together():
-                facts = together.facts_of(self)
-            self.ranks.introduce(facts)
-        self._introduced = True
+    def _before_gradients(self) -> None:
+        for on_start, _ in self.callbacks:
+            on_start()
 
-    def _at_root(self, do: Callable[[], Any]) -> str | None:
-        """Rank 0 does it while the others wait; what rank 0 was asked for by then. Raises what ``do`` raises."""
-        with self.ranks.together():
-            if self.ranks.rank == 0:
-                do()
-        return self.ranks.from_root(self.requested)
+    def _before_update(self) -> None:
+        for _, on_gradients_ready in self.callbacks:
+            on_gradients_ready()
+
+    def _after_update(self) -> None:
+        if self.on_iteration is not None:
+            self.on_iteration(self)
+
+    def _after_test_batch(self) -> None:
+        """A test net has run one batch."""
 
     # ------------------------------------------------------------------------------------------ one iteration
 
@@ -230,10 +191,16 @@ class Solver:
         for left in reversed(range(self.param.iter_size)):
             loss = self.net.run_forward(report.debug_forward) if is_shown else self.net.run_forward()
             total += self._finite(loss)
-            self.net.run_backward(
-                None if left else self.ranks.begin_gradients(), report.debug_backward if is_shown else None
-            )
+            self._backward(left, report.debug_backward if is_shown else None)
         return total / self.param.iter_size
+
+    def _backward(self, left: int, after: Callable[[Any], object] | None) -> None:
+        """Run the net backwards; ``left`` batches of this iteration follow. ``after`` as in ``Net.run_backward``."""
+        self.net.run_backward(after=after)
+
+    def _last_loss(self) -> float:
+        """The loss of one more batch."""
+        return self._finite(self.net.run_forward())
 
     def _finite(self, loss: float) -> float:
         if not np.isfinite(loss):
@@ -273,9 +240,15 @@ class Solver:
         speed = done / seconds if seconds and done else 0.0
         log.info("Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
                  self.iter, speed, seconds, self.param.display, self.loss)  # fmt: skip
-        report.outputs("Train", self.net, together.mean_outputs(self.net, self.ranks))
+        report.outputs("Train", self.net, self._train_outputs())
         if self.param.debug_info:
             report.debug_params(self.net)
+
+    def _train_outputs(self) -> Mapping[str, Array]:
+        return {name: self.net.blobs[name].data for name in self.net.outputs}
+
+    def _snapshot_is_due(self) -> bool:
+        return bool(self.param.snapshot) and self.iter % self.param.snapshot == 0
 
     def _test_is_due(self) -> bool:
         p = self.param
@@ -283,12 +256,7 @@ class Solver:
 
     def test_all(self) -> list[dict[str, Any]]:
         """Test every test net; returns the mean of each output."""
-        means = []
-        for i in range(len(self.test_nets)):
-            if self.requested == "stop":
-                break
-            means.append(self.test(i))
-        return means
+        return [self.test(i) for i in range(len(self.test_nets))]
 
     def test(self, number: int) -> dict[str, Any]:
         """Run one test net over test_iter batches; returns and logs the mean of each output."""
@@ -299,7 +267,6 @@ class Solver:
         loss = 0.0
         for _ in range(batches):
             loss += net.run_forward()
-            self.ranks.alive()
             for name in net.outputs:
                 values = net.blobs[name].data.astype(np.float64).reshape(-1)
                 if values.size != np.size(sums.setdefault(name, np.zeros_like(values))):
@@ -309,9 +276,7 @@ class Solver:
                         "that reads it"
                     )
                 sums[name] += values
-            if self.requested == "stop":
-                log.info("Test interrupted.")
-                return {}
+            self._after_test_batch()
         if not np.isfinite(loss):
             where = net.first_not_finite() or "its loss alone"
             log.error("Test net (#%d) has a value that is not finite: %s", number, where)
@@ -345,8 +310,7 @@ class Solver:
         return Path(f"{stem}.caffemodel{suffix}"), Path(f"{stem}.solverstate{suffix}")
 
     def snapshot(self) -> Path:
-        """Write weights and solver state; returns the path of the state. Of several ranks all must be here, rank 0
-        writes. Raises WeightsError."""
+        """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""
         for param in self.net.learnable:
             if not np.isfinite(param.blob.data).all():
                 raise DivergenceError(
@@ -354,8 +318,7 @@ class Solver:
                     "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
                 )
         weights_path, state_path = self.snapshot_paths(self.iter)
-        others = self.ranks.gather(snapshot.as_plain(self.net.layer_states()) if self.ranks.count > 1 else {})
-        self._at_root(lambda: self._write(weights_path, state_path, others))
+        self._write(weights_path, state_path)
         self._saved = state_path
         return state_path
 
@@ -363,39 +326,18 @@ class Solver:
         """Is the last solver state that was written or read the one of this iteration?"""
         return self._saved is not None and self._saved.absolute() == self.snapshot_paths(self.iter)[1].absolute()
 
-    def _write(self, weights_path: Path, state_path: Path, others: Sequence[Mapping[str, Any]]) -> None:
+    def _write(self, weights_path: Path, state_path: Path) -> None:
         kind = "HDF5" if self.param.snapshot_format == "HDF5" else "binary proto"
         log.info("Snapshotting to %s file %s", kind, weights_path)
         log.info("Snapshotting solver state to %s file %s", kind, state_path)
-        self.ranks.alive(SNAPSHOT_S)
         image = weights.image(self.net, weights_path, self.param.snapshot_diff)
-        snapshot.write_pair(image, state_of(self, weights_path, others), weights_path, state_path)
+        snapshot.write_pair(image, self._state(weights_path), weights_path, state_path)
+
+    def _state(self, weights_path: Path) -> SolverState:
+        """What a solver state file beside these weights will hold."""
+        return state_of(self, weights_path)
 
     def restore(self, path: str | Path) -> None:
         """Go on from a solver state, bit for bit if this project wrote it. Raises WeightsError."""
         restore_state(self, path)
         self._saved = Path(path)
-        self._introduced = False
-
-
-@contextlib.contextmanager
-def _undone_if_cut_short(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
-    """What fails within it for want of data leaves data positions and random numbers as they were: an iteration is
-    made whole or not at all. Yields a function that puts them back."""
-    undo = undo_of(nets)
-    try:
-        yield undo
-    except DataError:
-        undo()
-        raise
-
-
-def get_solver(
-    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True,
-    ranks: Ranks = ALONE, **changes: Any,
-) -> Solver:  # fmt: skip
-    """The solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
-
-    ``python_layers=False`` refuses nets that bring code of their own; ``ranks`` train together (``mpi.MPIRanks``).
-    """
-    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers, ranks)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from netlib import schema
-from netlib.messages import LayerParameter
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter
 
 
 def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:

@@ -28,11 +28,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.special import expit
 
-from netlib import memory
 from netlib.blob import Array
 from netlib.errors import DivergenceError
-from netlib.messages import SolverParameter
-from netlib.sharing import Param
+from netlib.params import Param
+from netlib.proto.messages import SolverParameter
+from netlib.system import memory
 
 log = logging.getLogger("netlib")
 

@@ -18,11 +18,12 @@ import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 import netlib  # noqa: E402  before NumPy: it chooses the BLAS threads
-from netlib import engine, prototxt  # noqa: E402
+from netlib import engine  # noqa: E402
+from netlib.proto import prototxt  # noqa: E402
 
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 # What runs under both engines: whole folders, and single files of others.
-UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_graph", "test_sharing", "test_solver",
+UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_graph", "test_params", "test_solver",
               "test_snapshot", "test_updates", "test_splits", "test_gradcheck", "test_layer", "test_own_layers",
               "test_resume", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory",
               "test_gradients")  # fmt: skip

@@ -22,13 +22,13 @@ MODULES = {"pickle", "cPickle", "_pickle", "dill", "marshal", "shelve", "yaml", 
            "joblib", "pty"}  # fmt: skip
 # Where such a thing may stand, and why it runs nothing that a file of data says.
 ALLOWED = {
-    "netlib/python_layer.py": "a layer of type Python is code: python_layers=False, --no-python-layers",
+    "netlib/building/python_layer.py": "a layer of type Python is code: python_layers=False, --no-python-layers",
     "netlib/caffe/__main__.py": "runs the script that the command line names",
     "handpose/data/matlab_file.py": "starts handpose/data/matlab_worker.py, without a shell",
-    "netlib/hdf5_helper.py": "runs netlib/hdf5_check.py, without a shell",
-    "netlib/paths.py": "load_module: this project's packages, and Python layers",
-    "netlib/install.py": "names of modules that stand in this project",
-    "netlib/engine.py": "the folder fast/",
+    "netlib/files/hdf5_helper.py": "runs netlib/files/hdf5_check.py, without a shell",
+    "netlib/files/paths.py": "load_module: this project's packages, and Python layers",
+    "netlib/system/aliases.py": "names of modules that stand in this project",
+    "netlib/engine/choice.py": "the folder fast/",
     "netlib/caffe/draw.py": "runs Graphviz's program dot, without a shell",
     "tools/exercises/process.py": "starts itself, without a shell",
     "tools/exercises/reading.py": "runs the solution of an exercise, which the command line names and is code",

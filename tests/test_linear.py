@@ -15,9 +15,10 @@ import pytest
 import netlib
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import engine, prototxt, schema, wire
-from netlib.messages import NetParameter
-from netlib.upgrade import upgraded
+from netlib import engine
+from netlib.proto import prototxt, schema, wire
+from netlib.proto.messages import NetParameter
+from netlib.proto.upgrade import upgraded
 from tools.plot_log import read_log
 
 SIZE = 150  # of the smaller input

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from pytest import approx
 
-from netlib import solver_parameter
-from netlib.messages import NetState
-from netlib.net_parameter import load_parameter, select_layers
-from netlib.schema import Phase
+from netlib.proto.messages import NetState
+from netlib.proto.net_parameter import load_parameter, select_layers
+from netlib.proto.schema import Phase
+from netlib.training import solver_parameter
 
 PROTOTXT = Path(__file__).resolve().parents[1] / "prototxt"
 LEARNED = {"Convolution": "convolution_param", "InnerProduct": "inner_product_param"}

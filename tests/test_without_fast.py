@@ -66,10 +66,10 @@ def test_a_solver_trains(bare: Path) -> None:
 
 
 # Tests that build nets, run them and ask which engine there is. The rest knows no engine, or runs on the plain one in
-# the whole suite as well; that nothing imports fast/ by name is one of the rules in test_arrows.py.
+# the whole suite as well; that nothing imports fast/ by name is one of the contracts of `make lint`.
 WHERE_IT_COUNTS = (
     "test_nets.py", "netlib/caffe",
-    *(f"netlib/test_{name}.py" for name in ("engine", "net", "sharing", "solver")),
+    *(f"netlib/{name}.py" for name in ("engine/test_engine", "test_net", "test_params", "test_solver")),
     *(f"tools/test_{name}.py" for name in ("extract_features", "time", "tools")),
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
 )  # fmt: skip

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 
 from netlib.errors import DataError
-from netlib.paths import ROOT, exists
+from netlib.files.paths import ROOT, exists
 
 IS_CLONE = exists(ROOT / "setup.cfg")  # and not an installed package
 

@@ -26,9 +26,10 @@ import tools
 tools.begin(__name__)
 
 import netlib
-from netlib import schema, solver_parameter
+from netlib.distributed.ranks import ALONE, Ranks
 from netlib.net import Net
-from netlib.ranks import ALONE, Ranks
+from netlib.proto import schema
+from netlib.training import solver_parameter
 from tools import training
 from tools.advice import on_missing_data
 from tools.arguments import caffes_flags, parser_of, positive

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from netlib import locks
 from netlib.errors import NetlibError, reason_of
-from netlib.notes import CaffeFormatter
+from netlib.files import locks
+from netlib.training.glog import CaffeFormatter
 from tools import outputs
 from tools.console import say
 from tools.progress import ProgressBar

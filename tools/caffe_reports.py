@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from netlib import report
 from netlib.net import Net
+from netlib.training import report
 from tools.costs import time_layers, time_passes
 
 log = logging.getLogger("netlib")

@@ -21,8 +21,8 @@ tools.begin(__name__)
 import numpy as np
 
 from layers.data.datum import decode_datum
-from netlib.binaryproto import write_blob
 from netlib.errors import DataError
+from netlib.proto.binaryproto import write_blob
 from tools import databases, outputs
 from tools.arguments import caffes_flags, parser_of
 from tools.console import DONE, guarded, say

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TextIO
 
 import tools
-from netlib import python_layer
+from netlib.building import python_layer
 from netlib.errors import NetlibError, printable, reason_of
 
 DONE, FAILED = 0, 1  # argparse itself exits with 2 for wrong usage

@@ -28,7 +28,7 @@ from layers.data.images import decode_image, planes, read_image, resize_image
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.messages import Datum
+from netlib.proto.messages import Datum
 from tools import databases
 from tools.arguments import caffes_flags, natural, parser_of
 from tools.console import guarded, say

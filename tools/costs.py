@@ -7,8 +7,8 @@ from collections import defaultdict
 
 import numpy as np
 
+from netlib.engine.plain import Connection
 from netlib.net import Net
-from netlib.plain import Connection
 
 
 def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, float]]:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from layers.data.lmdb_file import Cursor, Database
-from netlib import atomic, schema, wire
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.messages import Datum
+from netlib.files import atomic
+from netlib.proto import schema, wire
+from netlib.proto.messages import Datum
 from tools.console import DONE, say
 from tools.stopper import StoppedError, Stopper
 

@@ -33,7 +33,7 @@ from handpose.facts.cameras import NYU
 from handpose.predicting.packaged import load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
-from netlib import atomic
+from netlib.files import atomic
 from tools import findings, pictures
 from tools.arguments import natural, parser_of, positive
 from tools.console import DONE, guarded, say

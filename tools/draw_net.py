@@ -18,10 +18,10 @@ import tools
 
 tools.begin(__name__)
 
-from netlib import prototxt
 from netlib.caffe import draw
 from netlib.caffe.proto import caffe_pb2
-from netlib.upgrade import upgraded
+from netlib.proto import prototxt
+from netlib.proto.upgrade import upgraded
 from tools.arguments import parser_of
 from tools.console import DONE, guarded, say
 

@@ -25,9 +25,9 @@ import tools
 
 tools.begin(__name__)
 
-from netlib import atomic
 from netlib.errors import did_you_mean
-from netlib.paths import ROOT, exists
+from netlib.files import atomic
+from netlib.files.paths import ROOT, exists
 from tools.advice import command
 from tools.arguments import natural, parser_of, positive_number
 from tools.console import DONE, FAILED, guarded, say

@@ -25,8 +25,8 @@ import tools
 tools.begin(__name__)
 
 from handpose.facts.nyu import CUBE_MM
-from netlib import atomic
 from netlib.errors import NetlibError, reason_of
+from netlib.files import atomic
 from tools import outputs
 from tools.arguments import cube, parser_of
 from tools.console import DONE, FAILED, guarded, say

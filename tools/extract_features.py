@@ -24,8 +24,8 @@ import numpy as np
 
 import netlib
 from netlib.errors import NetlibError, did_you_mean
-from netlib.messages import Datum
 from netlib.net import Net
+from netlib.proto.messages import Datum
 from tools import databases
 from tools.advice import on_missing_data
 from tools.arguments import add_engine, parser_of, positive

@@ -40,7 +40,7 @@ from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.hdf5 import read_list
+from netlib.files.hdf5 import read_list
 from tools import outputs
 from tools.arguments import parser_of, positive, refuse_given, weight
 from tools.console import DONE, duration, guarded, say

@@ -14,7 +14,7 @@ from handpose.predicting.prediction import FramePrediction, Prediction
 from handpose.predicting.predictor import Predictor
 from handpose.synthetic.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
-from netlib import atomic
+from netlib.files import atomic
 from tools import findings
 
 

@@ -42,8 +42,8 @@ from handpose.recordings.writing import RecordingWriter
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracks.json_file import JsonWriter
-from netlib import atomic, files
 from netlib.errors import NetlibError
+from netlib.files import atomic, make_folder
 from tools.arguments import camera, natural, parser_of, positive_number
 from tools.console import DONE, guarded, say
 from tools.progress import ProgressBar
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     if truth.exists() and not args.force:
         raise NetlibError(f"{truth}: is there already; name another --out or replace it by --force")
     with atomic.naming(truth):
-        files.make_folder(truth.parent)
+        make_folder(truth.parent)
         atomic.refuse_what_is_no_file(truth)
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,

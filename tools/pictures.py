@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib import atomic, files
+from netlib import files
 from netlib.errors import NetlibError, reason_of
+from netlib.files import atomic
 from tools import outputs
 
 JPEG_QUALITY = 90

@@ -54,7 +54,7 @@ from handpose.predicting.packaged import load_predictor, predictor_of
 from handpose.predicting.prediction import FramePrediction
 from handpose.predicting.predictor import Predictor
 from netlib.errors import DataError
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 from tools import findings, hand_pages, outputs, pictures
 from tools.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number, refuse_given
 from tools.console import DONE, guarded, say

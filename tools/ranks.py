@@ -9,8 +9,8 @@ import sys
 from collections.abc import Iterator
 
 from netlib import engine
+from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError
-from netlib.ranks import ALONE, Ranks
 
 OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
 LAUNCHERS = (  # how they tell a process how many there are, and which it is
@@ -48,7 +48,7 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
                           "started for another MPI; use the mpiexec of the MPI that mpi4py was built with")  # fmt: skip
     if count == 1:
         return ALONE
-    from netlib.mpi import MPIRanks
+    from netlib.distributed.mpi import MPIRanks
 
     return MPIRanks(MPI.COMM_WORLD, divide, patience)
 

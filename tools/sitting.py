@@ -26,8 +26,8 @@ from layers.hand import skeleton as skeletons
 from netlib import engine
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.hdf5 import File
-from netlib.solver import Solver
+from netlib.files.hdf5 import File
+from netlib.interruption.solver import InterruptibleSolver as Solver
 from tools import training
 from tools.advice import on_missing_data
 from tools.console import DONE, duration, say

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
-from netlib.atomic import replace_text
 from netlib.errors import NetlibError, reason_of
+from netlib.files.atomic import replace_text
 from tools import outputs
 
 

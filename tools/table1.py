@@ -36,9 +36,9 @@ from handpose.experiments.plan import Job, lambdas, order, report
 from handpose.experiments.recipes import ADAM, RECIPES
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, Setting, is_real_nyu
 from layers.hand import skeleton as skeletons
-from netlib import atomic
 from netlib.errors import NetlibError
-from netlib.paths import ROOT
+from netlib.files import atomic
+from netlib.files.paths import ROOT
 from tools.advice import IS_CLONE, command
 from tools.arguments import natural, parser_of, positive, weight
 from tools.console import DONE, aligned, guarded, say

@@ -39,8 +39,8 @@ from handpose.scoring.held_out import Predictions, errors_by_joint, figures_of, 
 from handpose.scoring.held_out_fits import deploy_of, fit_all
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
+from netlib.files.paths import ROOT
 from netlib.net import Net
-from netlib.paths import ROOT
 from tools import pictures
 from tools.advice import on_missing_data
 from tools.arguments import add_engine, name_in, parser_of, refuse_given

@@ -16,9 +16,11 @@ from typing import Any, Literal
 
 import netlib
 from netlib import engine as engines
-from netlib import files, prototxt
-from netlib.ranks import ALONE, Ranks
-from netlib.solver import Solver
+from netlib import files
+from netlib.distributed.ranks import ALONE, Ranks
+from netlib.interruption.solver import InterruptibleSolver as Solver
+from netlib.proto import prototxt
+from netlib.training.resume import rank_and_count
 from tools import advice
 from tools.caffe_log import BarHandler, log_to
 from tools.console import DONE, duration
@@ -97,7 +99,7 @@ def new_solver(
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
     with advice.on_missing_data():
-        solver = netlib.get_solver(solver_file, seed, engine, ranks=ranks, **changes)
+        solver = netlib.get_solver(solver_file, seed, engine, ranks=ranks if ranks.count > 1 else None, **changes)
     _describe(solver)
     return solver
 
@@ -112,7 +114,7 @@ def solve(
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
         finished = solver.solve(snapshot)
-    if stopped or solver.ranks.count == 1:
+    if stopped or rank_and_count(solver)[1] == 1:
         return DONE if finished or not stopped else 128 + stopped[0]
     return DONE if finished else 128 + signal.SIGTERM  # it was another rank that was signalled
 
@@ -131,9 +133,9 @@ def _describe(solver: Solver) -> None:
             log.info("%s: %s", at.layer.name, note)
     for name in net.outputs:
         log.info("This network produces output %s", name)
-    if solver.ranks.count > 1:
+    if (ranks := rank_and_count(solver)[1]) > 1:
         batch = next(blob.shape[0] for at in net.connections for blob in at.top)
-        log.info("%d ranks × %d = %d a step; base_lr as written", solver.ranks.count, batch, solver.ranks.count * batch)
+        log.info("%d ranks × %d = %d a step; base_lr as written", ranks, batch, ranks * batch)
     count = sum(p.blob.count for p in net.learnable)
     log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
 
@@ -161,7 +163,7 @@ def requests_by_signal(
     handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
         handlers[signal.SIGHUP] = effects[on_sighup]
-        if solver.ranks.count > 1:  # mpiexec hands this one on, and dies of SIGHUP itself
+        if rank_and_count(solver)[1] > 1:  # mpiexec hands this one on, and dies of SIGHUP itself
             handlers[signal.SIGUSR1] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
@@ -174,7 +176,7 @@ def requests_by_signal(
 @contextlib.contextmanager
 def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
     """Within it, the solver tells how much time is left."""
-    if solver.ranks.rank:
+    if rank_and_count(solver)[0]:
         yield
         return
     with contextlib.ExitStack() as bars:

@@ -21,15 +21,16 @@ import tools
 
 tools.begin(__name__)
 
-from netlib import files, prototxt, schema, wire
-from netlib.atomic import replace_bytes
-from netlib.create import check_options
+from netlib import files
+from netlib.building.create import check_options
 from netlib.errors import NetlibError, PrototxtError
-from netlib.messages import NetParameter, SolverParameter
-from netlib.net_parameter import input_layer
-from netlib.prototxt import Field, Message, Scalar
-from netlib.solver_parameter import OLD_TYPES
-from netlib.upgrade import AnyNetParameter, upgraded
+from netlib.files.atomic import replace_bytes
+from netlib.proto import prototxt, schema, wire
+from netlib.proto.messages import NetParameter, SolverParameter
+from netlib.proto.net_parameter import input_layer
+from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.upgrade import AnyNetParameter, upgraded
+from netlib.training.solver_parameter import OLD_TYPES
 from tools.arguments import parser_of
 from tools.console import DONE, guarded, say
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import TRAIN, Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

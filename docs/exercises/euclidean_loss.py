@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
 from netlib.layer import Layer
 
@@ -29,7 +30,7 @@ class EuclideanLoss(Layer):
     loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.items, self.values = self.items_and_values(bottom)
+        self.items, self.values = items_and_values(self, bottom)
         top[0].reshape(())
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

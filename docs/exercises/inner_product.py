@@ -21,7 +21,7 @@ import numpy as np
 from netlib.blob import Array, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class InnerProduct(Layer):
         self.axis = self.canonical_axis(p.axis, bottom[0])
         self.inputs = math.prod(bottom[0].shape[self.axis :])
         shape = (self.inputs, p.num_output) if p.transpose else (p.num_output, self.inputs)
-        self.new_param("weight", shape, p.weight_filler)
+        self.weight = self.new_param("weight", shape, p.weight_filler)
         if p.bias_term:
-            self.new_param("bias", (p.num_output,), p.bias_filler)
+            self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         # top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours also says what is

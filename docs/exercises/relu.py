@@ -4,8 +4,8 @@
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y  = g x
-dx = g dy        g = 1 where x > 0, slope elsewhere (as in Caffe, also at 0)
+y  = x where x > 0, slope x elsewhere
+dx = dy where x > 0, slope dy elsewhere (as in Caffe, also at 0)
 
 In place x is y by the time of backward; its sign tells the same, unless the slope is negative or another layer in place
 has changed it since.
@@ -19,7 +19,7 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, numbered
+from netlib.proto.schema import Engine, numbered
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from netlib import snapshot
-from netlib import weights as weights_of
 from netlib.blob import Array
 from netlib.errors import WeightsError, reason_of
-from netlib.messages import SolverParameter
 from netlib.net import Net
-from netlib.ranks import Ranks
-from netlib.saved import SolverState, contradictions
-from netlib.together import moving
+from netlib.proto.messages import SolverParameter
+from netlib.snapshots import snapshot
+from netlib.snapshots import weights as weights_of
+from netlib.snapshots.solver_state import SolverState, contradictions
 from netlib.updates import steps_taken
 
 log = logging.getLogger("netlib")
@@ -43,7 +41,6 @@ class Solver(Protocol):
     net: Net
     test_nets: list[Net]
     iter: int
-    ranks: Ranks
     history: list[list[Array]]
     smoothed: deque[float]
 
@@ -71,7 +68,13 @@ def _course(solver: Solver) -> dict[str, Any]:
     """The options of ``COURSE``, the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
     batch = first[0] if first else 0
-    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": solver.ranks.count}
+    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": rank_and_count(solver)[1]}
+
+
+def rank_and_count(solver: Solver) -> tuple[int, int]:
+    """Which process of how many this one is; a solver without ``ranks`` trains alone."""
+    ranks = getattr(solver, "ranks", None)
+    return (0, 1) if ranks is None else (ranks.rank, ranks.count)
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
@@ -90,13 +93,18 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
     random numbers of other ranks than 0 start anew.
     """
     nets: list[dict[str, Any]] = list(state.extra.get("layers", []))
-    others, rank = state.extra.get("ranks", []), solver.ranks.rank
+    others, (rank, count) = state.extra.get("ranks", []), rank_and_count(solver)
     if rank and nets:
-        if len(others) == solver.ranks.count - 1:
+        if len(others) == count - 1:
             nets[0] = others[rank - 1]
         else:
             nets[0] = {name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()}
     return nets
+
+
+def moving(net: Net) -> list[Array]:
+    """The parameters that forward changes: running means."""
+    return [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
 
 
 def undo_of(nets: Sequence[Net]) -> Callable[[], None]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from docs.making import documents, exercises, figures, hand_page, pictures
 from docs.making.made import Made
 from netlib.errors import NetlibError
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 from tools.arguments import parser_of
 
 PIECES: dict[str, Callable[[], Iterator[Made]]] = {

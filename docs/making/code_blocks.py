@@ -20,7 +20,7 @@ from pathlib import Path
 from docs.making.made import place_of
 from docs.making.symbols import statement_of
 from netlib.errors import reason_of
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 MARK = re.compile(r"^<!-- code: (\S+\.\w+)((?: [\w.]+)*) -->\n(```(\w*)\n.*?^```(?:\n|\Z))?", re.MULTILINE | re.DOTALL)
 LANGUAGES = {".py": "python", ".prototxt": "prototxt", ".js": "js"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from docs.making import code_blocks, exercises, line_links
 from docs.making.made import Made
 from netlib.errors import reason_of
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 # What tells that a document has something to be made, and the change that makes it: (text, document) -> text.
 CHANGES: tuple[tuple[re.Pattern[str], Callable[[str, Path], str]], ...] = (

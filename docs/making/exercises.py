@@ -13,7 +13,7 @@ from pathlib import Path
 
 from docs.making.made import Made, place_of
 from docs.making.markdown import title_of
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 from tools.exercises.checking import steps
 from tools.exercises.exercise import Exercise
 from tools.exercises.relu import OneAtZero

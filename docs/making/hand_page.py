@@ -9,7 +9,7 @@ from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content
 from handpose.synthetic.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 PLACE = ROOT / "docs" / "hand.html"
 

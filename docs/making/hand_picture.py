@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from docs.making.chromium import chromium
 from docs.making.hand_page import PLACE
-from netlib import atomic
 from netlib.errors import NetlibError
-from netlib.paths import ROOT
+from netlib.files import atomic
+from netlib.files.paths import ROOT
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlib import atomic
-from netlib.paths import ROOT
+from netlib.files import atomic
+from netlib.files.paths import ROOT
 
 
 def place_of(document: Path, text: str, offset: int) -> str:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.making.made import Made
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 CLOSE = 1.0  # grey levels, on average
 CLOSE_TO = {"confidence": 0.05, "inputs": np.inf, "size": 0.05, "misfit": np.inf, "center_uvd": 2.0}

@@ -12,8 +12,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from netlib import prototxt
-from netlib.prototxt import Field, Message, Position, Scalar
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Field, Message, Position, Scalar
 
 SUFFIXES = (".py", ".prototxt")  # the files that have names
 

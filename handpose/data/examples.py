@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.data.images import read_crop
 from netlib.errors import DataError
-from netlib.hdf5 import File, read_list
+from netlib.files.hdf5 import File, read_list
 
 
 class Example(NamedTuple):

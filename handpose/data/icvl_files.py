@@ -22,7 +22,7 @@ from handpose.facts.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAI
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import read_text
-from netlib.paths import names_in
+from netlib.files.paths import names_in
 
 ANNOTATION: dict[str, tuple[str, ...]] = {
     "train": ("Training/labels.txt",),

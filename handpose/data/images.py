@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.bad_frames import DAMAGED, MISSING, BadFrameError
 from handpose.data.crops import SIZE
 from handpose.facts.cameras import UNIT_MM, Camera
-from netlib import files, pictures
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.paths import exists
+from netlib.files import pictures
+from netlib.files.paths import exists
 
 
 def read_png(path: str | Path) -> Array:

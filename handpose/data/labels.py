@@ -20,7 +20,7 @@ from handpose.facts.cubes import CUBES_MM
 from handpose.facts.nyu import CUBE_MM
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.hdf5 import File
+from netlib.files.hdf5 import File
 
 ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
 EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # where nothing was rounded; on its axis a camera cannot be known from others

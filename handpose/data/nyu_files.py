@@ -27,10 +27,10 @@ from handpose.facts.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
-from netlib.paths import names_in
+from netlib.files import atomic, hdf5
+from netlib.files.paths import names_in
 
 ANNOTATION = "joint_data.mat"  # beside the depth frames of each split
 SYNTHETIC = "synthetic"  # what a folder says, in a variable made_from, that tools/make_synthetic.py --raw made

@@ -19,10 +19,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.paths import exists, find, names_in
+from netlib.files import atomic, hdf5
+from netlib.files.paths import exists, find, names_in
 
 Columns = Mapping[str, Array]  # data sets by name; rows first
 

@@ -17,7 +17,7 @@ from handpose.data.crops import SIZE
 from handpose.data.frames import Frames
 from handpose.data.parts import Columns, Part, is_whole, write_part
 from handpose.data.published_frames import PublishedFrames
-from netlib import hdf5
+from netlib.files import hdf5
 
 _CHUNK = 16  # frames that a thread makes crops of at a time
 _AHEAD = 8  # chunks ahead of the writer, per thread

@@ -10,8 +10,8 @@ from handpose.data import parts as files
 from handpose.data.bad_frames import BadFrameError
 from handpose.data.preparation import Outcome, is_current, parts_of, write_parts
 from handpose.data.published_frames import PublishedFrames, statistics
-from netlib import atomic
 from netlib.errors import DataError, printable
+from netlib.files import atomic
 
 
 class PreparedSplit:

@@ -24,9 +24,9 @@ from handpose.drawing.hands import bones, colours
 from handpose.drawing.identities import colour_of
 from handpose.flesh.render import Capsules
 from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
-from netlib import atomic
 from netlib.blob import Array
 from netlib.errors import NetlibError
+from netlib.files import atomic
 
 FROM_MM = np.array([1.0, -1.0, 1.0]) / 1000  # mm, y up, to metres, y down
 SHOWN_MM = (200.0, 3000.0)  # the depths from one end of the colours to the other

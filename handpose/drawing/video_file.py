@@ -16,8 +16,8 @@ from typing import Any
 import cv2
 
 from handpose.drawing.strokes import Image
-from netlib import atomic
 from netlib.errors import DataError, NetlibError
+from netlib.files import atomic
 
 TICKS = 60000  # of a second: 30 and 29.97 frames/s fall on them; MPEG-4 part 2 takes no more than 65535
 RATES = (0.1, 1000.0)  # of pictures per second, that players can do something with

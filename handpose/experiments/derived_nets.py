@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from handpose.experiments.networks import Network
 from handpose.experiments.recipes import Recipe
 from handpose.experiments.settings import SPLITS, Setting
-from netlib import prototxt
-from netlib.prototxt import Message, Scalar
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Message, Scalar
 
 TEST_BATCH = 256
 ROBUST_WEIGHT = 0.1  # of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt

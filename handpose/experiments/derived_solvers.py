@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from netlib import prototxt
-from netlib.prototxt import Message, Scalar
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Message, Scalar
 
 
 def with_fields(solver: Message, own: Mapping[str, object]) -> Message:

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from handpose.data.json_fields import Fields, parsed
 from handpose.facts import nyu
-from netlib import atomic, files
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files import atomic
 
 JOINTS, ROTATIONS = len(nyu.ANNOTATION_OF_JOINT), 23  # of the hand
 THRESHOLDS_MM = range(0, 81, 2)  # of the success curve

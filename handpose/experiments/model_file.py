@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fitting.depth.network_errors import GROUP, NetworkErrors, arrays_of
-from netlib import hdf5
+from netlib.files import hdf5
 from netlib.net import Net
 
 

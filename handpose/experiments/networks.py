@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from handpose.experiments.settings import Setting
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 PROTOTXT = ROOT / "prototxt"
 

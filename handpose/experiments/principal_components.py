@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from netlib import hdf5
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files import hdf5
 
 BOTTLENECK = 30  # components
 

@@ -18,8 +18,9 @@ from pathlib import Path
 
 from handpose.experiments.derived_solvers import with_fields
 from handpose.experiments.networks import PROTOTXT
-from netlib import prototxt, solver_parameter
-from netlib.prototxt import Message
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Message
+from netlib.training import solver_parameter
 
 GROWTH = Fraction(3, 2)  # of one length to the next
 

@@ -21,7 +21,7 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.hdf5 import File
+from netlib.files.hdf5 import File
 from netlib.net import Net
 
 CHOSEN = list(nyu.EVALUATION_JOINTS)

@@ -17,7 +17,7 @@ from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import Generator, Split
 from netlib.errors import DataError
-from netlib.hdf5 import read_list
+from netlib.files.hdf5 import read_list
 
 SPLITS: tuple[Split, ...] = ("train", "test")
 SEED = 1  # of the synthetic frames

@@ -14,8 +14,9 @@ from handpose.data.json_fields import Fields, parsed
 from handpose.experiments.machine import machine
 from handpose.experiments.networks import PROTOTXT
 from handpose.synthetic.generator import Generator
-from netlib import atomic, engine, files
+from netlib import engine, files
 from netlib.blob import Array
+from netlib.files import atomic
 from netlib.net import Net
 
 DEPLOY = PROTOTXT / "nyu_deploy.prototxt"

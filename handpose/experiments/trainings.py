@@ -25,7 +25,7 @@ from handpose.experiments.networks import Network
 from handpose.experiments.principal_components import write_components
 from handpose.experiments.recipes import Recipe
 from handpose.experiments.settings import Setting
-from netlib import atomic
+from netlib.files import atomic
 
 STATE, WEIGHTS = ".solverstate.h5", ".caffemodel.h5"
 

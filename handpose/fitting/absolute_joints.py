@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from handpose.fitting.levenberg_marquardt import fit_joints
 from handpose.fitting.pose_problem import JointFit
 from layers.hand.skeleton import Skeleton
-from netlib import files, hdf5
+from netlib import files
 from netlib.blob import Array
+from netlib.files import hdf5
 
 DESCRIPTION = "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
 

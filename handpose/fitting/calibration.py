@@ -31,9 +31,9 @@ from handpose.fitting.levenberg_marquardt import fit_joints
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import DECIMALS
-from netlib import schema
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.proto import schema
 
 Progress = Callable[[int], None]
 

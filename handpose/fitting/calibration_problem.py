@@ -41,9 +41,9 @@ from handpose.fitting.angles import rotations
 from handpose.fitting.parallel import for_each
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
-from netlib import schema
 from netlib.blob import Array
-from netlib.rows import blocks
+from netlib.proto import schema
+from netlib.system.memory import blocks
 
 BONE_SPREAD = 0.1  # deviation of a bone among people of one size, relative to its length
 ANGLE_SPREAD = 0.2  # ... of a fixed angle, radians

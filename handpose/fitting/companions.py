@@ -6,8 +6,8 @@ only joints. Each HDF5 file of the set gets a small companion with
     dof          (n, 47) inputs of the hand model, as its layer HandModel takes them
     residual_mm  (n, 31) what the fit leaves of each joint; NaN for joints that were cut off at the cube
 
-and the name of the first file, where all else is (``netlib.hdf5.File``), so that a list of companions is read like the
-list of the first files.
+and the name of the first file, where all else is (``netlib.files.hdf5.File``), so that a list of companions is read
+like the list of the first files.
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ import numpy as np
 from handpose.data import labels, parts
 from handpose.fitting.levenberg_marquardt import fit_joints
 from layers.hand.skeleton import Skeleton
-from netlib import atomic, hdf5
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
-from netlib.files import make_folder, opened
-from netlib.paths import exists
+from netlib.files import atomic, hdf5, make_folder, opened
+from netlib.files.paths import exists
 
 VERSION = 3  # to be raised when a change of the code changes the angles
 

@@ -24,7 +24,7 @@ from handpose.fitting.starts import RotationGrid, limb_poses, redrawn_limbs
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 Progress = Callable[[int], None]
 

@@ -14,7 +14,7 @@ from handpose.fitting.calibration_problem import FEWEST_FRAMES
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.hdf5 import read_list
+from netlib.files.hdf5 import read_list
 
 # Joints of a skeleton that files of fewer joints hold, by the numbers of both.
 PARTS = {(31, 14): EVALUATION_JOINTS, (21, len(icvl.JOINTS)): tuple(range(len(icvl.JOINTS)))}

@@ -22,9 +22,9 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import LENGTHS, CapsuleParameter, WedgeParameter, longest, said
-from netlib import schema
 from netlib.blob import Array
 from netlib.errors import PrototxtError, did_you_mean
+from netlib.proto import schema
 
 Sphere = tuple[int, float]  # the joint that it is about, and its radius
 

@@ -14,7 +14,7 @@ from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
 from handpose.predicting.starts import fit_starts
 from netlib.net import Net
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 TOGETHER = 128  # crops that are worked on together
 

@@ -21,7 +21,7 @@ from handpose.predicting.options import Fit, check_options
 from handpose.predicting.predictor import Predictor
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 HAND_LOCATOR = ROOT / "models" / "hand_locator"

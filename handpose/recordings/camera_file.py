@@ -24,10 +24,9 @@ from handpose.data.json_fields import unique_keys
 from handpose.facts.cameras import Camera
 from handpose.recordings.given import Given
 from handpose.recordings.lens import Lens, lens_of
-from netlib import atomic
 from netlib.errors import DataError, did_you_mean
-from netlib.files import read_text
-from netlib.paths import exists
+from netlib.files import atomic, read_text
+from netlib.files.paths import exists
 
 NAME = "camera.json"
 SAME = {  # other words for a key, and the factor of their numbers

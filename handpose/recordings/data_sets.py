@@ -20,7 +20,7 @@ from handpose.facts.cameras import ICVL, MSRA15, NYU, Camera
 from handpose.recordings.given import Given
 from netlib import files
 from netlib.errors import DataError
-from netlib.paths import names_in
+from netlib.files.paths import names_in
 
 NYU_FRAME = re.compile(r"depth_1_\d{7}\.png")
 ICVL_FRAME = re.compile(r"image_\d{4,}\.png")

@@ -12,8 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from netlib import files, pictures
+from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of
+from netlib.files import pictures
 
 SEGMENT = b"\x18\x53\x80\x67"  # the element of Matroska that holds all others
 CONTAINERS = ((0, b"\x1a\x45\xdf\xa3", "matroska"), (0, b"RIFF", "avi"), (4, b"ftyp", "mov"))

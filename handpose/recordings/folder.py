@@ -25,7 +25,7 @@ from handpose.recordings.given import NOTHING, Given
 from handpose.recordings.raw import Settled, settle
 from handpose.recordings.recording import DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean
-from netlib.paths import exists, names_in
+from netlib.files.paths import exists, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
 OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # that a message tells of

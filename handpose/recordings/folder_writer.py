@@ -17,9 +17,10 @@ from handpose.recordings import camera_file
 from handpose.recordings.given import Given
 from handpose.recordings.raw import stored
 from handpose.recordings.recording import DepthFrame
-from netlib import atomic, files, locks
+from netlib import files
 from netlib.errors import DataError, NetlibError
-from netlib.paths import exists, names_in
+from netlib.files import atomic, locks
+from netlib.files.paths import exists, names_in
 
 OURS = re.compile(r"\d{12,}us\.png")
 MICRO = 10**6

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from handpose.recordings.raw import check_values
 from netlib.errors import DataError, reason_of
-from netlib.pictures import MOST_PIXELS
+from netlib.files.pictures import MOST_PIXELS
 
 HEADER = 1 << 14  # bytes in which it ends
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}

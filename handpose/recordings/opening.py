@@ -11,7 +11,7 @@ from pathlib import Path
 from handpose.recordings.given import NOTHING, Given
 from handpose.recordings.recording import Recording
 from netlib.errors import DataError
-from netlib.paths import exists
+from netlib.files.paths import exists
 
 STACKS, VIDEOS, BAGS = (".npy", ".npz", ".h5", ".hdf5"), (".mkv", ".avi", ".mp4", ".mov"), (".bag", ".db3", ".mcap")
 PICTURES = (".png", ".tif", ".tiff", ".bin")

@@ -24,7 +24,7 @@ from handpose.recordings.given import Given
 from handpose.recordings.raw import Settled, settle
 from handpose.recordings.recording import Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of
-from netlib.paths import exists
+from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` mends it"

@@ -20,7 +20,7 @@ from typing import Any
 
 from netlib import files
 from netlib.errors import DataError
-from netlib.paths import names_in
+from netlib.files.paths import names_in
 
 BEGINNINGS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 PACKED = ".zstd"  # the ending of files that are compressed as a whole

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from handpose.facts.cameras import Camera
 from handpose.recordings.given import Given
 from handpose.recordings.lens import Lens, lens_of
-from netlib import pictures
 from netlib.errors import DataError
+from netlib.files import pictures
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 IMAGES = (IMAGE, COMPRESSED)

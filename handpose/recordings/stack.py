@@ -26,9 +26,8 @@ from handpose.recordings.npy_header import HEADER, Header, header_of
 from handpose.recordings.npz_file import NpzFile
 from handpose.recordings.raw import settle
 from handpose.recordings.recording import DepthFrame, Recording
-from netlib import hdf5
 from netlib.errors import DataError
-from netlib.files import Source
+from netlib.files import Source, hdf5
 
 OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # words that may tell of something else, where there is no fx
 

@@ -15,8 +15,9 @@ from handpose.recordings import camera_file
 from handpose.recordings.given import Given
 from handpose.recordings.raw import stored
 from handpose.recordings.recording import DepthFrame
-from netlib import atomic, files
+from netlib import files
 from netlib.errors import DataError
+from netlib.files import atomic
 
 FASTEST = 1  # compression, after which a minute of frames is there in seconds
 

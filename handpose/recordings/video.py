@@ -20,8 +20,8 @@ from handpose.recordings.given import Given
 from handpose.recordings.raw import Settled, settle
 from handpose.recordings.recording import Recording
 from handpose.recordings.video_writer import TAG
-from netlib import pictures
 from netlib.errors import DataError
+from netlib.files import pictures
 
 LOSSLESS = ("ffv1", "rawvideo", "png", "ffvhuff", "tiff")
 GRAY = re.compile(r"gray(9|10|12|14|16)(le|be)")

@@ -13,8 +13,8 @@ from handpose.recordings import camera_file, ffmpeg
 from handpose.recordings.given import Given
 from handpose.recordings.raw import RATE, stored
 from handpose.recordings.recording import DepthFrame
-from netlib import atomic
 from netlib.errors import DataError
+from netlib.files import atomic
 
 TAG = "CAMERA"  # Matroska's tags are in capitals
 TICK = Fraction(1, 1000)  # s: FFmpeg writes no Matroska with a finer one

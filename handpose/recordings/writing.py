@@ -17,8 +17,9 @@ from handpose.recordings.folder_writer import FolderWriter
 from handpose.recordings.opening import BAGS, PICTURES, STACKS, VIDEOS
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.stack_writer import StackWriter
-from netlib import atomic, files
+from netlib import files
 from netlib.errors import DataError, NetlibError
+from netlib.files import atomic
 
 
 class _Writer(Protocol):

@@ -16,7 +16,7 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, printable
-from netlib.hdf5 import File
+from netlib.files.hdf5 import File
 from netlib.net import Net
 
 

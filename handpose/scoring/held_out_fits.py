@@ -15,7 +15,7 @@ from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.layer import TEST
 from netlib.net import Net
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 
 def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | None = None) -> Net:

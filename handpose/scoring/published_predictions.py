@@ -21,7 +21,7 @@ from layers.hand import skeleton
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.paths import exists, find
+from netlib.files.paths import exists, find
 
 Format = Literal["uvd", "xyz"]
 

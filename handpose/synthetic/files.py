@@ -15,8 +15,8 @@ from handpose.data import nyu_files, parts
 from handpose.data.parts import Columns, Part
 from handpose.synthetic.many import Source, generate
 from handpose.synthetic.workers import processes
-from netlib import atomic
 from netlib.errors import DataError
+from netlib.files import atomic
 
 MADE_FROM = nyu_files.SYNTHETIC
 

@@ -21,10 +21,11 @@ from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM, frame_name
 from handpose.synthetic.generator import BLOCK, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
-from netlib import atomic, files
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.paths import names_in
+from netlib.files import atomic
+from netlib.files.paths import names_in
 
 FRAME_BYTES = 60_000  # more than a frame takes on the disk
 MARKER = "synthetic.json"  # says that a folder is ours, and what it was made of

@@ -26,10 +26,10 @@ import numpy as np
 from handpose.facts.cameras import CAMERAS
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import NYU_HAND, Skeleton
-from netlib import prototxt, schema
 from netlib.errors import PrototxtError, did_you_mean
-from netlib.paths import exists, find
-from netlib.schema import Double
+from netlib.files.paths import exists, find
+from netlib.proto import prototxt, schema
+from netlib.proto.schema import Double
 
 FARTHEST_MM = 1e5  # that a depth camera sees
 MOST_REDRAWS = 1000

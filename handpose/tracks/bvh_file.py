@@ -27,9 +27,9 @@ from handpose.facts.sides import Side, mirror_of
 from handpose.tracks.bvh_joints import AXES, BvhJoint, bone_of, bvh_joints, channels_of, offset_of
 from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
-from netlib import atomic
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files import atomic
 
 TOWARDS = np.array([1.0, 1.0, -1.0])  # from camera axes, whose z is away
 METRE = 1000.0

@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 from types import TracebackType
 
-from netlib import atomic
+from netlib.files import atomic
 
 
 class GrowingFile:

@@ -49,8 +49,9 @@ from handpose.data.json_fields import Fields, parsed
 from handpose.tracks.growing import GrowingFile
 from handpose.tracks.json_values import FrameValues, header_of, header_values
 from handpose.tracks.track import TrackedFrame, TrackHeader
-from netlib import atomic, files
+from netlib import files
 from netlib.errors import DataError
+from netlib.files import atomic
 
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
 

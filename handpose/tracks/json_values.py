@@ -15,9 +15,9 @@ from handpose.tracks import angles
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
-from netlib import prototxt, schema
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.proto import prototxt, schema
 
 FORMAT, VERSION = "handpose track", 1
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class Bias(Layer):
             end = len(x) if p.num_axes == -1 else axis + p.num_axes
             if not axis <= end <= len(x):
                 raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit {x}", "num_axes")
-            self.new_param("bias", x[axis:end], p.filler)
+            self.bias = self.new_param("bias", x[axis:end], p.filler)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].shape
-        bias = self.blobs[0].shape if self.learned else bottom[1].shape
+        bias = self.bias.shape if self.learned else bottom[1].shape
         axis = self.canonical_axis(self.param.axis, bottom[0]) if bias else 0
         end = axis + len(bias)
         if x[axis:end] != bias:
@@ -58,13 +58,13 @@ class Bias(Layer):
         top[0].reshape(x)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        b = self.blobs[0].data if self.learned else bottom[1].data
+        b = self.bias.data if self.learned else bottom[1].data
         top[0].data[...] = bottom[0].data + b.reshape(self.wide)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
         if self.learned:
-            self.blobs[0].diff[...] += dy.sum(axis=self.others)
+            self.bias.diff[...] += dy.sum(axis=self.others)
         elif propagate_down[1]:
             bottom[1].diff[...] = dy.sum(axis=self.others)
         if propagate_down[0]:

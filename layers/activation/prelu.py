@@ -20,7 +20,7 @@ import numpy as np
 from netlib.blob import Blobs
 from netlib.fillers import Constant, Filler
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class PReLU(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self._check_axes(bottom)
         shape = () if self.param.channel_shared else bottom[0].shape[1:2]
-        self.new_param("slope", shape, self.param.filler)
+        self.slope = self.new_param("slope", shape, self.param.filler)
 
     def _check_axes(self, bottom: Blobs) -> None:
         if len(bottom[0].shape) < 2:
@@ -49,7 +49,7 @@ class PReLU(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_axes(bottom)
-        x, slope = bottom[0].shape, self.blobs[0].shape
+        x, slope = bottom[0].shape, self.slope.shape
         if slope not in ((), x[1:2]):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has {x[1]} channels {x}, its slopes expect {slope[0]}")
         self.wide = slope + (1,) * (len(x) - 2)  # (C, 1, ...)
@@ -58,11 +58,11 @@ class PReLU(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
-        slope = self.blobs[0].data.reshape(self.wide)
+        slope = self.slope.data.reshape(self.wide)
         top[0].data[...] = np.maximum(self.x, 0) + slope * np.minimum(self.x, 0)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        dy, slope = top[0].diff, self.blobs[0].data.reshape(self.wide)
-        self.blobs[0].diff[...] += (dy * np.minimum(self.x, 0)).sum(axis=self.others)
+        dy, slope = top[0].diff, self.slope.data.reshape(self.wide)
+        self.slope.diff[...] += (dy * np.minimum(self.x, 0)).sum(axis=self.others)
         if propagate_down[0]:
             bottom[0].diff[...] = np.where(self.x > 0, dy, slope * dy)

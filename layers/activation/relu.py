@@ -3,8 +3,8 @@
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y  = g x
-dx = g dy        g = 1 where x > 0, slope elsewhere (as in Caffe, also at 0)
+y  = x where x > 0, slope x elsewhere
+dx = dy where x > 0, slope dy elsewhere (as in Caffe, also at 0)
 
 In place x is y by the time of backward; its sign tells the same, unless the slope is negative or another layer in place
 has changed it since.
@@ -14,9 +14,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, numbered
+from netlib.proto.schema import Engine, numbered
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,9 @@ class ReLU(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
-        top[0].data[...] = x * ((x > 0) + self.slope * (x <= 0))
+        top[0].data[...] = np.where(x > 0, x, self.slope * x)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             x, dy = bottom[0].data, top[0].diff
-            bottom[0].diff[...] = dy * ((x > 0) + self.slope * (x <= 0))
+            bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)

@@ -22,7 +22,7 @@ import numpy as np
 from netlib.blob import Array, Blobs
 from netlib.fillers import Constant, Filler
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,21 @@ class Scale(Layer):
             end = len(bottom[0].shape) if p.num_axes == -1 else axis + p.num_axes
             if not axis <= end <= len(bottom[0].shape):
                 raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit {bottom[0].shape}", "num_axes")
-            self.new_param("gain", bottom[0].shape[axis:end], p.filler)
+            self.gain = self.new_param("gain", bottom[0].shape[axis:end], p.filler)
         if p.bias_term:
-            shape = self.blobs[0].shape if self.learned else bottom[1].shape
-            self.new_param("bias", shape, p.bias_filler)
+            shape = self.gain.shape if self.learned else bottom[1].shape
+            self.bias = self.new_param("bias", shape, p.bias_filler)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].shape
-        gain = self.blobs[0].shape if self.learned else bottom[1].shape
+        gain = self.gain.shape if self.learned else bottom[1].shape
         self.axis = self.canonical_axis(self.param.axis, bottom[0]) if gain else 0
         end = self.axis + len(gain)
         if x[self.axis : end] != gain:
             raise self.fail(f"gain {gain} does not fit axes {self.axis} to {end} of bottom "
                             f"{self.spec.bottom[0]!r} {x}")  # fmt: skip
-        if self.param.bias_term and self.blobs[-1].shape != gain:
-            raise self.fail(f"gain {self.spec.bottom[1]!r} {gain} does not fit the bias {self.blobs[-1].shape}")
+        if self.param.bias_term and self.bias.shape != gain:
+            raise self.fail(f"gain {self.spec.bottom[1]!r} {gain} does not fit the bias {self.bias.shape}")
         self.trailing = (1,) * (len(x) - end)
         self.others = tuple(i for i in range(len(x)) if not self.axis <= i < end)
         top[0].reshape(x)
@@ -75,19 +75,19 @@ class Scale(Layer):
         return array.reshape(array.shape + self.trailing)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        gain = self.blobs[0].data if self.learned else bottom[1].data
+        gain = self.gain.data if self.learned else bottom[1].data
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
         np.multiply(bottom[0].data, self._wide(gain), out=top[0].data)
         if self.param.bias_term:
-            top[0].data[...] += self._wide(self.blobs[-1].data)
+            top[0].data[...] += self._wide(self.bias.data)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
-        gain = self.blobs[0].data if self.learned else bottom[1].data
+        gain = self.gain.data if self.learned else bottom[1].data
         if self.param.bias_term:
-            self.blobs[-1].diff[...] += dy.sum(axis=self.others)
+            self.bias.diff[...] += dy.sum(axis=self.others)
         if self.learned:
-            self.blobs[0].diff[...] += (self.x * dy).sum(axis=self.others)
+            self.gain.diff[...] += (self.x * dy).sum(axis=self.others)
         elif propagate_down[1]:
             bottom[1].diff[...] = (self.x * dy).sum(axis=self.others)
         if propagate_down[0]:

@@ -15,7 +15,7 @@ from scipy.special import expit
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, numbered
+from netlib.proto.schema import Engine, numbered
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

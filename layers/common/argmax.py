@@ -19,7 +19,7 @@ import numpy as np
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib import schema
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto import schema
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class Embed(Layer):
         for name in ("num_output", "input_dim"):
             if getattr(p, name) == 0:
                 raise self.fail(f"{name} must be at least 1", name)
-        self.new_param("weight", (p.input_dim, p.num_output), p.weight_filler)
+        self.weight = self.new_param("weight", (p.input_dim, p.num_output), p.weight_filler)
         if p.bias_term:
-            self.new_param("bias", (p.num_output,), p.bias_filler)
+            self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(*bottom[0].shape, self.param.num_output)
@@ -60,14 +60,14 @@ class Embed(Layer):
         if wrong.size:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} holds {wrong[0]:g}, expected whole numbers "
                             f"from 0 to {K - 1} (input_dim {K})", "input_dim")  # fmt: skip
-        top[0].data[...] = self.blobs[0].data[index.astype(np.intp)]
+        top[0].data[...] = self.weight.data[index.astype(np.intp)]
         if self.param.bias_term:
-            top[0].data[...] += self.blobs[1].data
+            top[0].data[...] += self.bias.data
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             raise self.fail(f"the numbers {self.spec.bottom[0]!r} have no gradient; set propagate_down: false")
         dy = top[0].diff
-        np.add.at(self.blobs[0].diff, bottom[0].data.astype(np.intp), dy)
+        np.add.at(self.weight.diff, bottom[0].data.astype(np.intp), dy)
         if self.param.bias_term:
-            self.blobs[1].diff[...] += dy.sum(axis=tuple(range(dy.ndim - 1)))
+            self.bias.diff[...] += dy.sum(axis=tuple(range(dy.ndim - 1)))

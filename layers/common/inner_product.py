@@ -20,7 +20,7 @@ import numpy as np
 from netlib.blob import Array, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class InnerProduct(Layer):
         self.axis = self.canonical_axis(p.axis, bottom[0])
         self.inputs = math.prod(bottom[0].shape[self.axis :])
         shape = (self.inputs, p.num_output) if p.transpose else (p.num_output, self.inputs)
-        self.new_param("weight", shape, p.weight_filler)
+        self.weight = self.new_param("weight", shape, p.weight_filler)
         if p.bias_term:
-            self.new_param("bias", (p.num_output,), p.bias_filler)
+            self.bias = self.new_param("bias", (p.num_output,), p.bias_filler)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         items, item = bottom[0].shape[: self.axis], bottom[0].shape[self.axis :]
@@ -63,16 +63,16 @@ class InnerProduct(Layer):
         top[0].reshape(*items, self.param.num_output)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
+        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.weight.data)
         y[...] = x @ w.T
         if self.param.bias_term:
-            y += self.blobs[1].data
+            y += self.bias.data
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.blobs[0].data)
-        self.output_first(self.blobs[0].diff)[...] += dy.T @ x
+        x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.weight.data)
+        self.output_first(self.weight.diff)[...] += dy.T @ x
         if self.param.bias_term:
-            self.blobs[1].diff[...] += dy.sum(axis=0, dtype=np.float64)  # float32 loses 3 digits in 200,000 items
+            self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)  # float32 loses 3 digits in 200,000 items
         if propagate_down[0]:
             self.rows(bottom[0].diff)[...] = dy @ w
 

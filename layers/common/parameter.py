@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.messages import BlobShape
-from netlib.schema import numbered
+from netlib.proto.messages import BlobShape
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Parameter(Layer):
         shape = self.param.shape.dim
         if min(shape, default=0) < 0:
             raise self.fail(f"shape {shape} has a negative size", "shape")
-        self.new_param("weight", shape, Filler())
+        self.weight = self.new_param("weight", shape, Filler())
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(self.blobs[0].shape)
+        top[0].reshape(self.weight.shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = self.blobs[0].data
+        top[0].data[...] = self.weight.data
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        self.blobs[0].diff[...] += top[0].diff
+        self.weight.diff[...] += top[0].diff

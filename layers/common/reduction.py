@@ -21,7 +21,7 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import OneBased, numbered
+from netlib.proto.schema import OneBased, numbered
 
 
 @dataclass(frozen=True)

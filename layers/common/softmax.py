@@ -16,7 +16,7 @@ from scipy.special import softmax
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, numbered
+from netlib.proto.schema import Engine, numbered
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,12 @@ from typing import Any, ClassVar, Literal
 
 from layers.data.datum import decode_datum
 from layers.data.lmdb_file import Cursor, Database
+from layers.data.reader import Reader
 from layers.data.transform import TransformationParameter, Transformer, misplaced
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
-from netlib.layer import Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered
+from netlib.files.paths import find
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class DataParameter:
     mirror: bool = numbered(6, False)
 
 
-class Data(Layer):
+class Data(Reader):
     """Reads a database.
 
     entries  number of images in it

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from layers.data.images import decode_image, planes
-from netlib import schema, wire
 from netlib.blob import Array
 from netlib.errors import DataError, WireError
-from netlib.messages import Datum
+from netlib.proto import schema, wire
+from netlib.proto.messages import Datum
 
 
 def decode_datum(data: bytes, color: bool | None, what: str) -> tuple[Array, int]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from netlib.blob import Blobs
 from netlib.fillers import Filler, fill
 from netlib.layer import Layer
-from netlib.messages import BlobShape
-from netlib.schema import UInt, numbered
+from netlib.proto.messages import BlobShape
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from layers.data.reader import Reader
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
-from netlib.hdf5 import File, read_list
-from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.files.hdf5 import File, read_list
+from netlib.proto.schema import UInt, numbered
 
 Cursor = tuple[int, int, int]  # pass over the files, place in the order of files, place in the order of rows
 
@@ -35,7 +35,7 @@ class HDF5DataParameter:
     shuffle: bool = numbered(3, False)
 
 
-class HDF5Data(Layer):
+class HDF5Data(Reader):
     """Reads batches.
 
     files   the open files

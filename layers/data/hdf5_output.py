@@ -15,11 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlib import files, hdf5
+from netlib import files
 from netlib.blob import Blobs
 from netlib.errors import DataError, reason_of
+from netlib.files import hdf5
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 NAMES = ("data", "label")
 

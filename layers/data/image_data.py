@@ -23,13 +23,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from layers.data.images import planes, read_image, resize_image
+from layers.data.reader import Reader
 from layers.data.transform import TransformationParameter, Transformer, misplaced
 from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError
-from netlib.layer import Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered
+from netlib.files.paths import find
+from netlib.proto.schema import UInt, numbered
 
 Cursor = tuple[int, int]  # pass over the list, place in the order of the pass
 
@@ -52,7 +52,7 @@ class ImageDataParameter:
     mirror: bool = numbered(6, False)
 
 
-class ImageData(Layer):
+class ImageData(Reader):
     """Reads pictures.
 
     items   (path, label) of every picture, as the list has them

@@ -7,9 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from netlib import files, pictures
+from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files import pictures
 
 
 def read_image(path: Path, color: bool) -> Array:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.messages import BlobShape
-from netlib.schema import numbered
+from netlib.proto.messages import BlobShape
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

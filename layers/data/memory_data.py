@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from layers.data.transform import TransformationParameter
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib import schema
-from netlib.binaryproto import read_blob
 from netlib.blob import Array
 from netlib.errors import LayerError
+from netlib.files.paths import find
 from netlib.layer import TRAIN, Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered
+from netlib.proto import schema
+from netlib.proto.binaryproto import read_blob
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -35,13 +35,13 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 
 from layers.data.images import planes, read_image, resize_image
+from layers.data.reader import Reader
 from layers.data.transform import TransformationParameter, Transformer, misplaced
 from netlib import files
 from netlib.blob import Array, Blobs
 from netlib.errors import DataError, did_you_mean
-from netlib.layer import Layer
-from netlib.paths import find
-from netlib.schema import UInt, numbered, round_to_32_bits
+from netlib.files.paths import find
+from netlib.proto.schema import UInt, numbered, round_to_32_bits
 
 T = TypeVar("T", int, float)
 
@@ -76,7 +76,7 @@ class Window(NamedTuple):
     y2: int
 
 
-class WindowData(Layer):
+class WindowData(Reader):
     """Reads windows.
 
     foreground, background  the windows to choose from

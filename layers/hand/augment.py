@@ -28,7 +28,7 @@ import numpy as np
 
 from netlib.blob import Array, Blobs
 from netlib.layer import TRAIN, Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 # px from S/2 to the pixel that shows a crop's centre. The window's corner and the picked pixel are both rounded down:
 # .765 of a column and .909 of a row on the mean of NYU's crops. A quarter of a pixel more or less is below the noise.

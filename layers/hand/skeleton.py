@@ -24,10 +24,10 @@ from typing import Literal
 import numpy as np
 
 from layers.hand.skeleton_file import LARGEST, LENGTHS, Axis, DofParameter, SkeletonParameter, longest, said
-from netlib import prototxt, schema
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
-from netlib.paths import ROOT, find
+from netlib.files.paths import ROOT, find
+from netlib.proto import prototxt, schema
 
 NYU_HAND = ROOT / "prototxt" / "hand" / "nyu.prototxt"
 

@@ -20,9 +20,9 @@ from typing import Literal
 
 import numpy as np
 
-from netlib import schema
-from netlib.prototxt import Position, Scalar
-from netlib.schema import Double
+from netlib.proto import schema
+from netlib.proto.prototxt import Position, Scalar
+from netlib.proto.schema import Double
 
 Axis = Literal["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
 LARGEST = 1e9  # length or angle: its square is a float32

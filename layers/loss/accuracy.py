@@ -15,7 +15,7 @@ import numpy as np
 from layers.loss import labels as labels_of
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class ContrastiveLoss(Layer):
     loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.shape = self.items_and_values(Blobs(bottom[:2]))
+        self.shape = items_and_values(self, Blobs(bottom[:2]))
         N = self.shape[0]
         for blob, name, values in zip(bottom, self.spec.bottom, (bottom[0].channels, bottom[1].channels, 1)):
             if blob.shape[:1] != (N,) or blob.count != N * values:

@@ -13,6 +13,7 @@ dL, the diff of the top, is the loss weight. Kept for backward: ``difference`` =
 
 from __future__ import annotations
 
+from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
 from netlib.layer import Layer
 
@@ -26,7 +27,7 @@ class EuclideanLoss(Layer):
     loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.items, self.values = self.items_and_values(bottom)
+        self.items, self.values = items_and_values(self, bottom)
         top[0].reshape(())
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

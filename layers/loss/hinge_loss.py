@@ -22,7 +22,7 @@ import numpy as np
 from layers.loss import labels as labels_of
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import OneBased, numbered
+from netlib.proto.schema import OneBased, numbered
 
 
 @dataclass(frozen=True)

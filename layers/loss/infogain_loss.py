@@ -23,12 +23,12 @@ import numpy as np
 from scipy.special import softmax
 
 from layers.loss import labels as labels_of
-from netlib.binaryproto import read_blob
 from netlib.blob import Array, Blobs
+from netlib.files.paths import find
 from netlib.layer import Layer
-from netlib.messages import LossParameter
-from netlib.paths import find
-from netlib.schema import numbered
+from netlib.proto.binaryproto import read_blob
+from netlib.proto.messages import LossParameter
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)

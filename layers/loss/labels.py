@@ -5,7 +5,8 @@ FULL        by the number of all labels
 BATCH_SIZE  by the number of items
 NONE        by 1
 
-Never by less than 1, so that a batch without labels costs nothing.
+Never by less than 1, so that a batch without labels costs nothing. Losses that compare bottoms item by item share
+``items_and_values``.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import math
 
 import numpy as np
 
-from netlib import schema
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.messages import LossParameter
+from netlib.proto import schema
+from netlib.proto.messages import LossParameter
 
 LEAST = float(np.float32(1e-20))  # what Caffe takes the logarithm of instead of a smaller probability
 
@@ -73,3 +74,18 @@ def read(layer: Layer, bottom: Blobs, classes: int, ignore: int | None = None) -
     if wrong.any():
         raise layer.fail(f"label {labels[wrong][0]:.9g} in {layer.spec.bottom[1]!r}; expected 0 to {classes - 1}")
     return np.where(counts, labels, 0).astype(np.intp), counts
+
+
+def items_and_values(layer: Layer, bottom: Blobs) -> tuple[int, int]:
+    """The number of items and of values per item, which all bottoms must share. Raises LayerError."""
+    first, names = bottom[0], layer.spec.bottom
+    items = first.shape[0] if first.shape else 0
+    if items == 0:
+        raise layer.fail(f"bottom {names[0]!r} {first.shape} has no items")
+    for other, name in zip(bottom[1:], names[1:]):
+        if other.count != first.count or other.shape[:1] != first.shape[:1]:
+            raise layer.fail(
+                f"bottoms {names[0]!r} {first.shape} and {name!r} {other.shape} must have "
+                "the same number of items and of values per item"
+            )
+    return items, first.count // items

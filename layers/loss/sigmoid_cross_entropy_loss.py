@@ -21,9 +21,10 @@ import numpy as np
 from scipy.special import expit
 
 from layers.loss import labels as labels_of
+from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.messages import LossParameter
+from netlib.proto.messages import LossParameter
 
 
 class SigmoidCrossEntropyLoss(Layer):
@@ -40,7 +41,7 @@ class SigmoidCrossEntropyLoss(Layer):
         self.normalization = labels_of.normalization(self.param, default="BATCH_SIZE")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.shape = self.items_and_values(bottom)
+        self.shape = items_and_values(self, bottom)
         top[0].reshape(())
 
     def allow_force_backward(self, bottom_index: int) -> bool:

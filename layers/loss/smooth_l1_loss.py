@@ -24,9 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import numbered
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class SmoothL1Loss(Layer):
             raise self.fail(f"sigma {self.param.sigma:g} must be above 0, and its square a {self.dtype}", "sigma")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        shape = self.items_and_values(bottom)
+        shape = items_and_values(self, bottom)
         if self.slope.shape != shape:  # else backward may still need it
             self.slope = np.empty(shape, self.dtype)
         top[0].reshape(())

@@ -25,8 +25,8 @@ from scipy.special import softmax
 from layers.loss import labels as labels_of
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.messages import LossParameter
-from netlib.schema import Engine, numbered
+from netlib.proto.messages import LossParameter
+from netlib.proto.schema import Engine, numbered
 
 
 @dataclass(frozen=True)

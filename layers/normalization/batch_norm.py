@@ -28,12 +28,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib import schema
 from netlib.blob import Array, Blobs
 from netlib.fillers import Constant
 from netlib.layer import TEST, Layer
-from netlib.messages import ParamSpec
-from netlib.schema import numbered
+from netlib.proto import schema
+from netlib.proto.messages import ParamSpec
+from netlib.proto.schema import numbered
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,9 @@ class BatchNorm(Layer):
         if len(bottom[0].shape) < 2:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)")
         channels = bottom[0].shape[1]
-        for name, shape in (("mean", (channels,)), ("variance", (channels,)), ("weight", (1,))):
-            self.new_param(name, shape, Constant(0.0))
+        self.mean = self.new_param("mean", (channels,), Constant(0.0))
+        self.variance = self.new_param("variance", (channels,), Constant(0.0))
+        self.weight = self.new_param("weight", (1,), Constant(0.0))
         for i, param in enumerate(self.spec.param):
             if param.lr_mult != 0:
                 raise self.fail(f"param {i} has lr_mult {param.lr_mult:g}, but statistics are not learned: expected 0")
@@ -67,7 +68,7 @@ class BatchNorm(Layer):
         self.spec = schema.changed(self.spec, param=self.spec.param + frozen)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        channels, shape = self.blobs[0].count, bottom[0].shape
+        channels, shape = self.mean.count, bottom[0].shape
         if len(shape) < 2 or shape[1] != channels:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
                             f"{channels} channels: expected (N, {channels}, ...)")  # fmt: skip
@@ -79,7 +80,7 @@ class BatchNorm(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
-        mean, variance, weight = (blob.data for blob in self.blobs)
+        mean, variance, weight = self.mean.data, self.variance.data, self.weight.data
         if self.uses_sums:
             scale = 0 if weight[0] == 0 else 1 / weight[0]
             m, v = scale * mean, scale * variance
@@ -104,7 +105,7 @@ class BatchNorm(Layer):
         return values.astype(self.dtype).reshape(self.wide)
 
     def _add_to_sums(self, m: Array, v: Array, values: int) -> None:
-        mean, variance, weight = (blob.data for blob in self.blobs)
+        mean, variance, weight = self.mean.data, self.variance.data, self.weight.data
         for total, new in ((mean, m), (variance, v * (values / max(values - 1, 1))), (weight, 1)):
             total *= self.param.moving_average_fraction
             total += new

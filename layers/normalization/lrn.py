@@ -23,7 +23,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
-from netlib.schema import Engine, UInt, numbered
+from netlib.proto.schema import Engine, UInt, numbered
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ class LSTM(Recurrent):
     gates = 4
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        z, w_h, cont = self._z(bottom), self.blobs[self.w_h].data, bottom[1].data[:, :, None]
+        z, w_h, cont = self._z(bottom), self.w_h.data, bottom[1].data[:, :, None]
         (T, N, _), D = z.shape, self.param.num_output
         h, c = self._first_states(bottom)
         self.gate = np.empty((T, 4, N, D), self.dtype)
@@ -46,7 +46,7 @@ class LSTM(Recurrent):
         self._keep_states((h, c), top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        w_h, dw_h, cont = self.blobs[self.w_h].data, self.blobs[self.w_h].diff, bottom[1].data[:, :, None]
+        w_h, dw_h, cont = self.w_h.data, self.w_h.diff, bottom[1].data[:, :, None]
         T, N, D = top[0].shape
         dz = np.empty((T, N, 4 * D), self.dtype)
         dh = dc = np.zeros((N, D), self.dtype)

@@ -33,7 +33,7 @@ import numpy as np
 from netlib.blob import Array, Blob, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)
@@ -74,12 +74,11 @@ class Recurrent(Layer):
         self._check_axes(bottom)
         self.features = [math.prod(blob.shape[axes:]) for blob, axes in self._inputs(bottom)]
         rows = self.gates * D
-        self.new_param("w_x", (rows, self.features[0]), self.param.weight_filler)
-        self.new_param("b", (rows,), self.param.bias_filler)
+        self.w_x = self.new_param("w_x", (rows, self.features[0]), self.param.weight_filler)
+        self.b = self.new_param("b", (rows,), self.param.bias_filler)
         if self.has_static:
-            self.new_param("w_s", (rows, self.features[1]), self.param.weight_filler)
-        self.w_h = len(self.blobs)  # which parameter it is
-        self.new_param("w_h", (rows, D), self.param.weight_filler)
+            self.w_s = self.new_param("w_s", (rows, self.features[1]), self.param.weight_filler)
+        self.w_h = self.new_param("w_h", (rows, D), self.param.weight_filler)
 
     def _inputs(self, bottom: Blobs) -> list[tuple[Blob, int]]:
         """x, and static if there is one; each with the number of its axes that are not features."""
@@ -128,8 +127,8 @@ class Recurrent(Layer):
     def _z(self, bottom: Blobs) -> Array:
         """z."""
         T, N = bottom[1].shape
-        z = bottom[0].data.reshape(T, N, -1) @ self.blobs[0].data.T + self.blobs[1].data
-        return z + bottom[2].data.reshape(N, -1) @ self.blobs[2].data.T if self.has_static else z
+        z = bottom[0].data.reshape(T, N, -1) @ self.w_x.data.T + self.b.data
+        return z + bottom[2].data.reshape(N, -1) @ self.w_s.data.T if self.has_static else z
 
     def _backward_z(self, dz: Array, propagate_down: list[bool], bottom: Blobs) -> None:
         """From dz to the parameters and to all bottoms."""
@@ -137,15 +136,15 @@ class Recurrent(Layer):
             raise self.fail(f"bottom {self.spec.bottom[1]!r} says where sequences begin; it cannot have a gradient")
         (T, N, G), x = dz.shape, bottom[0]
         flat = dz.reshape(T * N, G)
-        self.blobs[0].diff[...] += flat.T @ x.data.reshape(T * N, -1)
-        self.blobs[1].diff[...] += flat.sum(axis=0, dtype=np.float64)
+        self.w_x.diff[...] += flat.T @ x.data.reshape(T * N, -1)
+        self.b.diff[...] += flat.sum(axis=0, dtype=np.float64)
         if propagate_down[0]:
-            x.diff[...] = (flat @ self.blobs[0].data).reshape(x.shape)
+            x.diff[...] = (flat @ self.w_x.data).reshape(x.shape)
         if self.has_static:
             static, total = bottom[2], dz.sum(axis=0)
-            self.blobs[2].diff[...] += total.T @ static.data.reshape(N, -1)
+            self.w_s.diff[...] += total.T @ static.data.reshape(N, -1)
             if propagate_down[2]:
-                static.diff[...] = (total @ self.blobs[2].data).reshape(static.shape)
+                static.diff[...] = (total @ self.w_s.data).reshape(static.shape)
         for i in range(3 if self.has_static else 2, len(bottom)):
             if propagate_down[i]:
                 bottom[i].diff[...] = 0

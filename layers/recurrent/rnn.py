@@ -34,12 +34,12 @@ class RNN(Recurrent):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         super().setup(bottom, top)
         D = self.param.num_output
-        self.new_param("w_o", (D, D), self.param.weight_filler)
-        self.new_param("b_o", (D,), self.param.bias_filler)
+        self.w_o = self.new_param("w_o", (D, D), self.param.weight_filler)
+        self.b_o = self.new_param("b_o", (D,), self.param.bias_filler)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         z, cont = self._z(bottom), bottom[1].data[:, :, None]
-        w_h, w_o, b_o = (blob.data for blob in self.blobs[self.w_h :])
+        w_h, w_o, b_o = self.w_h.data, self.w_o.data, self.b_o.data
         [h] = self._first_states(bottom)
         self.r, self.h = np.empty_like(z), np.empty_like(z)
         for t in range(len(z)):
@@ -50,8 +50,8 @@ class RNN(Recurrent):
         self._keep_states([h], top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        w_h, w_o = (blob.data for blob in self.blobs[self.w_h : -1])
-        dw_h, dw_o, db_o = (blob.diff for blob in self.blobs[self.w_h :])
+        w_h, w_o = self.w_h.data, self.w_o.data
+        dw_h, dw_o, db_o = self.w_h.diff, self.w_o.diff, self.b_o.diff
         cont, da = bottom[1].data[:, :, None], top[0].diff * (1 - self.o**2)
         dw_o += flat(da).T @ flat(self.h)
         db_o += flat(da).sum(axis=0, dtype=np.float64)

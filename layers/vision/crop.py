@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
-from netlib.schema import UInt, numbered
+from netlib.proto.schema import UInt, numbered
 
 
 @dataclass(frozen=True)

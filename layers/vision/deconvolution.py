@@ -40,20 +40,20 @@ class Deconvolution(Convolution):
         return out
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        w = self.by_group(self.blobs[0].data)
+        w = self.by_group(self.weight.data)
         for x, y in zip(bottom, top):
             for image, out in zip(self.images(x.data), self.images(y.data)):
                 out[...] = self.col2im(w.swapaxes(1, 2) @ self.by_group(image), out.shape, image.shape)
                 if self.param.bias_term:
-                    out += self.blobs[1].data.reshape(-1, *(1,) * len(self.kernel))
+                    out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        w, dw = self.by_group(self.blobs[0].data), self.by_group(self.blobs[0].diff)
+        w, dw = self.by_group(self.weight.data), self.by_group(self.weight.diff)
         for x, y, down in zip(bottom, top, propagate_down):
             for n, (image, gradient) in enumerate(zip(self.images(x.data), self.images(y.diff))):
                 columns = self.by_group(self.im2col(gradient, image.shape))
                 dw += self.by_group(image) @ columns.swapaxes(1, 2)
                 if self.param.bias_term:
-                    self.blobs[1].diff[...] += gradient.reshape(len(gradient), -1).sum(axis=1)
+                    self.bias.diff[...] += gradient.reshape(len(gradient), -1).sum(axis=1)
                 if down:
                     self.images(x.diff)[n] = (w @ columns).reshape(image.shape)

@@ -18,38 +18,16 @@ Kept for backward: ``winners``, for each output of MAX the place in its window, 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from layers.vision.windows import PoolingParameter, SlidingWindow
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
-from netlib.schema import Engine, UInt, numbered
 
 NOTHING = -float(np.finfo(np.float32).max)  # Caffe's maximum over no values
 
 
-@dataclass(frozen=True)
-class PoolingParameter:
-    """The ``pooling_param { ... }`` block."""
-
-    pool: Literal["MAX", "AVE", "STOCHASTIC"] = numbered(1, "MAX")
-    kernel_size: UInt | None = numbered(2, None)
-    kernel_h: UInt | None = numbered(5, None)
-    kernel_w: UInt | None = numbered(6, None)
-    pad: UInt = numbered(4, 0)
-    pad_h: UInt | None = numbered(9, None)
-    pad_w: UInt | None = numbered(10, None)
-    stride: UInt = numbered(3, 1)
-    stride_h: UInt | None = numbered(7, None)
-    stride_w: UInt | None = numbered(8, None)
-    global_pooling: bool = numbered(12, False)  # one window, the whole map
-    round_mode: Literal["CEIL", "FLOOR"] = numbered(13, "CEIL")
-    engine: Engine = numbered(11, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
-
-
-class Pooling(Layer):
+class Pooling(SlidingWindow):
     """Spatial pooling."""
 
     param_type = PoolingParameter
@@ -63,31 +41,12 @@ class Pooling(Layer):
             raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
         if len(top) > 1 and p.pool != "MAX":
             raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
-        block = self.spec.blocks.get("pooling_param")
-        for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
-            if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
-                raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
-            if block and bool(block.values(f"{each}_h")) != bool(block.values(f"{each}_w")):
-                raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
-        if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
-            raise self.fail("global_pooling takes no kernel size", "global_pooling")
-        self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
-        self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
-        self.kernel = (_or(p.kernel_h, p.kernel_size or 0), _or(p.kernel_w, p.kernel_size or 0))
-        if p.global_pooling and (self.pad, self.stride) != ((0, 0), (1, 1)):
-            raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
-        if not p.global_pooling and not all(self.kernel):
-            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
-        if not all(self.stride):
-            raise self.fail("stride must be at least 1", "stride")
-        if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
-            raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
+        self._read_pooling()
         self.whole_kernel = self.kernel
         self.is_max = p.pool == "MAX"
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        if len(bottom[0].shape) != 4 or 0 in bottom[0].shape[2:]:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+        self._check_map(bottom[0])
         N, C, H, W = bottom[0].shape
         if self.param.global_pooling:
             self.whole_kernel = (H, W)
@@ -102,11 +61,7 @@ class Pooling(Layer):
         count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
         if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
             count -= 1
-        if count < 1:
-            raise self.fail(
-                f"kernel {self.whole_kernel[i]} is larger than the padded bottom ({size} + 2 * {self.pad[i]})"
-            )
-        return count
+        return self._check_count(count, self.whole_kernel[i], size, self.pad[i])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
@@ -145,14 +100,6 @@ class Pooling(Layer):
         (_, h, w), (i, j) = np.indices(self.winners[n].shape), np.divmod(self.winners[n], self.kernel[1])
         return (h * self.stride[0] - self.pad[0] + i) * W + w * self.stride[1] - self.pad[1] + j
 
-    def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
-        """x (C, H, W) with its padding, and with room for the windows that hang over."""
-        after = [
-            max((outputs - 1) * s + k - n - p, p)
-            for outputs, s, k, n, p in zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
-        ]
-        return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
-
     def windows(self, padded: Array, y_shape: tuple[int, ...]) -> Array:
         """All windows of an image, (kh kw, C, Ho, Wo): row p holds what stands at place p of every window."""
         return np.stack([padded[:, rows, across] for rows, across in self.places(y_shape)])
@@ -170,7 +117,3 @@ class Pooling(Layer):
             start = np.arange(y_shape[2 + i]) * self.stride[i] - self.pad[i]
             sizes.append(np.minimum(start + self.kernel[i], x_shape[2 + i] + self.pad[i]) - start)
         return np.outer(*sizes).astype(self.dtype)
-
-
-def _or(value: int | None, default: int) -> int:
-    return default if value is None else value

@@ -22,9 +22,9 @@ from typing import Literal
 
 import numpy as np
 
+from layers.vision.windows import SlidingWindow
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
-from netlib.schema import Engine, UInt, numbered
+from netlib.proto.schema import Engine, UInt, numbered
 
 Bin = tuple[Array, Array, int]  # the part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
 
@@ -38,7 +38,7 @@ class SPPParameter:
     engine: Engine = numbered(6, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
 
 
-class SPP(Layer):
+class SPP(SlidingWindow):
     """Spatial pyramid pooling."""
 
     param_type = SPPParameter
@@ -52,8 +52,7 @@ class SPP(Layer):
             raise self.fail("STOCHASTIC pooling: Caffe has none on a CPU; expected MAX or AVE", "pool")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        if len(bottom[0].shape) != 4 or 0 in bottom[0].shape[2:]:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+        self._check_map(bottom[0])
         N, C, H, W = bottom[0].shape
         levels = range(self.param.pyramid_height)
         self.windows = [(self._windows(H, 2**level), self._windows(W, 2**level)) for level in levels]
@@ -61,11 +60,7 @@ class SPP(Layer):
 
     def _windows(self, size: int, bins: int) -> list[tuple[int, slice]]:
         """Along one axis: the length of every window, and what of it lies on the map."""
-        k = -(-size // bins)
-        pad = (k * bins - size + 1) // 2
-        if pad >= k:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {bins} x {bins} windows: "
-                            f"{size} in {bins} parts of {k} need a padding of {pad}", "pyramid_height")  # fmt: skip
+        k, pad = self._tiling(size, bins)
         return [(k, slice(max(i * k - pad, 0), min((i + 1) * k - pad, size))) for i in range(bins)]
 
     def _bins(self, x: Array, y: Array) -> Iterator[Bin]:

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import zoom
 
-from netlib import files, pictures
+from netlib import files
 from netlib.blob import Array
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import DataError, NetlibError, did_you_mean
+from netlib.files import pictures
 
 Size = Sequence[int] | Array  # height and width
 GRAY = (0.2125, 0.7154, 0.0721)  # scikit-image's weights of red, green, blue

@@ -19,10 +19,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from netlib import create
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError, did_you_mean
-from netlib.layer import block_name
+from netlib.proto.options import block_name, layer_types
 
 
 class SpecError(NetlibError):
@@ -146,7 +145,7 @@ def _holder(layer: Any, option: str) -> Any:
 
 def _blocks_of(type_name: str) -> list[str]:
     """The blocks that a layer type of this project reads."""
-    cls = create.layer_types().get(type_name)
+    cls = layer_types().get(type_name)
     if cls is None:
         return []
     return [block_name(cls, type_name), *cls.other_blocks, *(["loss_param"] if cls.loss_weight else [])]

@@ -7,8 +7,9 @@ import sys
 import time
 from typing import Any
 
-from netlib import notes
-from netlib.ranks import latest
+from netlib.distributed.ranks import latest
+from netlib.system.once import once
+from netlib.training import glog
 
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's 0 to 3
@@ -37,7 +38,7 @@ class Timer:
 
 def set_device(number: int) -> None:
     """Accepted; there are no devices here."""
-    notes.once(f"set_device({number}): accepted, but this runs on the CPU")
+    once(f"set_device({number}): accepted, but this runs on the CPU")
 
 
 def init_log(level: int | None = None, stderr: bool = True) -> None:
@@ -48,7 +49,7 @@ def init_log(level: int | None = None, stderr: bool = True) -> None:
     _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
     if stderr and not _log.handlers:
         handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(notes.CaffeFormatter())
+        handler.setFormatter(glog.CaffeFormatter())
         _log.addHandler(handler)
 
 
@@ -58,7 +59,7 @@ def log(text: str) -> None:
         _log.info("%s", line)
 
 
-# Solvers that train together are processes (netlib/mpi.py), started by mpiexec and known from the beginning.
+# Solvers that train together are processes (netlib/distributed/mpi.py), which mpiexec starts all at once.
 
 
 def solver_count() -> int:

@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from netlib import net as core
-from netlib import schema, solver_parameter
-from netlib import solver as core_solver
-from netlib import weights as weights_of
 from netlib.blob import Array, Blob
+from netlib.distributed.solver import DistributedSolver
+from netlib.engine.plain import Executor, Passed
 from netlib.errors import LayerError
-from netlib.messages import SolverParameter
-from netlib.plain import Executor, Passed
-from netlib.snapshot import write_weights
+from netlib.proto import schema
+from netlib.proto.messages import SolverParameter
+from netlib.snapshots import weights as weights_of
+from netlib.snapshots.snapshot import write_weights
+from netlib.training import solver_parameter
 from netlib.updates import learning_rate
 
 log = logging.getLogger("netlib")
@@ -247,7 +248,7 @@ class Options:
         return repr(object.__getattribute__(self, "_solver")._param)
 
 
-class Solver(core_solver.Solver):
+class Solver(DistributedSolver):
     """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type that the file says."""
 
     net_class = Net

@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks import ablation
 from handpose.synthetic import recipes
-from netlib import prototxt, schema
-from netlib.messages import SolverParameter
-from netlib.net_parameter import load_parameter
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import SolverParameter
+from netlib.proto.net_parameter import load_parameter
 
 
 @pytest.mark.parametrize("name", ablation.STUDIES)

@@ -17,8 +17,8 @@ from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import recipe_of
 from layers.hand import skeleton as skeletons
-from netlib.messages import NetState
-from netlib.net_parameter import load_parameter, select_layers
+from netlib.proto.messages import NetState
+from netlib.proto.net_parameter import load_parameter, select_layers
 from tools import export_onnx, make_synthetic, predict, show_data, test, train
 
 BODY = Path(__file__).resolve().parents[2] / "prototxt" / "body"

@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 
 import netlib
-from netlib import prototxt, snapshot
+from netlib.proto import prototxt
+from netlib.snapshots import snapshot
 from tests.caffe.reduce import slices
 
 FOLDER = Path(__file__).resolve().parent

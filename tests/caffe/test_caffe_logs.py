@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import snapshot, snapshot_binary
 from netlib.errors import DataError
+from netlib.snapshots import binary_format, snapshot
 from netlib.updates import learning_rate
 from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
 from tools import plot_log
@@ -63,7 +63,7 @@ def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: py
     trained(solvers, tmp_path)
     state = snapshot.read_state(tmp_path / "a_iter_8.solverstate")
     state.extra = {}  # what Caffe does not write
-    (tmp_path / "a_iter_8.solverstate").write_bytes(snapshot_binary.state_image(state))
+    (tmp_path / "a_iter_8.solverstate").write_bytes(binary_format.state_image(state))
     caplog.clear()
     caplog.set_level("INFO", "netlib")
     assert solver_of("a_resume_from8.log", tmp_path).solve(tmp_path / "a_iter_8.solverstate")

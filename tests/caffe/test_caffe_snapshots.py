@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import prototxt, schema, snapshot
-from netlib import wire as netlib_wire
-from netlib.messages import NetParameter, SolverState
+from netlib.proto import prototxt, schema
+from netlib.proto import wire as netlib_wire
+from netlib.proto.messages import NetParameter, SolverState
+from netlib.snapshots import snapshot
 from tests.caffe import wire
 from tests.caffe.recorded import Follow, distance, trajectory
 

@@ -6,7 +6,7 @@ import numpy as np
 
 import netlib
 from docs.making.figures import chain, graph, pictures
-from netlib import prototxt
+from netlib.proto import prototxt
 
 NET = """
 force_backward: true

@@ -9,7 +9,7 @@ import pytest
 
 from docs.making import __main__ as making
 from docs.making import documents
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 RELU = "<!-- code: layers/activation/relu.py ReLU.reshape -->\n"
 F = "```"

@@ -9,7 +9,7 @@ import pytest
 
 from docs.making import __main__ as making
 from docs.making.made import Made
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 FILES = [made for piece in making.PIECES.values() for made in piece()]
 

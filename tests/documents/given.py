@@ -24,7 +24,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recordings import SyntheticRecording
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from netlib import prototxt
+from netlib.proto import prototxt
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,11 +7,12 @@ import dataclasses
 from handpose.synthetic.prior_file import PosePrior
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import create, messages, prototxt, schema
+from netlib.building import create
 from netlib.errors import PrototxtError
-from netlib.messages import LayerParameter, NetParameter, SolverParameter
-from netlib.net_parameter import load_parameter
-from netlib.prototxt import Message
+from netlib.proto import messages, options, prototxt, schema
+from netlib.proto.messages import LayerParameter, NetParameter, SolverParameter
+from netlib.proto.net_parameter import load_parameter
+from netlib.proto.prototxt import Message
 
 
 def read(text: str, source: str) -> object:
@@ -47,7 +48,7 @@ def _net(tree: Message) -> NetParameter:
 
 
 def _checked(layer: LayerParameter) -> LayerParameter:
-    if layer.type and layer.type not in {*create.layer_types(), "Python"}:
+    if layer.type and layer.type not in {*options.layer_types(), "Python"}:
         raise PrototxtError(schema.position_of(layer, "type"), f"unknown layer type {layer.type!r}")
     create.check_options(layer)
     return layer
@@ -70,4 +71,4 @@ def _fields(kind: type) -> set[str]:
 
 def _other_kinds() -> list[type]:
     kinds = [kind for kind in vars(messages).values() if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
-    return [*kinds, *create.option_blocks().values()]
+    return [*kinds, *options.option_blocks().values()]

@@ -200,7 +200,7 @@ def test_commands_in_help_texts_and_messages_parse() -> None:
     found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
     bench = found[ROOT / "benchmarks" / "bench.py"]
     assert {"make bench", "python benchmarks/bench.py --json speed.json"} <= set(bench)
-    assert "mpiexec -n 4 python -m mpi4py tools/train.py SOLVER" in found[ROOT / "netlib" / "mpi.py"]
+    assert "mpiexec -n 4 python -m mpi4py tools/train.py SOLVER" in found[ROOT / "netlib" / "distributed" / "mpi.py"]
     assert {path.name: wrong for path in found for command in found[path] if (wrong := mistake(command))} == {}
 
 

@@ -16,7 +16,7 @@ import netlib
 from fast import slices
 from fast.executor import SlicedExecutor
 from fast.slices import SlicedStep
-from netlib import prototxt
+from netlib.proto import prototxt
 
 MakeNet = Callable[..., netlib.Net]
 Arrays = dict[str, np.ndarray]

@@ -7,7 +7,7 @@ from pathlib import Path
 import netlib
 from fast.slice_blobs import Hidden
 from fast.slices import SlicedStep
-from netlib import prototxt
+from netlib.proto import prototxt
 
 TRAIN_TEST = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"
 INPUT = """layer {

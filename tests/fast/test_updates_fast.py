@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fast.updates import RULES
-from netlib.messages import SolverParameter
+from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES as PLAIN_RULES
 
 
-@pytest.mark.parametrize("name", PLAIN_RULES)
+@pytest.mark.parametrize("name", RULES)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_same_bits(name: str, dtype: type, rng: np.random.Generator) -> None:
     """Weights and histories over some updates; the gradient stays as it is."""

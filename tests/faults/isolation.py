@@ -25,7 +25,7 @@ import traceback
 from dataclasses import dataclass
 from pathlib import Path
 
-from netlib import hdf5_helper
+from netlib.files import hdf5_helper
 
 ROOT = Path(__file__).resolve().parents[2]
 MEMORY = 4 << 30  # bytes of address space

@@ -353,8 +353,8 @@ def read_weights(path: Path) -> Any:
 
 def make_old_weights() -> list[str]:
     """Binary weights of a net of 2014, and of Caffe itself."""
-    from netlib import prototxt, wire
-    from netlib.upgrade import AnyNetParameter
+    from netlib.proto import prototxt, wire
+    from netlib.proto.upgrade import AnyNetParameter
 
     blob = "blobs { num: 1 channels: 1 height: 2 width: 8 " + "data: 0.5 " * 16 + "}"
     text = OLD_NET.replace("num_output: 2 }", "num_output: 2 } " + blob)
@@ -365,7 +365,7 @@ def make_old_weights() -> list[str]:
 
 def read_any_weights(path: Path) -> Any:
     """Without a net."""
-    from netlib import snapshot
+    from netlib.snapshots import snapshot
 
     snapshot.read_weights(path)
 
@@ -571,7 +571,7 @@ def make_mean() -> list[str]:
 
 def read_mean(path: Path) -> Any:
     """The blob."""
-    from netlib.binaryproto import read_blob
+    from netlib.proto.binaryproto import read_blob
 
     read_blob(path)
 
@@ -718,7 +718,7 @@ def read_predictions(path: Path) -> Any:
     from handpose.scoring import published_predictions
 
     if published_predictions.is_list(path):
-        from netlib.hdf5 import read_list
+        from netlib.files.hdf5 import read_list
 
         return read_list(str(path), None)
     published_predictions.read_joints(path, 2, "uvd", NYU)
@@ -769,7 +769,7 @@ def make_labels() -> list[str]:
 def read_labels(path: Path) -> Any:
     """Joints, half-cubes and centres."""
     from handpose.data import labels
-    from netlib.hdf5 import File
+    from netlib.files.hdf5 import File
 
     labels.read(path, [31])
     labels.read_crop_centers([File(path, ("joint",))])
@@ -1059,29 +1059,32 @@ def read_tracks(path: Path) -> Any:
 
 
 READERS: tuple[Reader, ...] = (
-    Reader("net", ("netlib/prototxt.py",), make_nets, read_net),
-    Reader("solver", ("netlib/prototxt.py",), make_solver, read_solver),
-    Reader("skeleton", ("netlib/prototxt.py",), make_skeletons, read_skeleton),
-    Reader("prior", ("netlib/prototxt.py",), make_priors, read_prior),
+    Reader("net", ("netlib/proto/prototxt.py",), make_nets, read_net),
+    Reader("solver", ("netlib/proto/prototxt.py",), make_solver, read_solver),
+    Reader("skeleton", ("netlib/proto/prototxt.py",), make_skeletons, read_skeleton),
+    Reader("prior", ("netlib/proto/prototxt.py",), make_priors, read_prior),
     Reader("net to upgrade", ("tools/upgrade_net.py",), lambda: [*make_nets()[:2], *make_old_weights()], read_text_net),
     Reader("message", (), make_messages, read_message),
-    Reader("weights hdf5", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"),
+    Reader("weights hdf5", ("netlib/snapshots/snapshot.py", "netlib/snapshots/hdf5_format.py"),
            functools.partial(make_weights, ".caffemodel.h5"), read_weights),
-    Reader("weights binary", ("netlib/snapshot.py",), functools.partial(make_weights, ".caffemodel"), read_weights),
-    Reader("weights of caffe", ("netlib/snapshot.py",), make_old_weights, read_any_weights),
-    Reader("resume hdf5", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"), _hdf5("HDF5"), read_pair, exact=True),
-    Reader("resume binary", ("netlib/snapshot.py",), _hdf5("BINARYPROTO"), read_pair, exact=True),
-    Reader("resume older", ("netlib/snapshot.py", "netlib/snapshot_hdf5.py"), make_old_state, read_pair),
+    Reader("weights binary", ("netlib/snapshots/snapshot.py",),
+           functools.partial(make_weights, ".caffemodel"), read_weights),
+    Reader("weights of caffe", ("netlib/snapshots/snapshot.py",), make_old_weights, read_any_weights),
+    Reader("resume hdf5", ("netlib/snapshots/snapshot.py", "netlib/snapshots/hdf5_format.py"),
+           _hdf5("HDF5"), read_pair, exact=True),
+    Reader("resume binary", ("netlib/snapshots/snapshot.py",), _hdf5("BINARYPROTO"), read_pair, exact=True),
+    Reader("resume older", ("netlib/snapshots/snapshot.py", "netlib/snapshots/hdf5_format.py"),
+           make_old_state, read_pair),
     Reader("errors of a network", ("handpose/fitting/depth/network_errors.py",), make_fit, read_fit),
     Reader("packaged model", ("handpose/predicting/packaged.py",), make_card, read_packaged, exact=True),
-    Reader("data hdf5", ("netlib/hdf5.py", "netlib/hdf5_check.py", "layers/data/hdf5_data.py"),
+    Reader("data hdf5", ("netlib/files/hdf5.py", "netlib/files/hdf5_check.py", "layers/data/hdf5_data.py"),
            make_hdf5, read_batches),
-    Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/binaryproto.py"),
+    Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
            make_pictures, read_batches),
     Reader("data windows", ("layers/data/window_data.py", "layers/data/images.py"), make_windows, read_batches),
     Reader("data lmdb", ("layers/data/lmdb_file.py",), make_database, read_database),
     Reader("datum", (), make_datums, read_datum),
-    Reader("mean image", ("netlib/binaryproto.py",), make_mean, read_mean),
+    Reader("mean image", ("netlib/proto/binaryproto.py",), make_mean, read_mean),
     Reader("picture", ("netlib/caffe/io.py",), lambda: make_pictures()[:5], read_image),
     Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
            lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),
@@ -1089,11 +1092,11 @@ READERS: tuple[Reader, ...] = (
     Reader("nyu annotation", ("handpose/data/nyu_files.py", "handpose/data/matlab_worker.py"), make_nyu, read_nyu),
     Reader("icvl labels", ("handpose/data/icvl_files.py",), make_icvl, read_icvl),
     Reader("centres", ("handpose/data/published_frames.py",), make_centers, read_centers),
-    Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/hdf5.py"),
+    Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/files/hdf5.py"),
            make_predictions, read_predictions),
     Reader("log", ("tools/plot_log.py",), make_logs, read_log),
     Reader("examples", ("handpose/data/examples.py",), make_examples, read_examples),
-    Reader("labels", ("netlib/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
+    Reader("labels", ("netlib/files/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
     Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
     Reader("ledger of table 1", ("handpose/experiments/ledger.py", "handpose/experiments/speed.py"),
@@ -1111,7 +1114,7 @@ READERS: tuple[Reader, ...] = (
            make_depth_folders, read_recording),
     Reader("depth stack", ("handpose/recordings/stack.py", "handpose/recordings/npz_file.py"),
            make_stacks, read_recording),
-    Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/atomic.py"),
+    Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/files/atomic.py"),
            make_parts, read_parts),
     Reader("track", ("handpose/tracks/json_file.py",), make_tracks, read_tracks),
 )  # fmt: skip

@@ -30,8 +30,8 @@ import netlib  # before NumPy: it chooses the BLAS threads
 import h5py
 import numpy as np
 
-from netlib import atomic, hdf5_check, hdf5_helper
 from netlib.errors import NetlibError
+from netlib.files import atomic, hdf5_check, hdf5_helper
 from tests.faults import readers
 from tests.faults.isolation import BrokenPromise, outcome_of_error
 from tests.faults.readers import digest
@@ -136,7 +136,7 @@ def write_texts(word: str = "new") -> Any:
     """A text, a mean image, a picture, fitted poses and a model, over old ones."""
     from handpose.experiments.model_file import write_model
     from handpose.fitting.absolute_joints import AbsoluteFit, write_fit
-    from netlib.binaryproto import write_blob
+    from netlib.proto.binaryproto import write_blob
     from tools import pictures
 
     value = {"old": 1, "new": 2}[word]

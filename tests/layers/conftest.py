@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
-from netlib.schema import Phase
+from netlib.proto.schema import Phase
 
 
 class Run:

@@ -14,22 +14,28 @@ from layer_cases import CASES, SOURCES, forward, made
 from layers import LAYER_TYPES
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
-from netlib.layer import Layer, block_name
+from netlib.layer import Layer
 from netlib.net import Net
+from netlib.proto.options import block_name
 
-WINDOWS = {"by_group", "col2im", "im2col", "images", "places"}  # of Convolution and what is derived from it
+WINDOWS = {"by_group", "col2im", "im2col", "images", "padded", "places"}  # of Convolution and what is derived from it
+READER = {"batch_of", "reads"}  # of layers/data/reader.py
 CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
 EXTRAS = {
     "Convolution": WINDOWS,
+    "Data": READER,
     "Deconvolution": WINDOWS,
-    "HDF5Data": {"order", "pick", "read", "rewind", "row", "use_batch_size"},
+    "HDF5Data": READER | {"order", "pick", "read", "rewind", "row", "use_batch_size"},
     "DeepHandModel": {"kinematics_type"},
     "HandModel": {"kinematics_type"},
     "HandAugment": {"move_crops", "move_joints"},
     "Im2col": WINDOWS,
+    "ImageData": READER,
     "InnerProduct": {"output_first", "rows"},
     "MemoryData": {"reset", "set_input_arrays"},
     "Pooling": {"area", "padded", "places", "windows"},
+    "SPP": {"padded"},
+    "WindowData": READER,
 }  # documented: the parts of a longer computation, or for tools
 
 FORCED = {"ROIPooling": [True, True]}  # the gradient of its regions is 0, and their differences are not

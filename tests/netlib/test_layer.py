@@ -12,8 +12,7 @@ import pytest
 import netlib
 from netlib import gradcheck
 from netlib.blob import Blob
-from netlib.create import layer_types
-from netlib.layer import block_name
+from netlib.proto.options import block_name, layer_types
 
 MakeNet = Callable[..., netlib.Net]
 
@@ -152,7 +151,7 @@ def test_helpers_for_layer_authors() -> None:
 
 def test_state_and_restore_rewind_the_random_stream() -> None:
     """Plain numbers and strings, so that JSON can hold them."""
-    from netlib.snapshot import as_plain
+    from netlib.snapshots.snapshot import as_plain
 
     layer: Any = gradcheck.make_layer('type: "Dropout"', [np.zeros(3)])
     state = as_plain(layer.state())

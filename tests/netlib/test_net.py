@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import prototxt
-from netlib.messages import SolverParameter
+from netlib.proto import prototxt
+from netlib.proto.messages import SolverParameter
 from tests.netlib.net_texts import X, ip, loss, rng, shared
 
 MakeNet = Callable[..., netlib.Net]

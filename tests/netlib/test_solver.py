@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import snapshot, snapshot_binary
-from netlib.resume import COURSE
-from netlib.saved import SolverState
+from netlib.snapshots import binary_format, snapshot
+from netlib.snapshots.solver_state import SolverState
+from netlib.training.resume import COURSE
 
 MakeSolver = Callable[..., netlib.Solver]
 
@@ -543,7 +543,7 @@ def test_a_state_older_than_a_field_was_made_with_its_default(
 ) -> None:
     """So another value is a change, though the state does not name the field."""
     with monkeypatch.context() as before:
-        before.setattr("netlib.resume.COURSE", tuple(n for n in COURSE if not n.startswith("rampup")))
+        before.setattr("netlib.training.resume.COURSE", tuple(n for n in COURSE if not n.startswith("rampup")))
         state = solver_of(RANDOM).snapshot()
     caplog.set_level("INFO", "netlib")
     solver_of(RANDOM, "rampup_interval: 8").restore(state)
@@ -579,7 +579,7 @@ def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Pa
     state = solver.snapshot()
     found = snapshot.read_state(state)
     old = SolverState(2, 0, found.learned_net, [array.reshape(1, 1, 1, 1) for array in found.history], {})
-    state.write_bytes(snapshot_binary.state_image(old))
+    state.write_bytes(binary_format.state_image(old))
     again = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     again.restore(state)
     assert again.history[0][0].tolist() == solver.history[0][0].tolist() != [[0]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from netlib.messages import LayerParameter
+from netlib.proto.messages import LayerParameter
 from netlib.splits import insert_splits
 
 

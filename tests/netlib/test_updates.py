@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlib.messages import SolverParameter
+from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES, learning_rate, steps_taken
 
 

@@ -8,7 +8,7 @@ from handpose.facts.cameras import NYU
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
+from netlib.proto import prototxt, schema
 
 AXES = ("X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z")
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from netlib.create import layer_types
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
+from netlib.proto.options import layer_types
 from tools.onnx_export.net import differences, load, onnx_image
 from tools.onnx_export.table import LAYERS
 

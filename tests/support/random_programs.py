@@ -30,7 +30,7 @@ import numpy as np
 import netlib
 from fast import slices
 from layers.vision.pooling import Pooling
-from netlib import prototxt
+from netlib.proto import prototxt
 
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
 OPERATIONS = {  # weights of the choice

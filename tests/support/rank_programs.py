@@ -15,10 +15,11 @@ import netlib  # noqa: I001  before NumPy
 import numpy as np
 from mpi4py import MPI
 
-from netlib import mpi, prototxt, together
+from netlib.distributed import consistency, mpi
+from netlib.proto import prototxt
 from netlib.errors import DataError, NetlibError
-from netlib.gradients import Gradients
-from netlib.mpi import MPIRanks
+from netlib.distributed.gradients import Gradients
+from netlib.distributed.mpi import MPIRanks
 
 
 def caught(kind, function, *arguments):
@@ -165,7 +166,7 @@ def two_solvers(ranks):
     one.net.run_forward = run
     for solver in (one, other):
         solver.step(2)
-        ranks.introduce({"parameters": together.facts_of(solver)["parameters"]})
+        ranks.introduce({"parameters": consistency.facts_of(solver)["parameters"]})
     assert (one.iter, other.iter) == (3, 3)
 
 
@@ -197,14 +198,14 @@ def resume(ranks):
         assert solver.iter == 6
         arrays = [p.blob.data for p in solver.net.learnable] + [h for hs in solver.history for h in hs]
         bits.append((b"".join(a.tobytes() for a in arrays), list(solver.smoothed)))
-        ranks.introduce({"parameters": together.facts_of(solver)["parameters"]})
+        ranks.introduce({"parameters": consistency.facts_of(solver)["parameters"]})
     assert bits[0] == bits[1], "not the same again"
     assert bits[0] == bits[2], "a resume is not exact"
 
 
 def checksum(ranks):
     """A weight that changes on one rank is found."""
-    together.COMPARED_EVERY = 4
+    consistency.COMPARED_EVERY = 4
     solver = netlib.get_solver("exact.prototxt", ranks=ranks)
 
     def change():

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from netlib import snapshot, snapshot_binary
+from netlib.snapshots import binary_format, snapshot
 from tests.caffe.recorded import COMPARED, check_same_log, log_lines, said, solver_text, texts
 from tools import caffe, training
 
@@ -76,7 +76,7 @@ def test_train_goes_on_from_a_snapshot(solver_of, log_of, tmp_path):
     state_path = tmp_path / "a_iter_8.solverstate"
     state = snapshot.read_state(state_path)
     state.extra = {}  # what Caffe does not write
-    state_path.write_bytes(snapshot_binary.state_image(state))
+    state_path.write_bytes(binary_format.state_image(state))
     solver = solver_of("a_resume_from8.log", weights='"nothing.caffemodel"')
     mine = texts(log_of("train", f"-solver={solver}", f"-snapshot={state_path}"))
     check_same_log(spoken(mine), spoken(log_lines("a_resume_from8.log")))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import prototxt
-from netlib.binaryproto import read_blob
-from netlib.messages import Datum
+from netlib.proto import prototxt
+from netlib.proto.binaryproto import read_blob
+from netlib.proto.messages import Datum
 from tools.compute_image_mean import main
 from tools.databases import write_databases
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import netlib
 from netlib.errors import NetlibError
-from netlib.prototxt import Place, Scalar
+from netlib.proto.prototxt import Place, Scalar
 from tests.netlib.test_errors import ANY_TEXT
 from tests.tools.test_train import STAMP
 from tools import console, time, train

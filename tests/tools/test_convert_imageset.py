@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import prototxt, schema, wire
-from netlib.messages import Datum
+from netlib.proto import prototxt, schema, wire
+from netlib.proto.messages import Datum
 from tools import convert_imageset
 from tools.convert_imageset import main
 from tools.databases import read_database

@@ -12,7 +12,7 @@ import pytest
 
 from layers.data.datum import decode_datum
 from netlib.errors import DataError, NetlibError
-from netlib.messages import Datum
+from netlib.proto.messages import Datum
 from tools import databases
 from tools.databases import read_database, write_databases
 

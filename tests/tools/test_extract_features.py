@@ -7,8 +7,8 @@ import pytest
 
 import netlib
 from layers.data.datum import decode_datum
-from netlib import prototxt, schema, wire
-from netlib.messages import Datum
+from netlib.proto import prototxt, schema, wire
+from netlib.proto.messages import Datum
 from tools.databases import read_database
 from tools.extract_features import main
 

@@ -14,7 +14,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from netlib.hdf5 import File
+from netlib.files.hdf5 import File
 from tools import fit_pose
 
 SKELETON = skeletons.load()

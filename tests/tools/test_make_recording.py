@@ -16,7 +16,7 @@ from handpose.recordings.opening import open_recording
 from handpose.scoring.tracks import score
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.tracks.json_file import read_track
-from netlib import atomic
+from netlib.files import atomic
 from tools import make_recording
 
 SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]

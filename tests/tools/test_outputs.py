@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from netlib.errors import NetlibError
-from netlib.messages import Datum
+from netlib.proto.messages import Datum
 from tools import databases, outputs
 
 

@@ -22,7 +22,8 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import engine, prototxt, schema
+from netlib import engine
+from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.tools.conftest import ROOT
 from tools import predict

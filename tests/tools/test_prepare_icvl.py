@@ -14,7 +14,7 @@ import netlib
 from handpose.data import icvl_files
 from handpose.data.crops import crop
 from handpose.facts.cameras import ICVL
-from netlib import prototxt
+from netlib.proto import prototxt
 from tools import prepare_icvl
 
 ROOT = Path(__file__).parents[2]

@@ -24,7 +24,7 @@ from handpose.experiments.recipes import ADAM, PAPER
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL
 from handpose.experiments.trainings import Training, data_name
 from netlib.errors import DataError
-from netlib.solver_parameter import read
+from netlib.training.solver_parameter import read
 from tools import sitting as sittings
 from tools import table1, training
 from tools.sitting import Sitting

@@ -5,8 +5,8 @@ import sys
 import pytest
 
 from netlib import engine
+from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError
-from netlib.ranks import ALONE, Ranks
 from tools import ranks
 
 

@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import engine, locks, snapshot
+from netlib import engine
+from netlib.files import locks
+from netlib.snapshots import snapshot
 from tests.tools.conftest import ROOT
 from tools import train, training
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import binaryproto, prototxt, schema, wire
-from netlib.messages import NetParameter
-from netlib.prototxt import Field, Message
-from netlib.upgrade import AnyNetParameter
+from netlib.proto import binaryproto, prototxt, schema, wire
+from netlib.proto.messages import NetParameter
+from netlib.proto.prototxt import Field, Message
+from netlib.proto.upgrade import AnyNetParameter
 from tools import upgrade_net
 
 V0 = """

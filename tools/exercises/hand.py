@@ -11,8 +11,8 @@ from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
 from netlib.blob import Array
+from netlib.proto import prototxt, schema
 from tools.exercises import network
 from tools.exercises.exercise import Tell
 from tools.exercises.layers import in_place_of

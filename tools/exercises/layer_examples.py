@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from netlib import gradcheck, prototxt, schema
+from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
-from netlib.create import create
+from netlib.building.create import create
 from netlib.layer import Layer
-from netlib.messages import LayerParameter
-from netlib.schema import Phase
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter
+from netlib.proto.schema import Phase
 from tools.exercises.exercise import Values
 
 AGAIN = np.random.SFC64  # the source of a layer's random numbers, as in a net

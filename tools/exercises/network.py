@@ -12,10 +12,11 @@ import numpy as np
 
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import Generator
-from netlib import files, prototxt, schema
+from netlib import files
 from netlib.blob import Array
-from netlib.messages import SolverParameter
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import SolverParameter
 from netlib.solver import Solver
 from tools.exercises.exercise import Tell
 

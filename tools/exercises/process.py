@@ -25,7 +25,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parent.parent.parent)
 
 import netlib  # noqa: F401  before NumPy: it chooses BLAS kernels
-from netlib import python_layer
+from netlib.building import python_layer
 from netlib.errors import NetlibError
 from tools.exercises.checking import Step, first_step, in_network, steps
 from tools.exercises.exercise import Exercise

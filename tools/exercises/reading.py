@@ -14,7 +14,7 @@ from typing import Any
 
 from netlib import files
 from netlib.errors import NetlibError, reason_of
-from netlib.paths import load_module
+from netlib.files.paths import load_module
 from tools.exercises.exercise import Exercise, Part
 
 

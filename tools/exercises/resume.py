@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from netlib import atomic, hdf5, snapshot, weights
-from netlib import resume as source
 from netlib.blob import Array
 from netlib.errors import DivergenceError
-from netlib.saved import SolverState
+from netlib.files import atomic, hdf5
+from netlib.snapshots import snapshot, weights
+from netlib.snapshots.solver_state import SolverState
 from netlib.solver import Solver
+from netlib.training import resume as source
 from tools.exercises import network
 from tools.exercises.exercise import Case, Check, Exercise, Mistake, Tell, Values, advice_of
 
@@ -243,7 +244,7 @@ EXERCISE = Exercise(
     name="resume",
     title="A resume that is exact",
     chapter=5,
-    file="netlib/resume.py",
+    file="netlib/training/resume.py",
     to_do={
         "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
         "solver.iter), str(learned_net), the histories in one list, and extra_state(solver). "

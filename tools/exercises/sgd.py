@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from netlib.blob import Array
-from netlib.messages import SolverParameter
+from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES, Rule
 from tools.exercises import network, recorded
 from tools.exercises.exercise import Case, Check, Exercise, Part, Tell, Values, known

@@ -7,7 +7,7 @@ import re
 import textwrap
 
 from netlib import files
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 from tools.advice import command
 from tools.exercises.exercise import Exercise
 from tools.exercises.reading import functions

@@ -12,12 +12,12 @@ import numpy as np
 from handpose.predicting.nets import cube_of, hand_layer, trained
 from layers.hand.hand_model import HandModel
 from netlib.blob import Array
-from netlib.create import layer_types
 from netlib.errors import LayerError, NetlibError, did_you_mean
-from netlib.messages import LayerParameter, NetState
 from netlib.net import Net
-from netlib.net_parameter import load_parameter, select_layers
-from netlib.schema import position_of
+from netlib.proto.messages import LayerParameter, NetState
+from netlib.proto.net_parameter import load_parameter, select_layers
+from netlib.proto.options import layer_types
+from netlib.proto.schema import position_of
 from tools.onnx_export.graph import PRODUCER, Graph, Place, Shape, Translation, package, symbolic
 from tools.onnx_export.table import LAYERS
 

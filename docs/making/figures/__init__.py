@@ -9,7 +9,7 @@ from typing import Any
 from docs.making.figures import chain, graph, hand, learning, pictures, whole
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import Made
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/book: a function that gives a Figure
     "differences": chain.differences,

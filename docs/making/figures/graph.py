@@ -7,11 +7,11 @@ from typing import Any
 
 import netlib
 from docs.making.figures.drawn import new_figure
-from netlib import prototxt, schema
-from netlib.messages import LayerParameter
-from netlib.net_parameter import load_parameter
-from netlib.paths import ROOT
-from netlib.plain import Connection
+from netlib.engine.plain import Connection
+from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter
+from netlib.proto.net_parameter import load_parameter
 
 WIDTH, HEIGHT, STEP, COLUMN = 2.3, 0.62, 1.15, 4.6  # of a box; from row to row, from column to column
 SIDE, ASIDE = 6.4, 0.2  # where long ways go; how far from the way forward the way back is

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from netlib import schema
 from netlib.blob import Array
-from netlib.messages import SolverParameter
+from netlib.proto import schema
+from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES, learning_rate
 
 START = (10.0, 2.0)

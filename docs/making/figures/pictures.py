@@ -13,7 +13,7 @@ from docs.making.figures.drawn import new_figure
 from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 SHIFT, GAP, ROOM = 5, 30, 20  # from map to map, from blob to blob, for a blob at least; a pixel of a map is 1
 

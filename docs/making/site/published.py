@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 from docs.making import markdown
 from docs.making.code_blocks import shown_files
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/book/*.md", "docs/exercises/**/*.md",
              "docs/results/*.md")  # fmt: skip

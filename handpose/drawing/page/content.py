@@ -29,8 +29,8 @@ from handpose.facts.cameras import CAMERAS, NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import Side
 from layers.hand.skeleton import Skeleton
-from netlib import schema
 from netlib.blob import Array
+from netlib.proto import schema
 
 DISTANCE_MM = 700.0  # of a hand that nobody saw, on the camera's axis; of other bodies as many times their size
 FULL = 32767  # the largest 16-bit number

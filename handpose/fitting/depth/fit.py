@@ -24,7 +24,7 @@ from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
 STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good

@@ -20,9 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from handpose.fitting.depth.body import FleshModel
-from netlib import hdf5, snapshot
 from netlib.blob import Array
 from netlib.errors import DataError
+from netlib.files import hdf5
+from netlib.snapshots import snapshot
 
 GROUP = "fit"
 LIMBS = "limbs"

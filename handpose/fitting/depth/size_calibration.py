@@ -22,7 +22,7 @@ from handpose.fitting.depth.search import misfit
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.rows import blocks
+from netlib.system.memory import blocks
 
 GRID = np.exp(np.linspace(-SIZE_LIMIT, SIZE_LIMIT, 21))  # sizes that are tried: all that fits allow
 FEWEST = 5  # frames of which a size can be said

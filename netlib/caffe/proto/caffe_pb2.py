@@ -1,7 +1,7 @@
 """caffe.proto.caffe_pb2: every message and enum of Caffe's, as protobuf's compiler would give them.
 
-The fields stand with the code that reads them: netlib/messages.py, netlib/upgrade.py, and the options of each layer
-type in its own file. The names that only this interface needs are here: those of messages and of enums.
+The fields stand with the code that reads them: netlib/proto/messages.py, netlib/proto/upgrade.py, and the options of
+each layer type in its own file. The names that only this interface needs are here: those of messages and of enums.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from netlib import create, messages, schema, upgrade
 from netlib.caffe.proto.descriptor import EnumType
 from netlib.caffe.proto.message import Message, make_class
 from netlib.fillers import Filler
+from netlib.proto import messages, schema, upgrade
+from netlib.proto.options import option_blocks
 
 # Names of Caffe's enums, by message and field
 _ENUMS = {
@@ -58,4 +59,4 @@ V0LayerParameter: Any = _class_of(upgrade.V0LayerParameter)
 V1LayerParameter: Any = _class_of(upgrade.V1LayerParameter)
 
 # ConvolutionParameter, PoolingParameter ...: the options of all layer types that are here
-globals().update({cls.__name__: _class_of(cls) for cls in create.option_blocks().values()})
+globals().update({cls.__name__: _class_of(cls) for cls in option_blocks().values()})

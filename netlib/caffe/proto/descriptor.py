@@ -9,8 +9,8 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from netlib import schema
-from netlib.wire import Known
+from netlib.proto import schema
+from netlib.proto.wire import Known
 
 # protobuf's numbers: FieldDescriptor.TYPE_* and CPPTYPE_*
 _TYPES = {float: (2, 6), schema.Double: (1, 5), schema.Floats: (2, 6), schema.Doubles: (1, 5), int: (5, 1),
@@ -76,7 +76,7 @@ class EnumType:
 class FieldDescriptor:
     """A field of a message.
 
-    kind           as in netlib/schema.py; for a nested message its dataclass
+    kind           as in netlib/proto/schema.py; for a nested message its dataclass
     default_value  what it reads as where it is not set
     message_class  the class of a nested message
     """

@@ -1,8 +1,8 @@
 """Messages that can be changed, with the interface that protobuf's classes have.
 
-Each class is made from a dataclass that reads prototxt (netlib/schema.py), so a field is declared once, there. They
-behave like protobuf's: an unset scalar reads as its default, a nested message springs into being when something in it
-is set, repeated fields are lists that check their elements, what is put into a message is copied.
+Each class is made from a dataclass that reads prototxt (netlib/proto/schema.py), so a field is declared once, there.
+They behave like protobuf's: an unset scalar reads as its default, a nested message springs into being when something
+in it is set, repeated fields are lists that check their elements, what is put into a message is copied.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from netlib import prototxt, schema, wire
 from netlib.caffe.proto.descriptor import Descriptor, EnumType, FieldDescriptor
 from netlib.caffe.proto.values import FloatList, checked, container
 from netlib.errors import WireError
-from netlib.prototxt import Field, Numbers, Position, Scalar
-from netlib.schema import ARRAYS
+from netlib.proto import prototxt, schema, wire
+from netlib.proto.prototxt import Field, Numbers, Position, Scalar
+from netlib.proto.schema import ARRAYS
 
 BUILT = Position("<built in code>", 1, 1)
 

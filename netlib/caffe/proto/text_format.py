@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from netlib import prototxt
 from netlib.caffe.proto.message import Message
 from netlib.errors import PrototxtError as ParseError
+from netlib.proto import prototxt
 
 M = TypeVar("M", bound=Message)
 

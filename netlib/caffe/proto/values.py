@@ -8,18 +8,16 @@ from __future__ import annotations
 import array
 import numbers
 from collections.abc import Callable, Iterable, Iterator, MutableSequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from netlib import schema
 from netlib.caffe.proto.descriptor import FieldDescriptor
-from netlib.schema import ARRAYS, INTEGERS
-
-if TYPE_CHECKING:
-    from netlib.caffe.proto.message import Message
+from netlib.proto import schema
+from netlib.proto.schema import ARRAYS, INTEGERS
 
 Touch = Callable[[], None]
+Message = Any  # of a class that message.py makes
 
 
 def checked(field: FieldDescriptor, value: Any) -> Any:
@@ -144,7 +142,7 @@ class FloatList(MutableSequence[float]):
         return repr(self._items.tolist())
 
 
-class RepeatedMessages(MutableSequence["Message"]):
+class RepeatedMessages(MutableSequence[Message]):
     """A list of messages of one field; what is put in is copied."""
 
     def __init__(self, field: FieldDescriptor, touch: Touch) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from docs.making.site.check import faults
 from netlib import engine
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")

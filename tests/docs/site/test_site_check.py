@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from docs.making.site.check import faults, main
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 GOOD = '<h1 id="a b">x</h1><a name="old"></a><a href="sub/b.html#c">b</a><a href="#a%20b">a</a><a href="#old">o</a>'
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from handpose.data.frames import Frames, empty_frames
 from handpose.facts.cameras import NYU
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 
 def made(n: int, dof: np.ndarray | None = None) -> Frames:

@@ -7,7 +7,7 @@ import pytest
 from handpose.data import labels
 from handpose.facts.cameras import CAMERAS, NYU, Camera
 from netlib.errors import DataError
-from netlib.hdf5 import File
+from netlib.files.hdf5 import File
 
 ROWS = np.linspace(-1, 1, 4 * 6).reshape(4, 6)  # four frames of two joints
 

@@ -10,8 +10,8 @@ from handpose.experiments.derived_nets import layers_of, net_of, text
 from handpose.experiments.networks import LAMBDAS, NETWORKS, OURS
 from handpose.experiments.recipes import ADAM, PAPER, RECIPES
 from handpose.experiments.settings import ONE_HAND, SETTINGS
-from netlib import prototxt
-from netlib.net_parameter import load_parameter
+from netlib.proto import prototxt
+from netlib.proto.net_parameter import load_parameter
 
 EVERY = [
     (n, s, r) for n in (*NETWORKS, *LAMBDAS[-1:]) for s in SETTINGS.values() if n.is_for(s) for r in RECIPES.values()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from handpose.experiments.derived_solvers import with_fields
-from netlib import prototxt
+from netlib.proto import prototxt
 
 SOLVER = """net: "a.prototxt"
 base_lr: 0.1  # of the first net

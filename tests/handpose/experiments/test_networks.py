@@ -7,7 +7,7 @@ from pathlib import Path
 
 from handpose.experiments.networks import LAMBDAS, NETWORKS, NO_LIMIT, OURS
 from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL
-from netlib import prototxt
+from netlib.proto import prototxt
 
 
 def features(model: Path) -> list[str]:

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from handpose.experiments.recipes import ADAM, PAPER
-from netlib import messages, schema, solver_parameter
-from netlib.prototxt import Message
+from netlib.proto import messages, schema
+from netlib.proto.prototxt import Message
+from netlib.training import solver_parameter
 from netlib.updates import learning_rate
 
 

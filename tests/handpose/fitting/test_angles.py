@@ -9,7 +9,7 @@ from handpose.fitting import angles
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
+from netlib.proto import prototxt, schema
 
 SKELETON = skeletons.load()
 

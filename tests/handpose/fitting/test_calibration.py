@@ -13,8 +13,8 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter, text_of
-from netlib import prototxt, schema
 from netlib.errors import DataError
+from netlib.proto import prototxt, schema
 
 HAND = skeleton.load()
 BONES = np.flatnonzero(HAND.bone_axes >= 0)

@@ -9,7 +9,7 @@ from handpose.fitting.calibration_problem import CalibrationProblem, State
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton, load
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
+from netlib.proto import prototxt, schema
 
 HAND = load()
 COUPLED = """

@@ -12,8 +12,8 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
 from netlib.errors import DataError
+from netlib.proto import prototxt, schema
 
 SKELETON = skeletons.load()
 

@@ -11,8 +11,8 @@ from handpose.flesh.render import Capsules
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
-from netlib import prototxt, schema
 from netlib.errors import NetlibError, PrototxtError
+from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import render_image
 
 HAND = skeletons.load()

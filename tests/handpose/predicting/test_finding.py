@@ -17,8 +17,8 @@ from handpose.synthetic.nyu_format import whole_image
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
 from netlib.errors import DataError
+from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 
 EXACT = prior_file.load().but(

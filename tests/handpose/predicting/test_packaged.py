@@ -23,7 +23,7 @@ from handpose.predicting.packaged import (
 )
 from layers.hand import skeleton
 from netlib.errors import NetlibError, WeightsError
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 MEGABYTE = 1e6
 

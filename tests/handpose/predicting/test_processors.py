@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 SCRIPT = """
 import json

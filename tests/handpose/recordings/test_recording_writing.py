@@ -16,8 +16,8 @@ from handpose.facts.cameras import Camera
 from handpose.recordings.opening import open_recording
 from handpose.recordings.recording import DepthFrame
 from handpose.recordings.writing import RecordingWriter
-from netlib import atomic, locks
 from netlib.errors import DataError, NetlibError
+from netlib.files import atomic, locks
 
 SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
 

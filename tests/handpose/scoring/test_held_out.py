@@ -11,8 +11,8 @@ import netlib
 from handpose.scoring import held_out
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
-from netlib import prototxt
 from netlib.errors import DataError, NetlibError
+from netlib.proto import prototxt
 
 NET = """
 layer {{

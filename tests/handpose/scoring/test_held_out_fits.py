@@ -8,8 +8,8 @@ import pytest
 
 import netlib
 from handpose.scoring.held_out_fits import deploy_of
-from netlib import prototxt
 from netlib.errors import WeightsError
+from netlib.proto import prototxt
 
 LEARNED = (
     'layer {{ name: "{0}" type: "InnerProduct" bottom: "{1}" top: "{0}" inner_product_param {{ num_output: 47 }} }} '

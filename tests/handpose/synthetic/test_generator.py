@@ -21,7 +21,7 @@ from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:

@@ -11,7 +11,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import ProportionParameter
 from layers.hand.bodies import kinematics_of
-from netlib import schema
+from netlib.proto import schema
 
 
 @pytest.fixture(scope="module")

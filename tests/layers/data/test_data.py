@@ -122,7 +122,7 @@ def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
     layer = text(database, "batch_size: 3", "transform_param { crop_size: 2 mirror: true }")
     net = net_of(layer, seed=1)
     labels(net, done)
-    states = netlib.snapshot.as_plain(net.layer_states())
+    states = netlib.snapshots.snapshot.as_plain(net.layer_states())
     want = [{name: array.copy() for name, array in net.forward().items()} for _ in range(4)]
     other = net_of(layer, seed=2)
     labels(other, 2)
@@ -211,14 +211,14 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     net = net_of(layer)
     assert labels(net) == [0, 1, 2, 3]
     os.truncate(database / "data.mdb", 6 * 4096)
-    states = netlib.snapshot.as_plain(net.layer_states())
+    states = netlib.snapshots.snapshot.as_plain(net.layer_states())
     for _ in range(2):
         with pytest.raises(
             netlib.DataError, match=r"data\.mdb: was cut to 24576 of \d+ bytes while in use; restore the"
         ):
             net.forward()
         net.restore_layer_states(states)  # as a solver does before it writes a snapshot
-        assert netlib.snapshot.as_plain(net.layer_states()) == states
+        assert netlib.snapshots.snapshot.as_plain(net.layer_states()) == states
     (database / "data.mdb").write_bytes(content)
     again = net_of(layer)
     again.restore_layer_states(states)

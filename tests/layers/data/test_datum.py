@@ -7,8 +7,8 @@ from caffe_messages import blob, content, datum, number, one_by_one, write_blob
 
 import netlib
 from layers.data.datum import decode_datum
-from netlib.binaryproto import read_blob
-from netlib.prototxt import Bytes
+from netlib.proto.binaryproto import read_blob
+from netlib.proto.prototxt import Bytes
 
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])

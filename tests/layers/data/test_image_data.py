@@ -110,7 +110,7 @@ def test_a_resume_goes_on_with_the_next_picture(tmp_path, pictures, net_of, done
     )
     net = net_of(options, seed=1)
     labels(net, done)
-    states = netlib.snapshot.as_plain(net.layer_states())
+    states = netlib.snapshots.snapshot.as_plain(net.layer_states())
     want = [net.forward()["x"].copy() for _ in range(6)]
     other = net_of(options, seed=2)
     labels(other, 1)

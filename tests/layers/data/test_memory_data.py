@@ -48,7 +48,7 @@ def test_a_resume_goes_on_at_the_same_place(net_of, data):
         made.layer_dict["d"].set_input_arrays(data[0][:count], data[1][:count])
     net.forward()
     for made, first in ((same, 2), (other, 0)):
-        made.restore_layer_states(netlib.snapshot.as_plain(net.layer_states()))
+        made.restore_layer_states(netlib.snapshots.snapshot.as_plain(net.layer_states()))
         assert made.forward()["t"].ravel().tolist() == [first, first + 1]
 
 

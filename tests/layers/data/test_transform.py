@@ -7,9 +7,9 @@ from caffe_messages import write_blob
 import netlib
 from layers.data.image_data import ImageDataParameter
 from layers.data.transform import Transformer, misplaced
-from netlib import prototxt, schema
 from netlib.layer import Layer
-from netlib.messages import LayerParameter
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter
 
 
 def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):

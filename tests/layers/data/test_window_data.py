@@ -167,7 +167,7 @@ def test_every_window_is_chosen_equally_often(tmp_path, images, net_of):
     counts = np.bincount(np.concatenate([net.forward()["t"].astype(int) for _ in range(10)]), minlength=7)
     assert counts[0] == 0
     assert counts[1:].min() > 60
-    states = netlib.snapshot.as_plain(net.layer_states())
+    states = netlib.snapshots.snapshot.as_plain(net.layer_states())
     x = net.forward()["x"].copy()
     net.restore_layer_states(states)
     assert np.array_equal(net.forward()["x"], x)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import binaryproto
+from netlib.proto import binaryproto
 
 X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
 H = [[1, 0, 0], [0, 1, 0], [0.5, 0, 2]]

@@ -5,8 +5,8 @@ import pytest
 
 import netlib
 from layers.loss import labels
-from netlib import prototxt, schema
-from netlib.messages import LossParameter
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LossParameter
 
 
 def loss_param(text):

@@ -5,7 +5,7 @@ import pytest
 
 import netlib
 from netlib import gradcheck
-from netlib.snapshot import as_plain
+from netlib.snapshots.snapshot import as_plain
 
 
 def text(kind="RNN", outputs=3, options=""):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import netlib.caffe as caffe
-from netlib import prototxt
 from netlib.errors import NetlibError
+from netlib.proto import prototxt
 
 MEANS = """
 layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 4 dim: 3 dim: 2 dim: 2 } } }

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import netlib.caffe as caffe
-from netlib import prototxt
 from netlib.errors import NetlibError
+from netlib.proto import prototxt
 
 MEAN = """
 layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 2 dim: %d dim: 6 dim: 6 } } }

@@ -8,10 +8,10 @@ import sys
 import pytest
 
 import netlib.caffe as caffe
-from netlib import prototxt
 from netlib.caffe import draw
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError
+from netlib.proto import prototxt
 
 NET = """
 name: "small net"

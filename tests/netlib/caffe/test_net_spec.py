@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import netlib.caffe as caffe
-from netlib import prototxt
 from netlib.caffe import layers as L
 from netlib.caffe import params as P
 from netlib.caffe.net_spec import Function, SpecError, Top, assign_proto, param_name_dict
 from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError
+from netlib.proto import prototxt
 
 
 def small_net() -> caffe.NetSpec:

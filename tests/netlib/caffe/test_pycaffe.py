@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib import notes, together
 from netlib.caffe import process, pycaffe
+from netlib.distributed import consistency
+from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError
-from netlib.ranks import Ranks
+from netlib.system.once import once
 
 NET = """
     name: "n" force_backward: true
@@ -103,7 +104,7 @@ def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
     for _ in range(2):
         net.clear_param_diffs()
         net.backward()
-        assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5)
+        assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [2, 5, 6])
@@ -231,11 +232,11 @@ def test_options_that_cannot_change_so(name: str, value: object, error: type[Exc
 
 def test_solvers_of_one_file_say_the_same_options() -> None:
     """Which ranks that train together compare."""
-    one, two = (together.facts_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
+    one, two = (consistency.facts_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
     assert one["solver prototxt"] == two["solver prototxt"]
     one_more = pycaffe.SGDSolver("solver.prototxt")
     one_more.param.base_lr = 0.25
-    assert together.facts_of(one_more)["solver prototxt"] != one["solver prototxt"]
+    assert consistency.facts_of(one_more)["solver prototxt"] != one["solver prototxt"]
 
 
 def test_callbacks() -> None:
@@ -267,7 +268,7 @@ def test_a_solver_lends_its_weights() -> None:
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
     """However often it is asked for."""
-    notes.once.cache_clear()
+    once.cache_clear()
     for _ in range(2):
         netlib.set_mode_gpu()
         process.set_device(0)

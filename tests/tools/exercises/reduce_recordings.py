@@ -14,7 +14,8 @@ from collections.abc import Iterator
 import h5py
 import numpy as np
 
-from netlib import atomic, snapshot
+from netlib.files import atomic
+from netlib.snapshots import snapshot
 from tests.caffe.recorded import FOLDER, layer_cases, trajectory
 from tools.exercises import recorded
 

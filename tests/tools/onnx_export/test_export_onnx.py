@@ -14,7 +14,7 @@ from onnx_nets import NYU, SYNTHETIC, run_onnx
 
 import netlib
 from layers.hand.skeleton import load
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
 from tools import export_onnx
 
 

@@ -11,7 +11,7 @@ from onnx_nets import Cases, check, examples, run_onnx, types_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton, load
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
+from netlib.proto import prototxt, schema
 from tools.onnx_export.hand import steps_of
 from tools.onnx_export.net import load as load_net
 from tools.onnx_export.net import onnx_image

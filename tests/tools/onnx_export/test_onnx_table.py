@@ -7,8 +7,8 @@ from pathlib import Path
 
 from onnx_nets import types_of
 
-from netlib.create import layer_types
-from netlib.paths import ROOT
+from netlib.files.paths import ROOT
+from netlib.proto.options import layer_types
 from tools.onnx_export.table import LAYERS
 
 

@@ -17,7 +17,7 @@ from handpose.drawing.page.content import content
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
+from netlib.proto import prototxt, schema
 
 # Two bones in a plane, without flesh; a DoF that drives two joints, the second one the other way round.
 ARM = """name: "arm"

@@ -15,7 +15,7 @@ from handpose.facts.cameras import KINECT2
 from handpose.fitting.depth.body import FleshModel
 from handpose.flesh.render import normalise_depth, render_crop
 from layers.hand.kinematics import Kinematics
-from netlib import schema
+from netlib.proto import schema
 from tests.handpose.drawing.page.conftest import ARM, any_body, body_of
 from tests.handpose.drawing.page.page_reading import HAND, colours, joints_in, named, picture, slider, tip
 

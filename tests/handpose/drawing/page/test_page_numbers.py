@@ -152,7 +152,7 @@ PARSED = """(texts) => texts.map(([name, text]) => {
 
 
 def test_the_same_texts_are_prototxt(tab: Any) -> None:
-    """The trees of valid files, and the lines that refuse invalid ones, are those of netlib/prototxt.py."""
+    """The trees of valid files, and the lines that refuse invalid ones, are those of netlib/proto/prototxt.py."""
     paths = sorted([*NETLIB.glob("valid/*.prototxt"), *NETLIB.glob("invalid/*.prototxt")])
     texts = [[path.name, path.read_text(encoding="utf-8")] for path in paths]
     found = ask(tab, PARSED, texts)

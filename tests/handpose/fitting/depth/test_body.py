@@ -9,8 +9,8 @@ from handpose.fitting.depth.body import GIRTH, SIZE, FleshModel
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import prototxt, schema
 from netlib.errors import NetlibError
+from netlib.proto import prototxt, schema
 from tests.handpose.fitting.depth.conftest import slopes
 from tests.handpose.flesh.test_flesh import ARM
 

@@ -17,8 +17,9 @@ from handpose.flesh.render import Capsules, normalise_depth, render_crop
 from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib import engine, prototxt, schema
+from netlib import engine
 from netlib.errors import DataError
+from netlib.proto import prototxt, schema
 from tests.handpose.fitting.depth.conftest import Scene
 from tests.handpose.fitting.depth.test_descent import error, start_of
 

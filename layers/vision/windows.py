@@ -1,0 +1,196 @@
+"""The geometry of windows that slide over spatial axes: kernel, stride, pad, dilation, how many windows, every mistake.
+
+The base of Convolution, Deconvolution, Im2col, Pooling and SPP. Along an axis of n values, padded by p on both sides,
+windows of k elements that are d apart reach d (k - 1) + 1 far, and floor((n + 2 p - reach) / stride) + 1 of them fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from netlib.blob import Array, Blob
+from netlib.fillers import Filler
+from netlib.layer import Layer
+from netlib.proto.schema import Engine, UInt, numbered
+
+
+@dataclass(frozen=True)
+class ConvolutionParameter:
+    """The ``convolution_param { ... }`` block of Convolution, Deconvolution and Im2col."""
+
+    num_output: UInt = numbered(1, 0)
+    bias_term: bool = numbered(2, True)
+    pad: tuple[UInt, ...] = numbered(3, ())  # one number for all spatial axes, or one each
+    kernel_size: tuple[UInt, ...] = numbered(4, ())
+    stride: tuple[UInt, ...] = numbered(6, ())
+    dilation: tuple[UInt, ...] = numbered(18, ())
+    pad_h: UInt | None = numbered(9, None)  # those with _h and _w: of two spatial axes
+    pad_w: UInt | None = numbered(10, None)
+    kernel_h: UInt | None = numbered(11, None)
+    kernel_w: UInt | None = numbered(12, None)
+    stride_h: UInt | None = numbered(13, None)
+    stride_w: UInt | None = numbered(14, None)
+    group: UInt = numbered(5, 1)
+    weight_filler: Filler = numbered(7, Filler())
+    bias_filler: Filler = numbered(8, Filler())
+    engine: Engine = numbered(15, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+    axis: int = numbered(16, 1)  # of the channels
+    force_nd_im2col: bool = numbered(17, False)  # accepted, ignored
+
+
+@dataclass(frozen=True)
+class PoolingParameter:
+    """The ``pooling_param { ... }`` block."""
+
+    pool: Literal["MAX", "AVE", "STOCHASTIC"] = numbered(1, "MAX")
+    kernel_size: UInt | None = numbered(2, None)
+    kernel_h: UInt | None = numbered(5, None)
+    kernel_w: UInt | None = numbered(6, None)
+    pad: UInt = numbered(4, 0)
+    pad_h: UInt | None = numbered(9, None)
+    pad_w: UInt | None = numbered(10, None)
+    stride: UInt = numbered(3, 1)
+    stride_h: UInt | None = numbered(7, None)
+    stride_w: UInt | None = numbered(8, None)
+    global_pooling: bool = numbered(12, False)  # one window, the whole map
+    round_mode: Literal["CEIL", "FLOOR"] = numbered(13, "CEIL")
+    engine: Engine = numbered(11, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+
+
+class SlidingWindow(Layer):
+    """Base of layers with a sliding window.
+
+    kernel, stride, pad, dilation  a number for each spatial axis
+    axis                           that of the channels; the spatial axes follow it
+    """
+
+    kernel: tuple[int, ...]
+    stride: tuple[int, ...]
+    pad: tuple[int, ...]
+    dilation: tuple[int, ...]
+    axis = 1
+
+    # ------------------------------------------------------------------------------------------ convolution_param
+
+    def _read_windows(self, bottom: Blob) -> None:
+        """Read ``axis``, the number of channels, and the geometry from a ``convolution_param``. Raises LayerError."""
+        p = self.param
+        self.axis = self.canonical_axis(p.axis, bottom)
+        self.channels, *sizes = bottom.shape[self.axis :]
+        self.kernel = self._each("kernel", p.kernel_size, (p.kernel_h, p.kernel_w), 0, len(sizes))
+        self.stride = self._each("stride", p.stride, (p.stride_h, p.stride_w), 1, len(sizes))
+        self.pad = self._each("pad", p.pad, (p.pad_h, p.pad_w), 0, len(sizes))
+        self.dilation = self._each("dilation", p.dilation, (None, None), 1, len(sizes))
+        if 0 in self.kernel:
+            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
+        if 0 in self.stride + self.dilation:
+            raise self.fail("stride and dilation must be at least 1")
+
+    def _each(
+        self, name: str, given: tuple[int, ...], h_w: tuple[int | None, int | None], default: int, axes: int
+    ) -> tuple[int, ...]:
+        """An option for each of the spatial axes: it is given for all together, for each, or not at all."""
+        option = "kernel_size" if name == "kernel" else name
+        if h_w != (None, None):
+            if given:
+                raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
+            if axes != 2:
+                raise self.fail(f"{name}_h and {name}_w are for 2 spatial axes, not {axes}; give {option}")
+            given = tuple(default if value is None else value for value in h_w)
+        if len(given) > 1 and len(given) != axes:
+            raise self.fail(f"{len(given)} values of {option} for {axes} spatial axes", option)
+        return given if len(given) > 1 else (given or (default,)) * axes
+
+    def _read_convolution(self, bottom: Blob) -> None:
+        """The same, and the numbers of channels, outputs and groups. Raises LayerError."""
+        self._read_windows(bottom)
+        p, channels = self.param, self.channels
+        if min(p.num_output, p.group) < 1:
+            raise self.fail("num_output and group must be at least 1", "num_output" if p.group else "group")
+        if channels == 0:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom.shape} has no channels")
+        if channels % p.group or p.num_output % p.group:
+            raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
+
+    def _check_axes(self, i: int, x: Blob, weight: Sequence[int] | None = None) -> None:
+        """As many spatial axes as at setup, and as many channels as the weights have. Raises LayerError."""
+        if len(x.shape) != self.axis + 1 + len(self.kernel):
+            raise self.fail(f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
+                            f"expected {len(self.kernel)} spatial axes after axis {self.axis}")  # fmt: skip
+        if weight is not None and x.shape[self.axis] != self.channels:
+            raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
+                            f"its weights {weight} expect {self.channels}")  # fmt: skip
+
+    def _reach(self) -> tuple[int, ...]:
+        """How far the kernel reaches, from its first to its last element."""
+        return tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
+
+    def _fitting(self, counts: list[int], i: int, x: Blob) -> list[int]:
+        """Numbers of windows along the spatial axes, if there is one of each. Raises LayerError."""
+        if min(counts, default=1) < 1:
+            raise self.fail(
+                f"kernel {self._reach()} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}"
+            )
+        return counts
+
+    # ------------------------------------------------------------------------------------------ pooling_param
+
+    def _read_pooling(self) -> None:
+        """Read the geometry from a ``pooling_param``; its own kernel is (0, 0) in global pooling. Raises LayerError."""
+        p, block = self.param, self.spec.blocks.get("pooling_param")
+        for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
+            if block and block.values(both) and (block.values(f"{each}_h") or block.values(f"{each}_w")):
+                raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
+            if block and bool(block.values(f"{each}_h")) != bool(block.values(f"{each}_w")):
+                raise self.fail(f"needs {both}, or {each}_h and {each}_w", both)
+        if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
+            raise self.fail("global_pooling takes no kernel size", "global_pooling")
+        self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
+        self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
+        self.kernel = (_or(p.kernel_h, p.kernel_size or 0), _or(p.kernel_w, p.kernel_size or 0))
+        if p.global_pooling and (self.pad, self.stride) != ((0, 0), (1, 1)):
+            raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
+        if not p.global_pooling and not all(self.kernel):
+            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
+        if not all(self.stride):
+            raise self.fail("stride must be at least 1", "stride")
+        if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
+            raise self.fail(f"pad {self.pad} must be smaller than the kernel {self.kernel}", "pad")
+
+    def _check_map(self, x: Blob) -> None:
+        """Raise LayerError unless the bottom is a map of four axes with values."""
+        if len(x.shape) != 4 or 0 in x.shape[2:]:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected (N, C, H, W)")
+
+    def _check_count(self, count: int, kernel: int, size: int, pad: int) -> int:
+        """The number of windows along an axis, if there is one. Raises LayerError."""
+        if count < 1:
+            raise self.fail(f"kernel {kernel} is larger than the padded bottom ({size} + 2 * {pad})")
+        return count
+
+    def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
+        """x (C, H, W) with its padding, and with room for the windows that hang over."""
+        after = [
+            max((outputs - 1) * s + k - n - p, p)
+            for outputs, s, k, n, p in zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
+        ]
+        return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
+
+    # ------------------------------------------------------------------------------------------ windows side by side
+
+    def _tiling(self, size: int, count: int) -> tuple[int, int]:
+        """The length of each of ``count`` windows that cover an axis, and the padding before the first."""
+        k = -(-size // count)
+        pad = (k * count - size + 1) // 2
+        if pad >= k:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {count} x {count} windows: "
+                            f"{size} in {count} parts of {k} need a padding of {pad}", "pyramid_height")  # fmt: skip
+        return k, pad
+
+
+def _or(value: int | None, default: int) -> int:
+    return default if value is None else value

@@ -1,0 +1,63 @@
+"""Make a layer from its ``layer { ... }``: find the class, check the option blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from netlib.building import python_layer
+from netlib.errors import PrototxtError, option_advice
+from netlib.layer import Layer
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter
+from netlib.proto.options import block_name, class_of, layer_types, option_blocks
+from netlib.proto.schema import Phase
+
+
+def check_options(spec: LayerParameter) -> None:
+    """Read the options blocks of a layer as the types that have them do. Raises PrototxtError at a mistake."""
+    _check_blocks(spec)
+    blocks = option_blocks()
+    for name, tree in spec.blocks.items():
+        if name in blocks:
+            schema.read(tree, blocks[name], name)
+
+
+def create(
+    spec: LayerParameter,
+    phase: Phase,
+    rng: np.random.Generator,
+    dtype: DTypeLike,
+    twin: Callable[[type[Layer]], type[Layer]] = lambda cls: cls,
+) -> Layer:
+    """The layer that ``spec`` describes. Raises PrototxtError or LayerError.
+
+    ``twin`` may choose another class that computes the same (netlib/engine/choice.py).
+    """
+    types = layer_types()
+    where = schema.position_of(spec, "type")
+    if not spec.type:
+        raise PrototxtError(where, f"layer {spec.name!r} has no type")
+    if spec.type == "Python":
+        cls = python_layer.find_class(spec)
+    elif spec.type in types:
+        cls = twin(class_of(spec.type, len(spec.bottom)))
+    else:
+        advice = option_advice(spec.type, types)
+        known = ", ".join(sorted([*types, "Python"]))
+        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; known types: {known}")
+    _check_blocks(spec, own=block_name(cls, spec.type))
+    return cls(spec, phase, rng, dtype)
+
+
+def _check_blocks(spec: LayerParameter, own: str = "") -> None:
+    """An options block must belong to some layer type; Caffe, too, ignores those of other types than its ``own``."""
+    if set(spec.blocks) <= {own}:
+        return
+    known = {block_name(cls, name) for name, cls in layer_types().items()} | set(option_blocks())
+    tree = schema.tree_of(spec)
+    for item in tree.fields if tree else []:
+        if item.name in spec.blocks and item.name not in known:
+            raise schema.unknown_field(item, sorted(known))

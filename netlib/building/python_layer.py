@@ -1,0 +1,202 @@
+"""Layers of type Python: the user's own classes, found as pycaffe finds them. They are code; all else in a net is data.
+
+A module is looked for in the working directory and on PYTHONPATH. Public nets like to call theirs ``layers`` or
+``tools``, which are packages here as well. Such a module is looked for among the user's own files first: it is loaded
+under another name, and a package of that name adds its folder to ours. What the module imports as ``caffe`` is
+netlib.caffe, unless a Caffe is installed.
+
+No module runs that cannot have the class: its text is read first.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import importlib
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from importlib.machinery import ModuleSpec
+from importlib.util import decode_source
+from pathlib import Path
+from types import ModuleType
+
+from netlib.errors import PrototxtError
+from netlib.files.paths import ROOT, load_module
+from netlib.layer import Layer
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter, PythonParameter
+
+OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2's, which old layers use
+# A module that uses one of these may have names that its text does not show.
+DYNAMIC = {"__dict__", "__getattr__", "__import__", "eval", "exec", "globals", "locals", "modules", "setattr", "vars"}
+
+_are_allowed = True  # in this process
+
+
+def _nothing() -> None:
+    """The default of ``before_import``."""
+
+
+before_import: Callable[[], None] = _nothing  # called before a module of the user is imported; netlib sets it
+
+
+@contextlib.contextmanager
+def allowed(are: bool) -> Iterator[None]:
+    """Within it, if not ``are``, no net of this process may have layers of type Python."""
+    global _are_allowed
+    before, _are_allowed = _are_allowed, _are_allowed and are
+    try:
+        yield
+    finally:
+        _are_allowed = before
+
+
+def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
+    """Raise PrototxtError if one of the layers is of type Python, and they are not allowed, here or in the process."""
+    if are and _are_allowed:
+        return
+    for spec in specs:
+        if spec.type == "Python":
+            raise PrototxtError(
+                schema.position_of(spec, "type"),
+                f"layer {spec.name!r} is of type 'Python', which runs code of whoever wrote the net, and that is not "
+                "allowed here; if you trust it, leave out --no-python-layers or python_layers=False",
+            )
+
+
+def find_class(spec: LayerParameter) -> type[Layer]:
+    """The class that a layer of type Python names. Raises PrototxtError."""
+    block = spec.blocks.get("python_param")
+    if block is None:
+        raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} of type 'Python' needs a python_param")
+    param = schema.read(block, PythonParameter, "python_param")
+    if "" not in sys.path:
+        sys.path.append("")  # the working directory, as in pycaffe
+    try:
+        module, where = _import(param.module, param.layer)
+    except (Exception, SystemExit) as error:
+        raise PrototxtError(
+            schema.position_of(param, "module"),
+            f"layer {spec.name!r}: cannot import {param.module!r} ({type(error).__name__}: {error}); "
+            "it must lie in the working directory or on PYTHONPATH",
+        ) from error
+    cls = None
+    if module is not None:
+        for name, value in OLD_NAMES.items():
+            vars(module).setdefault(name, value)
+        cls = getattr(module, param.layer, None)
+    if not (isinstance(cls, type) and issubclass(cls, Layer)):
+        found = f"has no such class ({where})" if cls is None else "is not a subclass of netlib.Layer"
+        raise PrototxtError(
+            schema.position_of(param, "layer"), f"layer {spec.name!r}: {param.module}.{param.layer} {found}"
+        )
+    return cls
+
+
+def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
+    """The module ``name`` and its file; where a package here has this name, too, the user's own if it has ``wanted``.
+
+    There is no module if the file cannot have the class ``wanted``: then nothing of it has run.
+    """
+    before_import()
+    top, _, inner = name.partition(".")
+    if _is_ours(top):
+        if inner:
+            _add_folders(importlib.import_module(top))
+        own = _own_file(name)
+        if own is not None and _may_have(own, wanted):
+            module = load_module(f"{name} of {own}", own)
+            if hasattr(module, wanted):
+                return module, str(own)
+    file = _file_of(name)
+    if file is not None and not _may_have(file, wanted):
+        return None, str(file)
+    module = importlib.import_module(name)
+    return module, getattr(module, "__file__", None) or name
+
+
+def _is_ours(top: str) -> bool:
+    return (ROOT / top / "__init__.py").is_file()
+
+
+def _folders() -> list[Path]:
+    """Where the user's modules may lie: sys.path without our own root."""
+    return [folder for folder in map(Path, dict.fromkeys(sys.path)) if folder.resolve() != ROOT]
+
+
+def _add_folders(package: ModuleType) -> None:
+    """Let one of our packages also find the modules of the user's package of the same name."""
+    for folder in _folders():
+        inner = str((folder / package.__name__).resolve())
+        if Path(inner).is_dir() and inner not in package.__path__:
+            package.__path__.append(inner)
+
+
+def _own_file(name: str) -> Path | None:
+    """The user's own ``name.py`` or ``name/__init__.py`` beside our package of that name."""
+    inner = Path(*name.split("."))
+    for folder in _folders():
+        for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):
+            if path.is_file():
+                return path.resolve()
+    return None
+
+
+# ---------------------------------------------------------------------------------------------- before anything runs
+
+
+def _file_of(name: str) -> Path | None:
+    """The text that importing a module would run; None if that cannot be told. Raises ModuleNotFoundError."""
+    file: Path | None = None
+    places: list[str] | None = None  # the folders of the package; at first those of sys.path
+    parts = name.split(".")
+    for known in (".".join(parts[: i + 1]) for i in range(len(parts) if all(parts) else 0)):
+        if known in sys.modules:
+            file, places = None, list(getattr(sys.modules[known], "__path__", []))
+            continue
+        try:
+            spec = _spec_of(known, places)
+        except KeyError:  # Python's own: a folder without __init__.py, in a package that is not imported
+            return None
+        if spec is None:
+            if file is not None and {"path", "__path__", *DYNAMIC} & _names(file)[1]:
+                return None  # the package may say where its modules are, once it runs
+            raise ModuleNotFoundError(f"No module named {known!r}", name=known)
+        file = Path(spec.origin) if spec.origin is not None and spec.origin.endswith(".py") else None
+        places = list(spec.submodule_search_locations or [])
+    return file
+
+
+def _spec_of(name: str, places: list[str] | None) -> ModuleSpec | None:
+    """How Python would load a module; nothing is imported."""
+    for finder in sys.meta_path:
+        spec: ModuleSpec | None = finder.find_spec(name, places) if hasattr(finder, "find_spec") else None
+        if spec is not None:
+            return spec
+    return None
+
+
+def _may_have(file: Path, name: str) -> bool:
+    """Can the module in a file have this name? Not if no statement binds it, and none could hide that it does."""
+    bound, used = _names(file)
+    return bool({name, "*"} & bound or DYNAMIC & used)
+
+
+def _names(file: Path) -> tuple[set[str], set[str]]:
+    """The names that statements of a module bind, and all that they use. ``import *`` binds "*"."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Python says them when the module runs
+        tree = ast.parse(decode_source(file.read_bytes()), str(file))
+    bound, used = set(), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.alias):
+            bound.add(node.asname or node.name.partition(".")[0])
+            used.add(node.name)
+        elif isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            bound.add(node.name)
+        elif isinstance(node, ast.Name):
+            (bound if isinstance(node.ctx, ast.Store) else used).add(node.id)
+        elif isinstance(node, ast.Attribute):
+            used.add(node.attr)
+    return bound, used | bound

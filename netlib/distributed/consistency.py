@@ -1,0 +1,76 @@
+"""What ranks that train together compare: what must be the same for their means to mean anything."""
+
+from __future__ import annotations
+
+import functools
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from netlib.blob import Array
+from netlib.distributed.ranks import Ranks
+from netlib.engine.plain import Engine
+from netlib.layer import Layer
+from netlib.net import Net
+from netlib.params import Param
+from netlib.proto import schema
+from netlib.proto.messages import SolverParameter
+
+COMPARED_EVERY = 100  # iterations: parameters
+
+
+class Solver(Protocol):
+    """What is asked of a solver here."""
+
+    param: SolverParameter
+    net: Net
+    iter: int
+    engine: Engine
+    ranks: Ranks
+
+
+def facts_of(solver: Solver) -> dict[str, Any]:
+    """Name -> what must be the same on all ranks before their first step."""
+    return {
+        "solver prototxt": _crc(repr(solver.param)),
+        "net prototxt": _crc(str(schema.to_tree(solver.net.param))),
+        **{f"data in layer {layer.name!r}": reads for layer in solver.net.layers if (reads := _reads(layer))},
+        "engine": solver.engine.name,
+        "iteration": solver.iter,
+        "parameters": f"{_crc_of(solver.net.learnable):08x}",
+    }
+
+
+def checksum(solver: Solver) -> int | None:
+    """Of all parameters, in the iterations in which they are compared."""
+    if solver.ranks.count == 1 or solver.iter % COMPARED_EVERY:
+        return None
+    return _crc_of(solver.net.learnable)
+
+
+def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
+    """The outputs of the net, at rank 0 their means over the ranks."""
+    own = {name: net.blobs[name].data for name in net.outputs}
+    others = ranks.gather({name: y.tolist() for name, y in own.items()} if ranks.count > 1 else {})
+    means = {}
+    for name, y in own.items():
+        all_ranks = [y, *(np.asarray(other[name]) for other in others)]
+        alike = all(other.shape == y.shape for other in all_ranks)  # of layers that leave rows out, they are not
+        means[name] = np.mean(all_ranks, axis=0) if others and alike else y
+    return means
+
+
+def _reads(layer: Layer) -> Any:
+    """Of a layer that reads files: what tells its data from others."""
+    return layer.reads() if hasattr(layer, "reads") else None
+
+
+def _crc_of(params: Sequence[Param]) -> int:
+    """All bits of parameters."""
+    return functools.reduce(lambda crc, param: zlib.crc32(param.blob.data.data, crc), params, 0)
+
+
+def _crc(text: str) -> str:
+    return f"{zlib.crc32(text.encode()):08x}"

@@ -1,0 +1,5 @@
+"""The engines that run a net, and the choice between them."""
+
+from netlib.engine.choice import NAMES, available_cpus, get, has_fast, prepare
+
+__all__ = ["NAMES", "available_cpus", "get", "has_fast", "prepare"]

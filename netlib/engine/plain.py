@@ -1,0 +1,220 @@
+"""The plain engine: each layer once, on the whole batch, forwards in file order and backwards in reverse.
+
+An engine decides which class computes a layer type, what kind of blobs a net has, in which order layers run, and how
+independent jobs are done. This is all of it; the fast engine (fast/engine.py) replaces these methods one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from netlib.blob import Array, Blob, Blobs
+from netlib.engine import memory_advice
+from netlib.errors import NetlibError
+from netlib.layer import Layer
+from netlib.system import memory
+from netlib.system.memory import OutOfMemoryError
+from netlib.system.one_thread import OneThread
+
+T = TypeVar("T")
+Passed = Callable[["Layer | None"], None]
+"""What is called often during a backward pass: with a layer when that one and all after it are done, else with None."""
+
+
+@dataclass
+class Connection:
+    """A layer of a net with the blobs that it reads and writes."""
+
+    layer: Layer
+    bottom: Blobs
+    top: Blobs
+    propagate_down: list[bool]
+    needs_backward: bool = False
+
+
+class Step:
+    """One layer, run on the whole batch."""
+
+    def __init__(self, at: Connection) -> None:
+        self.at = at
+
+    def forward(self) -> None:
+        """Shape the tops and compute them."""
+        guarded(self.at.layer, "reshape", self.at.bottom, self.at.top)
+        guarded(self.at.layer, "forward", self.at.bottom, self.at.top)
+
+    def backward(self, passed: Passed | None = None) -> None:
+        """Compute the diffs, if somebody needs them. ``passed`` may be called with None, by this thread."""
+        if self.at.needs_backward:
+            guarded(self.at.layer, "backward", self.at.top, self.at.propagate_down, self.at.bottom)
+
+    def pieces(self) -> list[list[Connection]]:
+        """The layers as they run, for a timer: one list for each slice of the batch, and here there is one slice."""
+        return [[self.at]]
+
+
+class Executor:
+    """Runs the layers of a net.
+
+    ``connections`` are its layers in file order. ``outside`` are the blobs that a caller reads or writes: inputs,
+    outputs, losses; the fast engine stores them and hides others. ``name`` is the net's. Two threads cannot use it at
+    once: the second gets a NetlibError from ``one_thread``.
+    """
+
+    def __init__(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> None:
+        self.connections = list(connections)
+        self.one_thread = OneThread(name)
+        self._fits = False  # is there memory for all blobs, as far as can be known
+        self._outside = list(outside)
+        self._shapes: list[tuple[int, ...]] = []  # of the blobs outside, in the last forward
+        self._has_run = [False] * len(self.connections)
+        self.steps: Sequence[Step] = [Step(at) for at in connections]
+
+    def forward(self, first: int = 0, last: int | None = None) -> None:
+        """Run layers ``first`` to before ``last`` forwards."""
+        with self.one_thread, np.errstate(all="ignore"):  # what is not finite is the solver's to find, and to say where
+            if not self._fits and (first, last) == (0, None):
+                self._ask_for_memory()
+            for step in self.in_order(first, last):
+                step.forward()
+            self._note_forward(first, last)
+
+    def _note_forward(self, first: int, last: int | None) -> None:
+        """Remember which layers have run, for the shapes that the blobs have now."""
+        shapes = [blob.shape for blob in self._outside]
+        if shapes != self._shapes:
+            self._has_run = [False] * len(self.connections)
+            self._shapes = shapes
+        self._has_run[first:last] = [True] * len(self._has_run[first:last])
+
+    def _require_forward(self, first: int, last: int | None) -> None:
+        """Raise LayerError if a layer that is to run backwards has not run forwards since its blobs were shaped."""
+        reshaped = self._shapes != [blob.shape for blob in self._outside]
+        for at, has_run in zip(self.connections[first:last], self._has_run[first:last]):
+            if at.needs_backward and (reshaped or not has_run):
+                raise at.layer.fail("backward needs a forward pass first; none has run with the present shapes")
+
+    def forget_last_pass(self) -> None:
+        """Called before the inputs of a whole pass are written. Nothing is kept here."""
+
+    def in_order(self, first: int, last: int | None) -> Iterator[Step]:
+        """What runs the layers ``first`` to before ``last`` forwards."""
+        return iter(self.steps[first:last])
+
+    def backward(self, first: int = 0, last: int | None = None, passed: Passed | None = None) -> None:
+        """Run layers ``first`` to before ``last`` backwards; the diffs of the parameters are added to."""
+        with self.one_thread, np.errstate(all="ignore"):
+            self._require_forward(first, last)
+            for step in reversed(self.steps[first:last]):
+                step.backward(passed)
+                if passed is not None:
+                    passed(step.at.layer)
+
+    def _ask_for_memory(self) -> None:
+        """Raise OutOfMemoryError if the parameters, and the tops that all layers write, cannot fit together."""
+        hidden = {id(blob) for blob in self.hidden()}
+        tops = {id(top): (top.bytes, at, top) for at in self.connections for top in at.top if id(top) not in hidden}
+        params = {id(blob): blob.bytes for at in self.connections for blob in at.layer.blobs if blob.owns_memory}
+        total = sum(params.values()) + sum(size for size, _, top in tops.values() if top.owns_memory)
+        try:
+            memory.check(total, "for parameters and blobs of the net in all")
+        except OutOfMemoryError as error:
+            if not tops:
+                raise
+            _, at, top = max(
+                tops.values(), key=lambda one: (memory_advice.largest_option(one[1].layer) is not None, one[0])
+            )
+            raise memory_advice.error_of(at.layer, "forward", at.bottom, at.top, OutOfMemoryError(
+                f"{memory.written(top.bytes)}, of {error}", top)) from error  # fmt: skip
+        self._fits = True
+
+    def reshape(self) -> bool:
+        """Shape all blobs anew, after an input was reshaped. Has any shape changed?"""
+        self._fits = False
+        with self.one_thread:
+            before = self._all_shapes()
+            for at in self.connections:
+                guarded(at.layer, "reshape", at.bottom, at.top)
+            changed = before != self._all_shapes()
+        if changed:
+            self._has_run = [False] * len(self.connections)
+        return changed
+
+    def _all_shapes(self) -> list[tuple[int, ...]]:
+        return [blob.shape for at in self.connections for blob in [*at.bottom, *at.top]]
+
+    def hidden(self) -> list[Blob]:
+        """Blobs that do not exist for the whole batch; here none."""
+        return []
+
+    def clear_diffs(self, params: Iterable[Blob]) -> None:
+        """Set gradients of parameters to zero."""
+        for param in params:
+            param.diff[...] = 0
+
+
+class Engine:
+    """How nets are computed."""
+
+    name = "plain"
+    rules: Mapping[str, Any] = {}  # update rules of this engine's own, in place of those in netlib/updates.py
+
+    def twin(self, cls: type[T]) -> type[T]:
+        """The class that takes the place of ``cls``: computes the same, in this engine's way."""
+        return cls
+
+    def blob(self, dtype: DTypeLike) -> Blob:
+        """A blob of a net."""
+        return Blob((), dtype)
+
+    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
+        """What runs a net."""
+        return Executor(connections, outside, name)
+
+    def run(self, jobs: Sequence[Callable[[], None]]) -> None:
+        """Do independent jobs, and return when the last is done."""
+        for job in jobs:
+            job()
+
+    def copy(self, source: Array, target: Array) -> None:
+        """Write the values of one array into another."""
+        target[...] = source
+
+    def threads(self) -> int:
+        """Number of threads in use."""
+        return 1
+
+    def set_threads(self, count: int) -> None:
+        """Use ``count`` threads, where there is more than one."""
+        if count < 1:
+            raise ValueError(f"the number of threads must be at least 1, not {count}")
+
+
+def guarded(layer: Layer, method: str, *args: Any) -> None:
+    """Call one of a layer's four methods; a Python error in it becomes a LayerError that names the layer."""
+    try:
+        getattr(layer, method)(*args)
+    except Exception as error:
+        bottom, top = reversed(args[::2]) if method == "backward" else args
+        if memory.is_lacking(error) and not (isinstance(error, OutOfMemoryError) and error.in_layer):
+            raise memory_advice.error_of(layer, method, bottom, top, error) from error
+        if isinstance(error, NetlibError):
+            raise
+        for name, blob in zip(layer.spec.bottom, bottom):
+            if not blob.count and layer.type != "Python":  # whose own error says more to who wrote it
+                raise layer.fail(f"bottom {name!r} {blob.shape} is empty; {layer.type} expects values") from error
+        raise layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(error)}") from error
+
+
+def _place(error: BaseException) -> str:
+    """`` (file:line)`` of the innermost call that failed."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return f" ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})" if trace else ""

@@ -1,0 +1,155 @@
+"""Is it safe to open this HDF5 file? A program of its own, because the HDF5 library may crash or never return.
+
+    {"ready": true}                  on standard output, when it can be asked
+    {"path": ..., "seconds": ...}    on standard input, a line for each file, and how long a look at it may take
+    {"fault": "..."}                 on standard output, the answer: what is wrong, empty if nothing
+
+The arguments are the folders in which the packages lie that it needs, h5py and NumPy.
+
+It looks at all that a reader might: every link, every attribute, where and how the values of every data set are
+stored. Values are read where they are not simply numbers in one piece, if they are not too many. Whoever asks
+(netlib/files/hdf5.py) ends this process when an answer takes too long.
+
+Refused is what leads out of the file (external links, external storage, virtual data sets), what needs a plug-in, and
+data sets that claim values which the file does not hold. Imports nothing of this project, and starts fast.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import sys
+
+sys.path += sys.argv[1:]
+
+import h5py
+
+MEMORY = 4 << 30  # bytes that the process may ask for
+READ = 1 << 28  # bytes of compressed or variable values that are tried
+LARGE = 1 << 26  # bytes from which on a data set must have been written
+FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # that are part of h5py and known to fail cleanly
+
+
+class FaultError(Exception):
+    """What is wrong with a file, in words that follow its name."""
+
+
+def fault_of(path: str) -> str:
+    """What is wrong with a file; empty if nothing."""
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            _Walk().group(file)
+    except FaultError as error:
+        return str(error)
+    except Exception as error:  # of a damaged file the library may raise anything
+        return f"damaged or truncated: {' '.join(str(error).split()) or type(error).__name__}"
+    return ""
+
+
+class _Walk:
+    """Looks at every object of a file once."""
+
+    def __init__(self) -> None:
+        self.seen: set[object] = set()
+        self.left = READ
+
+    def group(self, top: h5py.Group) -> None:
+        """Look at a group and all below it."""
+        waiting = [top]
+        while waiting:
+            group = waiting.pop()
+            self.attributes(group)
+            for name in _names(group):
+                link = group.get(name, getlink=True)
+                where = f"{group.name.rstrip('/')}/{name}"
+                if isinstance(link, h5py.ExternalLink):
+                    raise FaultError(f"{where!r} is a link into another file, {link.filename!r}, which is not "
+                                     "followed; expected all in one file")  # fmt: skip
+                if isinstance(link, h5py.SoftLink):  # to what is looked at where it stands, or to nothing
+                    continue
+                if not isinstance(link, h5py.HardLink):
+                    raise FaultError(f"{where!r} is a link of an unknown kind")
+                item = group[name]
+                key = h5py.h5o.get_info(item.id).addr
+                if key in self.seen:
+                    continue
+                self.seen.add(key)
+                if isinstance(item, h5py.Group):
+                    waiting.append(item)
+                elif isinstance(item, h5py.Dataset):
+                    self.attributes(item)
+                    self.dataset(item)
+
+    def attributes(self, item: h5py.Group | h5py.Dataset) -> None:
+        """Read all attributes."""
+        for name in _names(item.attrs):
+            value = item.attrs[name]
+            self.spend(getattr(value, "nbytes", 0), f"attribute {name!r}")
+
+    def dataset(self, dataset: h5py.Dataset) -> None:
+        """Where are the values, are they there, and can they be read?"""
+        where = f"data set {dataset.name!r}"
+        if dataset.is_virtual:
+            raise FaultError(f"{where} is virtual, made of others, which is not followed; expected values")
+        if dataset.external:
+            raise FaultError(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
+                             "expected all in one file")  # fmt: skip
+        plist = dataset.id.get_create_plist()
+        for i in range(plist.get_nfilters()):
+            number, _, _, name = plist.get_filter(i)
+            if number not in FILTERS:
+                raise FaultError(f"{where} is compressed by filter {number} ({name.decode(errors='replace')}), which "
+                                 "is not supported; expected gzip, or none")  # fmt: skip
+        stored = dataset.id.get_storage_size()
+        claimed = math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
+        if claimed >= LARGE and claimed > 2000 * stored:  # gzip makes nothing a thousand times smaller
+            raise FaultError(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
+        in_one_piece = dataset.id.get_offset() is not None
+        if in_one_piece and dataset.dtype.kind in "fiuSb":
+            if claimed > stored:
+                raise FaultError(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
+        elif self.left >= claimed:
+            self.spend(claimed, where)
+            dataset[()]
+
+    def spend(self, count: int, what: str) -> None:
+        """Count what is read."""
+        self.left -= count
+        if self.left < 0:
+            raise FaultError(f"{what} is too large")
+
+
+def _names(group: h5py.Group) -> list[str]:
+    try:
+        return list(group)
+    except UnicodeDecodeError:
+        raise FaultError(f"a name in {getattr(group, 'name', 'it')!r} is not UTF-8; expected names in UTF-8") from None
+
+
+def main() -> None:
+    """Answer until there are no more questions."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    except (ImportError, OSError, ValueError):  # not every system has limits
+        pass
+    print(json.dumps({"ready": True}), flush=True)
+    for line in sys.stdin:
+        question = json.loads(line)
+        _end_after(2 * question["seconds"])
+        fault = fault_of(question["path"])
+        _end_after(0)
+        print(json.dumps({"fault": fault}), flush=True)
+
+
+def _end_after(seconds: float) -> None:
+    """End this process then, if whoever asked has been killed and cannot do it; 0 is never."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
+if __name__ == "__main__":
+    main()

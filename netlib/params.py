@@ -1,0 +1,83 @@
+"""The learnable parameters of a net: those of one name are one parameter.
+
+The first layer that names a parameter owns it; the others use its memory. ``lr_mult`` and ``decay_mult`` may stand in
+any of them, but must not contradict each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from netlib.blob import Blob
+from netlib.layer import Layer
+from netlib.proto import schema
+from netlib.proto.messages import ParamSpec
+
+
+@dataclass
+class Param:
+    """One learnable parameter of a net."""
+
+    blob: Blob
+    layer: str  # the layer that owns it
+    index: int  # among that layer's parameters
+    spec: ParamSpec
+    given: dict[str, str] = field(default_factory=dict)  # multiplier -> the layer that says it
+
+    @property
+    def label(self) -> str:
+        """``layer/index``."""
+        return f"{self.layer}/{self.index}"
+
+
+class Parameters:
+    """``learnable`` parameters, in the order of their layers, and the ``bytes`` of all their values."""
+
+    def __init__(self) -> None:
+        self.learnable: list[Param] = []
+        self.bytes = 0
+        self._named: dict[str, Param] = {}
+
+    def enter(self, layer: Layer) -> list[Param]:
+        """Enter a layer's parameters; returns them, or their owners. Raises LayerError."""
+        if len(layer.spec.param) > len(layer.blobs):
+            raise layer.fail(f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks")
+        entered = []
+        for i, blob in enumerate(layer.blobs):
+            spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
+            owner = self._named.get(spec.name or "")
+            if owner is None:
+                owner = Param(blob, layer.name, i, spec)
+                self.learnable.append(owner)
+                self.bytes += blob.bytes
+                if spec.name:
+                    self._named[spec.name] = owner
+            else:
+                _check_shape(layer, i, blob, spec, owner)
+                blob.share(owner.blob)
+            _merge_multipliers(layer, spec, owner)
+            entered.append(owner)
+        return entered
+
+
+def _check_shape(layer: Layer, i: int, blob: Blob, spec: ParamSpec, owner: Param) -> None:
+    same = blob.count == owner.blob.count if spec.share_mode == "PERMISSIVE" else blob.shape == owner.blob.shape
+    if not same:
+        raise layer.fail(
+            f"parameter {i} {blob.shape} cannot share {spec.name!r} with layer {owner.layer!r} "
+            f"parameter {owner.index} {owner.blob.shape}"
+        )
+
+
+def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:
+    """Take the multipliers that this layer says; they must be those that another layer has said."""
+    for name in ("lr_mult", "decay_mult"):
+        if not schema.gives(spec, name):
+            continue
+        mine, theirs = getattr(spec, name), getattr(owner.spec, name)
+        if name in owner.given and mine != theirs:
+            raise layer.fail(
+                f"shared parameter {spec.name!r} has {name} {mine:g}, but {theirs:g} in layer {owner.given[name]!r}"
+            )
+        owner.spec = schema.changed(owner.spec, **{name: mine})
+        owner.given.setdefault(name, layer.name)

@@ -1,0 +1,63 @@
+"""Blobs in Caffe's binary files: arrays ⇄ BlobProto, and .binaryproto, the format of mean images."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from netlib import files
+from netlib.blob import Array
+from netlib.errors import DataError, WireError, reason_of
+from netlib.files.atomic import replace_bytes
+from netlib.proto import schema, wire
+from netlib.proto.messages import BlobProto, BlobShape
+from netlib.proto.prototxt import Message
+
+
+def array_of(proto: BlobProto) -> Array:
+    """The values of a BlobProto, in its precision; a view of the file's bytes. Raises WireError.
+
+    A blob older than ``shape`` has four axes; in one that has both they count, as in Caffe.
+    """
+    shape: tuple[int, ...] = (proto.num, proto.channels, proto.height, proto.width)
+    if proto.shape is not None and not any(schema.gives(proto, n) for n in ("num", "channels", "height", "width")):
+        shape = proto.shape.dim
+    given = [values for values in (proto.data, proto.double_data) if values is not None and values.size]
+    values: Array = given[-1] if given else np.zeros(0, np.float32)
+    if min(shape, default=0) < 0 or math.prod(shape) != values.size:
+        raise WireError(f"{schema.position_of(proto)}: a blob of shape {shape} with {values.size} values")
+    return values.reshape(shape)
+
+
+def tree_of(array: Array, diff: Array | None = None) -> Message:
+    """An array, with its gradient if given, as the tree of a BlobProto: float64 in double precision, else in single."""
+    shape, flat, slope = BlobShape(array.shape), np.ravel(array), None if diff is None else np.ravel(diff)
+    if array.dtype == np.float64:
+        proto = BlobProto(shape, double_data=flat, double_diff=slope)
+    else:
+        slope = None if slope is None else slope.astype(np.float32, copy=False)
+        proto = BlobProto(shape, flat.astype(np.float32, copy=False), slope)
+    return schema.to_tree(proto)
+
+
+def read_blob(path: str | Path) -> Array:
+    """The array in a .binaryproto file. Raises DataError."""
+    data = files.read_bytes(path, "the blob")
+    try:
+        proto = schema.read(wire.decode(data, BlobProto, str(path)), BlobProto)
+        array = array_of(proto)
+    except WireError as error:
+        raise DataError(f"{error}; expected a blob (.binaryproto)") from error
+    if not array.size:
+        raise DataError(f"{path}: no values in it; expected a blob (.binaryproto)")
+    return array
+
+
+def write_blob(array: Array, path: str | Path) -> None:
+    """Write a .binaryproto file, whole or not at all. Raises DataError."""
+    try:
+        replace_bytes(Path(path), wire.encode(tree_of(np.asarray(array)), BlobProto))
+    except OSError as error:
+        raise DataError(f"{path}: cannot write the blob: {reason_of(error)}") from error

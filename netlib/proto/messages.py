@@ -1,0 +1,230 @@
+"""Caffe's messages: what a net, a layer and a solver can say, in a prototxt or in a binary file.
+
+A field is one line: its name, its type, its number in the binary format and its default, its meaning. The options of
+layer types stand with the layers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from netlib.proto.prototxt import Message
+from netlib.proto.schema import Doubles, Floats, Int64, Natural, Phase, numbered
+
+
+@dataclass(frozen=True)
+class BlobShape:
+    """The shape of a blob, one ``dim`` per axis."""
+
+    dim: tuple[Int64, ...] = numbered(1, (), packed=True)
+
+
+@dataclass(frozen=True, eq=False)
+class BlobProto:
+    """A blob in a file: its shape, and its values in single or double precision."""
+
+    shape: BlobShape | None = numbered(7, None)
+    data: Floats | None = numbered(5, None, packed=True)
+    diff: Floats | None = numbered(6, None, packed=True)
+    double_data: Doubles | None = numbered(8, None, packed=True)
+    double_diff: Doubles | None = numbered(9, None, packed=True)
+    num: int = numbered(1, 0)  # older than shape: always four axes
+    channels: int = numbered(2, 0)
+    height: int = numbered(3, 0)
+    width: int = numbered(4, 0)
+
+
+@dataclass(frozen=True)
+class BlobProtoVector:
+    """Several blobs."""
+
+    blobs: tuple[BlobProto, ...] = numbered(1, ())
+
+
+@dataclass(frozen=True, eq=False)
+class Datum:
+    """An image and its label, as Caffe's databases hold them."""
+
+    channels: int = numbered(1, 0)
+    height: int = numbered(2, 0)
+    width: int = numbered(3, 0)
+    data: bytes = numbered(4, b"")  # one byte for each value, channel by channel; or an encoded picture
+    label: int = numbered(5, 0)
+    float_data: Floats | None = numbered(6, None)  # instead of data
+    encoded: bool = numbered(7, False)  # data is a picture file: PNG, JPEG ...
+
+
+@dataclass(frozen=True)
+class NetState:
+    """What a net is built for; layers are included or excluded by it."""
+
+    phase: Phase = numbered(1, "TEST")
+    level: int = numbered(2, 0)
+    stage: tuple[str, ...] = numbered(3, ())
+
+
+@dataclass(frozen=True)
+class NetStateRule:
+    """Matches a NetState when every condition given here holds."""
+
+    phase: Phase | None = numbered(1, None)
+    min_level: int | None = numbered(2, None)
+    max_level: int | None = numbered(3, None)
+    stage: tuple[str, ...] = numbered(4, ())  # all of them must be set
+    not_stage: tuple[str, ...] = numbered(5, ())  # none of them may be set
+
+
+@dataclass(frozen=True)
+class ParamSpec:
+    """How one parameter of a layer is trained and shared."""
+
+    name: str | None = numbered(1, None)  # parameters of the same name are one parameter
+    share_mode: Literal["STRICT", "PERMISSIVE"] = numbered(2, "STRICT")  # must the shapes, or only the counts, be equal
+    lr_mult: float = numbered(3, 1.0)  # times the solver's learning rate; 0 freezes
+    decay_mult: float = numbered(4, 1.0)  # times the solver's weight decay
+
+
+@dataclass(frozen=True)
+class Filler:
+    """A ``weight_filler { ... }``, ``bias_filler { ... }`` or ``filler { ... }``."""
+
+    type: str = numbered(1, "constant")
+    value: float = numbered(2, 0.0)  # constant
+    min: float = numbered(3, 0.0)  # uniform
+    max: float = numbered(4, 1.0)  # uniform
+    mean: float = numbered(5, 0.0)  # gaussian
+    std: float = numbered(6, 1.0)  # gaussian
+    sparse: int = numbered(7, -1)  # gaussian: expected number of non-zero weights of an output; negative: all
+    variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = numbered(8, "FAN_IN")  # xavier, msra
+
+
+@dataclass(frozen=True)
+class PythonParameter:
+    """The ``python_param { ... }`` block of a layer of type Python."""
+
+    module: str = numbered(1)  # imported from the working directory or PYTHONPATH
+    layer: str = numbered(2)  # the class
+    param_str: str = numbered(3, "")
+    share_in_parallel: bool = numbered(4, False)
+
+
+@dataclass(frozen=True)
+class LossParameter:
+    """The ``loss_param { ... }`` of loss layers that normalise over labels."""
+
+    ignore_label: int | None = numbered(1, None)  # items with this label do not count
+    normalization: Literal["FULL", "VALID", "BATCH_SIZE", "NONE"] = numbered(3, "VALID")
+    normalize: bool | None = numbered(2, None)  # older: true is VALID, false is BATCH_SIZE
+
+
+# The options of layer types, by the field that holds them. Each is declared in the file of its layer.
+BLOCKS = {
+    "transform_param": 100, "loss_param": 101, "accuracy_param": 102, "argmax_param": 103, "batch_norm_param": 139,
+    "bias_param": 141, "clip_param": 148, "concat_param": 104, "contrastive_loss_param": 105, "convolution_param": 106,
+    "crop_param": 144, "data_param": 107, "dropout_param": 108, "dummy_data_param": 109, "eltwise_param": 110,
+    "elu_param": 140, "embed_param": 137, "exp_param": 111, "flatten_param": 135, "hdf5_data_param": 112,
+    "hdf5_output_param": 113, "hinge_loss_param": 114, "image_data_param": 115, "infogain_loss_param": 116,
+    "inner_product_param": 117, "input_param": 143, "log_param": 134, "lrn_param": 118, "memory_data_param": 119,
+    "mvn_param": 120, "parameter_param": 145, "pooling_param": 121, "power_param": 122, "prelu_param": 131,
+    "python_param": 130, "recurrent_param": 146, "reduction_param": 136, "relu_param": 123, "reshape_param": 133,
+    "scale_param": 142, "sigmoid_param": 124, "slice_param": 126, "softmax_param": 125, "spp_param": 132,
+    "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138, "window_data_param": 129,
+    "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # of Fast R-CNN's Caffe
+    "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LayerParameter:
+    """One ``layer { ... }``. Its own options (``convolution_param`` ...) stay trees in ``blocks``."""
+
+    name: str = numbered(1, "")
+    type: str = numbered(2, "")
+    bottom: tuple[str, ...] = numbered(3, ())
+    top: tuple[str, ...] = numbered(4, ())
+    phase: Phase | None = numbered(10, None)  # the net's, unless said here
+    loss_weight: tuple[float, ...] = numbered(5, ())  # one per top
+    param: tuple[ParamSpec, ...] = numbered(6, ())  # one per parameter
+    blobs: tuple[BlobProto, ...] = numbered(7, ())  # the values of the parameters, in a file of weights
+    propagate_down: tuple[bool, ...] = numbered(11, ())  # one per bottom: may gradients flow there
+    include: tuple[NetStateRule, ...] = numbered(8, ())
+    exclude: tuple[NetStateRule, ...] = numbered(9, ())
+    blocks: dict[str, Message] = field(default_factory=dict, metadata={"numbers": BLOCKS})  # every ``*_param { ... }``
+
+
+@dataclass(frozen=True)
+class NetParameter:
+    """A whole net."""
+
+    name: str = numbered(1, "")
+    layer: tuple[LayerParameter, ...] = numbered(100, ())
+    input: tuple[str, ...] = numbered(3, ())  # old style: names of the input blobs
+    input_shape: tuple[BlobShape, ...] = numbered(8, ())  # old style: one per input
+    input_dim: tuple[int, ...] = numbered(4, ())  # older still: four numbers per input
+    force_backward: bool = numbered(5, False)  # compute every gradient, needed or not
+    state: NetState = numbered(6, NetState())
+    debug_info: bool = numbered(7, False)
+
+
+@dataclass(frozen=True)
+class SolverParameter:
+    """How a net is trained."""
+
+    net: str | None = numbered(24, None)  # the net for training and testing
+    net_param: Message | None = numbered(25, None)  # the same, written in place
+    train_net: str | None = numbered(1, None)
+    train_net_param: Message | None = numbered(21, None)
+    test_net: tuple[str, ...] = numbered(2, ())
+    test_net_param: tuple[Message, ...] = numbered(22, ())
+    train_state: NetState = numbered(26, NetState())
+    test_state: tuple[NetState, ...] = numbered(27, ())
+    test_iter: tuple[Natural, ...] = numbered(3, ())  # batches of one test, one per test net
+    test_interval: Natural = numbered(4, 0)  # iterations between tests
+    test_compute_loss: bool = numbered(19, False)  # also report the whole loss of the test net
+    test_initialization: bool = numbered(32, True)  # test before the first iteration
+    base_lr: float = numbered(5, 0.0)
+    lr_policy: str = numbered(8, "")  # fixed, step, exp, inv, multistep, poly, sigmoid
+    gamma: float = numbered(9, 0.0)
+    power: float = numbered(10, 0.0)
+    stepsize: Natural = numbered(13, 0)
+    stepvalue: tuple[Natural, ...] = numbered(34, ())
+    rampup_interval: Natural = numbered(10001, 0)  # iterations of a first, straight rise (NVIDIA's Caffe)
+    rampup_lr: float = numbered(10002, 0.0)  # from here to base_lr
+    max_iter: Natural = numbered(7, 0)
+    iter_size: Natural = numbered(36, 1)  # batches summed in one iteration
+    display: Natural = numbered(6, 0)  # iterations between log lines; 0: none
+    average_loss: Natural = numbered(33, 1)  # iterations averaged in the displayed loss
+    type: str = numbered(40, "SGD")  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
+    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = numbered(
+        30, None
+    )  # older files
+    momentum: float = numbered(11, 0.0)  # Adam's beta1, AdaDelta's decay
+    momentum2: float = numbered(39, 0.999)  # Adam's beta2
+    rms_decay: float = numbered(38, 0.99)
+    delta: float = numbered(31, 1e-8)
+    weight_decay: float = numbered(12, 0.0)
+    regularization_type: str = numbered(29, "L2")
+    clip_gradients: float = numbered(35, -1.0)  # bound on the L2 norm of all gradients together; negative: none
+    snapshot: Natural = numbered(14, 0)  # iterations between snapshots; 0: only at the end
+    snapshot_prefix: str = numbered(15, "")
+    snapshot_after_train: bool = numbered(28, True)
+    snapshot_diff: bool = numbered(16, False)  # also the gradients, in the binary format
+    snapshot_format: Literal["HDF5", "BINARYPROTO"] = numbered(37, "BINARYPROTO")
+    weights: tuple[str, ...] = numbered(42, ())  # start from these; commas separate several in one string
+    random_seed: Int64 = numbered(20, -1)  # negative: a new one each run
+    solver_mode: Literal["CPU", "GPU"] = numbered(17, "CPU")
+    device_id: int = numbered(18, 0)
+    debug_info: bool = numbered(23, False)
+    layer_wise_reduce: bool = numbered(41, True)
+
+
+@dataclass(frozen=True)
+class SolverState:
+    """What a training needs to go on, besides the weights."""
+
+    iter: int = numbered(1, 0)
+    learned_net: str = numbered(2, "")  # the file of the weights
+    history: tuple[BlobProto, ...] = numbered(3, ())
+    current_step: int = numbered(4, 0)
+    netlib: str = numbered(10001, "")  # of this project, JSON: what an exact resume needs; Caffe skips it

@@ -1,0 +1,89 @@
+"""Read a net's prototxt, and choose the layers that a phase, level and stages have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from netlib.errors import PrototxtError
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter, NetParameter, NetState, NetStateRule
+from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.upgrade import upgraded
+
+
+def load_parameter(model: str | Path | NetParameter | Message) -> NetParameter:
+    """Read a net. Raises PrototxtError for mistakes, and for a file without layers."""
+    if isinstance(model, NetParameter):
+        return model
+    tree = model if isinstance(model, Message) else prototxt.parse_file(model)
+    tree = upgraded(tree)
+    param = schema.read(tree, NetParameter, "net")
+    if not param.layer and not param.input:
+        raise PrototxtError(tree.position, "no layer in this file; expected a net")
+    return param
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """The names, repeated ones told apart: ``relu``, ``relu (2)``."""
+    seen: dict[str, int] = {}
+    taken, result = set(names), []
+    for name in names:
+        made = name
+        while name in seen and made in taken:  # the file may itself have a layer called ``relu (2)``
+            seen[name] += 1
+            made = f"{name} ({seen[name]})"
+        seen.setdefault(name, 1)
+        taken.add(made)
+        result.append(made)
+    return result
+
+
+def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
+    """The layers that a net in this state has; old-style inputs become an Input layer."""
+    chosen = [input_layer(param)] if param.input else []
+    for spec in param.layer:
+        if spec.include and spec.exclude:
+            raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")
+        if spec.include:
+            wanted = any(meets(state, rule) for rule in spec.include)
+        else:
+            wanted = not any(meets(state, rule) for rule in spec.exclude)
+        if wanted:
+            chosen.append(spec)
+    return chosen
+
+
+def meets(state: NetState, rule: NetStateRule) -> bool:
+    """Does a state meet every condition of a rule?"""
+    return (
+        (rule.phase is None or rule.phase == state.phase)
+        and (rule.min_level is None or state.level >= rule.min_level)
+        and (rule.max_level is None or state.level <= rule.max_level)
+        and all(stage in state.stage for stage in rule.stage)
+        and not any(stage in state.stage for stage in rule.not_stage)
+    )
+
+
+def input_layer(param: NetParameter) -> LayerParameter:
+    """``input: "x" input_dim: 1 ...`` or ``input_shape { ... }`` as the Input layer it stands for."""
+    where = schema.position_of(param, "input")
+    dims: list[Sequence[int]]
+    if param.input_shape:
+        dims = [shape.dim for shape in param.input_shape]
+    else:
+        dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
+    if len(dims) not in (1, len(param.input)) or len(param.input_dim) % 4:
+        raise PrototxtError(where, f"{len(param.input)} inputs need as many input_shape, found {len(dims)}")
+    shapes = [
+        Field(
+            "shape",
+            Message([Field("dim", Scalar("number", str(n), where), where) for n in d], where),
+            where,
+        )
+        for d in dims
+    ]
+    block = Message(shapes, where)
+    own = {"name": ["input"], "type": ["Input"], "top": param.input}
+    fields = [Field(name, Scalar("string", text, where), where) for name, texts in own.items() for text in texts]
+    return schema.read(Message([*fields, Field("input_param", block, where)], where), LayerParameter)

@@ -1,0 +1,300 @@
+"""Protocol-buffer text format ⇄ tree. Knows the grammar, and no field names.
+
+    text   = { field }
+    field  = name [ ":" ] message(s) | name ":" value     then an optional "," or ";"
+    message= "{" text "}" | "<" text ">"
+    value  = scalar | "[" value { "," value } "]"
+    scalar = one or more adjacent strings | number | word (an enum, true, inf ...)
+
+Every node keeps its line and column, so that whoever reads the tree can point at the place.
+Reference: "Text Format Language Specification" of Protocol Buffers.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from numpy.typing import NDArray
+
+from netlib import files
+from netlib.errors import NetlibError, PrototxtError
+
+MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Python's own stack limit
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something stands in a file; ``str(place)`` says it."""
+
+    source: str
+
+
+@dataclass(frozen=True)
+class Position(Place):
+    """A place in a text: line and column, both counted from 1."""
+
+    line: int
+    column: int
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.line}:{self.column}"
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A value without fields. ``text`` is the decoded string, or the literal as written."""
+
+    kind: Literal["string", "number", "word"]
+    text: str
+    position: Place = field(compare=False)
+
+    def __str__(self) -> str:
+        return _quote(self.text) if self.kind == "string" else self.text
+
+
+class Bytes(Scalar):
+    """A string of a binary file that need not be a text, as a picture; decoded only where somebody looks at it."""
+
+    content: bytes
+
+    def __init__(self, content: bytes, position: Place) -> None:
+        vars(self).update(kind="string", content=content, position=position)
+
+    @functools.cached_property
+    def text(self) -> str:
+        """As a text's own bytes are."""
+        return self.content.decode("utf-8", "surrogateescape")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scalar) and (other.kind, other.text) == (self.kind, self.text)
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.text))
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """Many values of one field in an array, as binary files have them (netlib/proto/wire.py); in a text one by one."""
+
+    array: NDArray[Any]
+    position: Place
+
+
+@dataclass(frozen=True)
+class Field:
+    """One ``name: value``. A repeated field is simply several fields of the same name."""
+
+    name: str
+    value: Scalar | Numbers | Message
+    position: Place = field(compare=False)
+
+
+@dataclass
+class Message:
+    """An ordered list of fields, as written between braces or in a whole file."""
+
+    fields: list[Field]
+    position: Place = field(compare=False)
+
+    def __str__(self) -> str:
+        return "".join(_lines(self, ""))
+
+    def values(self, name: str) -> list[Scalar | Numbers | Message]:
+        """The values of every field called ``name``, in file order."""
+        return [f.value for f in self.fields if f.name == name]
+
+
+def _lines(message: Message, indent: str) -> Iterator[str]:
+    for item in message.fields:
+        if isinstance(item.value, Message):
+            yield f"{indent}{item.name} {{\n"
+            yield from _lines(item.value, indent + "  ")
+            yield f"{indent}}}\n"
+        elif isinstance(item.value, Numbers):
+            yield from (f"{indent}{item.name}: {number}\n" for number in item.value.array)
+        else:
+            yield f"{indent}{item.name}: {item.value}\n"
+
+
+def parse_file(path: str | Path) -> Message:
+    """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not prototxt."""
+    text = files.read_text(path, "the prototxt", NetlibError)
+    return parse(text, str(path))
+
+
+def parse(text: str, source: str = "<text>") -> Message:
+    """Parse a text; ``source`` is the name used in positions. Raises PrototxtError."""
+    return _Parser(text.removeprefix("\ufeff"), source).file()
+
+
+# ---------------------------------------------------------------------------------------------- tokens
+
+_TOKEN = re.compile(
+    r"""(?P<skip>[ \t\r\n\f\v]+|\#[^\n]*)
+      | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))
+      | (?P<word>-?[A-Za-z_]\w*)
+      | (?P<string>"(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')
+      | (?P<mark>[{}<>\[\]:,;])""",
+    re.VERBOSE,
+)
+
+_SIMPLE_ESCAPES = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11, "\\": 92, "'": 39, '"': 34, "?": 63}
+_ESCAPE = re.compile(r"\\(?:([0-7]{1,3})|[xX]([0-9a-fA-F]{1,2})|u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|(.))", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class _Token:
+    kind: str
+    text: str
+    position: Position
+
+
+def _tokens(text: str, source: str) -> Iterator[_Token]:
+    offset, line, line_start = 0, 1, 0
+    while offset < len(text):
+        position = Position(source, line, offset - line_start + 1)
+        match = _TOKEN.match(text, offset)
+        if match is None:
+            raise PrototxtError(position, _lexical_fault(text[offset:].split("\n", 1)[0]))
+        kind, found = str(match.lastgroup), match.group()
+        if kind != "skip":
+            yield _Token(kind, found, position)
+        if "\n" in found:
+            line += found.count("\n")
+            line_start = offset + found.rindex("\n") + 1
+        offset = match.end()
+    yield _Token("end", "", Position(source, line, offset - line_start + 1))
+
+
+def _lexical_fault(rest: str) -> str:
+    if rest[0] in "\"'":
+        return "string without a closing quote on this line"
+    if rest[0].isdigit() or rest[0] in "-.":
+        return f"malformed number {rest.split()[0]!r}"
+    return f"unexpected character {rest[0]!r}"
+
+
+def _unquote(token: _Token) -> bytes:
+    def replace(match: re.Match[str]) -> str:
+        octal, hexa, short, long, simple = match.groups()
+        if octal or hexa:
+            return chr(int(octal, 8) & 255 if octal else int(hexa, 16))
+        if short or long:
+            code = int(short or long, 16)
+            if code > 0x10FFFF or 0xD800 <= code <= 0xDFFF:
+                raise PrototxtError(token.position, f"escape {match.group()} is not a character")
+            return chr(code).encode("utf-8").decode("latin-1")
+        if simple not in _SIMPLE_ESCAPES:
+            raise PrototxtError(token.position, f"unknown escape '\\{simple}' in a string")
+        return chr(_SIMPLE_ESCAPES[simple])
+
+    # Escapes denote bytes, other characters denote themselves: work in latin-1, where both are one unit.
+    return _ESCAPE.sub(replace, token.text[1:-1].encode("utf-8").decode("latin-1")).encode("latin-1")
+
+
+def _quote(text: str) -> str:
+    named = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\r": "\\r", "\t": "\\t"}
+    return '"' + "".join(named.get(c, c if c.isprintable() else _escape_bytes(c)) for c in text) + '"'
+
+
+def _escape_bytes(character: str) -> str:
+    return "".join(f"\\{byte:03o}" for byte in character.encode("utf-8", "surrogateescape"))
+
+
+# ---------------------------------------------------------------------------------------------- grammar
+
+
+class _Parser:
+    def __init__(self, text: str, source: str) -> None:
+        self.start = Position(source, 1, 1)
+        self.tokens = _tokens(text, source)
+        self.token = next(self.tokens)
+        self.depth = 0
+
+    def fail(self, expected: str) -> PrototxtError:
+        found = "the end of the file" if self.token.kind == "end" else repr(self.token.text)
+        return PrototxtError(self.token.position, f"expected {expected}, found {found}")
+
+    def take(self) -> _Token:
+        token, self.token = self.token, next(self.tokens)
+        return token
+
+    def at(self, marks: str) -> bool:
+        return self.token.kind == "mark" and self.token.text in marks
+
+    def file(self) -> Message:
+        fields = self.fields()
+        if self.token.kind != "end":
+            raise self.fail("a field name")
+        return Message(fields, self.start)
+
+    def fields(self) -> list[Field]:
+        fields: list[Field] = []
+        while self.token.kind == "word" and not self.token.text.startswith("-"):
+            fields += self.field()
+            if self.at(",;"):
+                self.take()
+        return fields
+
+    def field(self) -> list[Field]:
+        """One field as written; a list gives one Field for each element."""
+        name = self.take()
+        colon = self.at(":")
+        if colon:
+            self.take()
+        elif not self.at("{<["):
+            raise self.fail(f"':' or '{{' after {name.text!r}")
+        if not self.at("["):
+            return [Field(name.text, self.value(), name.position)]
+        self.take()
+        fields: list[Field] = []
+        while not self.at("]"):
+            position = self.token.position
+            if not colon and not self.at("{<"):  # only messages may do without
+                raise self.fail(f"'{{' in a list without ':' after {name.text!r}")
+            fields.append(Field(name.text, self.value(), position))
+            if not self.at(","):
+                break
+            self.take()
+            if self.at("]"):
+                raise self.fail("a value")
+        self.close("]")
+        return fields
+
+    def value(self) -> Scalar | Message:
+        if self.at("{<"):
+            return self.message()
+        token = self.token
+        if token.kind == "string":
+            return self.string()
+        if token.kind in ("number", "word"):
+            self.take()
+            return Scalar("number" if token.kind == "number" else "word", "".join(token.text.split()), token.position)
+        raise self.fail("a value")
+
+    def string(self) -> Scalar:
+        position, parts = self.token.position, list[bytes]()
+        while self.token.kind == "string":
+            parts.append(_unquote(self.take()))
+        return Scalar("string", b"".join(parts).decode("utf-8", "surrogateescape"), position)
+
+    def message(self) -> Message:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise PrototxtError(self.token.position, f"messages are nested more than {MAX_DEPTH} deep")
+        opening = self.take()
+        fields = self.fields()
+        self.close("}" if opening.text == "{" else ">", opening.position)
+        self.depth -= 1
+        return Message(fields, opening.position)
+
+    def close(self, mark: str, opened: Position | None = None) -> None:
+        if not self.at(mark):
+            where = f" (opened at line {opened.line})" if opened else ""
+            raise self.fail(f"a field name or {mark!r}{where}" if opened else f"',' or {mark!r}")
+        self.take()

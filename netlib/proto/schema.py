@@ -1,0 +1,371 @@
+"""Tree → typed messages: what a message may say is written once, for text and for binary files.
+
+A message is a frozen dataclass; each field is one line with its type, its number in binary files, its default (none:
+required) and its meaning. ``read`` fills one from a tree and points at the place of every mistake.
+
+    str, bool               as they are          int, UInt, Int64  of 32 bits, those without a sign, of 64 bits
+    Natural                 an int that may not be negative
+    float                   rounded to 32 bits, as protobuf's are    Double   not rounded
+    Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
+    OneBased[Literal[...]]  the same, counted from 1     Annotated[str, ("MAX", "AVE")]  the same as Literal
+    Floats, Doubles         a repeated float or double in one array; bytes: what is not text
+    tuple[X, ...]           a repeated field     X | None          an optional field
+    a dataclass             a nested message     Message           a nested message, left as a tree
+
+A field ``from_`` is ``from`` in the text: the name is a word of Python's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import os
+import types
+import typing
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlib.errors import PrototxtError, option_advice
+from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar
+
+T = TypeVar("T")
+UInt = Annotated[int, "unsigned"]
+Int64 = Annotated[int, "64 bits"]
+Natural = Annotated[int, "not negative"]
+INTEGERS: dict[Any, range] = {
+    int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63), Natural: range(2**31),
+}  # fmt: skip
+Double = Annotated[float, "64 bits"]
+Floats = Annotated[NDArray[np.float32], "<f4"]
+Doubles = Annotated[NDArray[np.float64], "<f8"]
+ARRAYS: dict[Any, np.dtype[Any]] = {Floats: np.dtype("<f4"), Doubles: np.dtype("<f8")}
+Phase = Literal["TRAIN", "TEST"]
+Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # which implementation Caffe would take; there is one here
+OneBased = Annotated[T, "from 1"]
+
+
+@overload
+def numbered(number: int) -> Any: ...
+@overload
+def numbered(number: int, default: T, packed: bool = False) -> T: ...
+def numbered(number: int, default: Any = dataclasses.MISSING, packed: bool = False) -> Any:
+    """A field of a message, with its number in caffe.proto; without a default it is required.
+
+    The numbers of a ``packed`` one are written to binary files in one piece.
+    """
+    return dataclasses.field(default=default, metadata={"number": number, "packed": packed})
+
+
+def read(message: Message, cls: type[T], what: str | None = None) -> T:
+    """Fill the dataclass ``cls`` from a tree. Raises PrototxtError at the field that is wrong."""
+    hints, fields = dict(hints_of(cls)), {written_name(f.name): f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    takes_blocks = hints.pop("blocks", None) is not None
+    found: dict[str, list[Field]] = {}
+    blocks: dict[str, list[Message]] = {}
+    for item in message.fields:
+        if item.name in hints:
+            found.setdefault(item.name, []).append(item)
+        elif takes_blocks and item.name.endswith("_param") and isinstance(item.value, Message):
+            blocks.setdefault(item.name, []).append(item.value)
+        else:
+            raise unknown_field(item, hints)
+    values: dict[str, Any] = {name: _field_value(items, hints[name]) for name, items in found.items()}
+    for name, spec in fields.items():
+        if hints.get(name) is float and name not in values and isinstance(spec.default, float):
+            values[name] = round_to_32_bits(spec.default)
+        required = spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
+        if required and name not in values:
+            raise PrototxtError(message.position, f"missing required field {name!r} in {what or cls.__name__}")
+    if takes_blocks:
+        values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
+    result = cls(**{fields[name].name: value for name, value in values.items()})
+    object.__setattr__(result, "_tree", message)
+    return result
+
+
+def unknown_field(item: Field, known: typing.Iterable[str]) -> PrototxtError:
+    """The error for a field that nobody knows."""
+    known = list(known)
+    advice = option_advice(item.name, known) or f"; known fields: {', '.join(known)}"
+    return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
+
+
+def with_values(message: T, **values: Any) -> T:
+    """The message with fields as Python code gives them, checked as a file's are. Raises PrototxtError."""
+    cls: Any = type(message)
+    hints, defaults = hints_of(cls), {field.name: field.default for field in dataclasses.fields(cls)}
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        place = position_of(message, name)
+        if written_name(name) not in hints:
+            raise PrototxtError(place, f"unknown field {name!r}{option_advice(name, hints)}")
+        kind, repeated = kind_of(hints[written_name(name)])
+        if value is None and defaults[name] is None:
+            found[name] = None
+            continue
+        several = repeated and isinstance(value, (list, tuple))
+        items = tuple(_python_value(one, kind) for one in (value if several else [value]))
+        if repeated != several or None in items:
+            what = "a message" if is_message(kind) else expected(kind)
+            raise PrototxtError(place, f"{name!r} expects {'a list, each ' * repeated}{what}, found {value!r}")
+        found[name] = items if repeated else items[0]
+    return changed(message, **found)
+
+
+def _python_value(value: Any, kind: Any) -> Any:
+    """A value from Python code as a file would give it, or None if it is not of that kind."""
+    if is_message(kind):
+        return value if isinstance(value, kind) else None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if kind is str and isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if kind in (float, Double):
+        return (round_to_32_bits(value) if kind is float else float(value)) if is_number else None
+    if kind in INTEGERS:
+        return value if is_number and isinstance(value, int) and value in INTEGERS[kind] else None
+    if names := enum_of(kind):
+        return value if isinstance(value, str) and value in names else None
+    return value if isinstance(value, kind) else None
+
+
+def changed(message: T, **changes: Any) -> T:
+    """The message with some fields changed; it still knows where it stands in its file."""
+    return placed(dataclasses.replace(message, **changes), message)  # type: ignore[type-var]
+
+
+def placed(made: T, origin: object) -> T:
+    """``made``, which from now on stands where ``origin`` stands in its file."""
+    object.__setattr__(made, "_tree", tree_of(origin))
+    return made
+
+
+def tree_of(message: object) -> Message | None:
+    """The tree that a typed message was read from."""
+    return getattr(message, "_tree", None)
+
+
+def says(message: object, name: str) -> bool:
+    """Does its file say this field, or, of one made by a program, is it not the default?"""
+    return gives(message, name) or getattr(message, name) != getattr(type(message), name)
+
+
+def gives(message: object, name: str) -> bool:
+    """Does the file say this field?"""
+    tree = tree_of(message)
+    return tree is not None and bool(tree.values(name))
+
+
+def position_of(message: object, name: str | None = None, index: int = 0) -> Place:
+    """Where a typed message, or one field of it, stands in its file."""
+    tree = tree_of(message)
+    if tree is None:
+        return Position("<built in code>", 1, 1)
+    places = [f.position for f in tree.fields if f.name == name]
+    return places[index] if index < len(places) else tree.position
+
+
+@functools.cache
+def hints_of(cls: type) -> dict[str, Any]:
+    """The fields of a message, as they are written, with their types."""
+    return {written_name(name): hint for name, hint in typing.get_type_hints(cls, include_extras=True).items()}
+
+
+def written_name(name: str) -> str:
+    """How the name of a Python field is written in a file."""
+    return name.removesuffix("_")
+
+
+@functools.cache
+def enum_of(kind: Any) -> dict[str, int]:
+    """The names of an enum with their numbers; of any other kind nothing."""
+    first = 0
+    names: tuple[Any, ...] = ()
+    if typing.get_origin(kind) is Annotated:
+        kind, more = typing.get_args(kind)[:2]
+        first = 1 if more == "from 1" else 0
+        names = more if isinstance(more, tuple) else ()
+    if typing.get_origin(kind) is Literal:
+        names = typing.get_args(kind)
+    return {str(name): number for number, name in enumerate(names, first)}
+
+
+@functools.cache
+def kind_of(hint: Any) -> tuple[Any, bool]:
+    """The kind of one value of a field, and is the field repeated."""
+    if hint in ARRAYS:
+        return hint, True
+    if typing.get_origin(hint) is tuple:
+        return typing.get_args(hint)[0], True
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return kind_of(next(k for k in typing.get_args(hint) if k is not type(None)))
+    return hint, False
+
+
+@functools.cache
+def is_message(kind: Any) -> bool:
+    """Is it a dataclass, or a tree that is left as it is?"""
+    return kind is Message or (isinstance(kind, type) and dataclasses.is_dataclass(kind))
+
+
+def _field_value(items: Sequence[Field], hint: Any) -> Any:
+    kind, repeated = kind_of(hint)
+    if kind in ARRAYS:
+        return array_of(items, kind)
+    if repeated:
+        return tuple(value_of(item, kind) for item in items)
+    first, *others = items
+    if others and not is_message(kind):
+        raise PrototxtError(others[0].position, f"field {first.name!r} is given twice, but is not a repeated field")
+    if others:
+        first = Field(first.name, _merged([message_of(item) for item in items]), first.position)
+    return value_of(first, kind)
+
+
+def _merged(parts: Sequence[Message]) -> Message:
+    """A message that is written in parts, which protobuf takes together."""
+    return Message([field for part in parts for field in part.fields], parts[0].position)
+
+
+def array_of(items: Sequence[Field], kind: Any) -> NDArray[Any]:
+    """All values of a field whose kind is an array. Raises PrototxtError."""
+    parts = [i.value.array if isinstance(i.value, Numbers) else np.array([value_of(i, Double)]) for i in items]
+    return (parts[0] if len(parts) == 1 else np.concatenate(parts)).astype(ARRAYS[kind], copy=False)
+
+
+def message_of(item: Field) -> Message:
+    """The message that a field holds. Raises PrototxtError if it holds something else."""
+    if not isinstance(item.value, Message):
+        found = f"expected {item.name} {{ ... }}, found {item.value}"
+        raise PrototxtError(item.position, f"{item.name!r} is a message: {found}")
+    return item.value
+
+
+def value_of(item: Field, kind: Any) -> Any:
+    """The value of a field of this kind. Raises PrototxtError."""
+    value, position = item.value, item.position
+    if is_message(kind):
+        return message_of(item) if kind is Message else read(message_of(item), kind, item.name)
+    if not isinstance(value, Scalar):
+        raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {expected(kind)}'")
+    result = scalar_value(value, kind)
+    if result is None:
+        where = value.position
+        names = list(enum_of(kind))
+        if names and value.kind != "string":
+            advice = option_advice(value.text, names) or f"; known values: {', '.join(names)}"
+            raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
+        raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
+    return result
+
+
+def expected(kind: Any) -> str:
+    """What a value of this kind is, in words."""
+    if names := enum_of(kind):
+        return " or ".join(names)
+    if kind in INTEGERS:
+        return f"an integer from {INTEGERS[kind][0]} to {INTEGERS[kind][-1]}"
+    return {
+        str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
+        float: "a number", Double: "a number",
+    }[kind]  # fmt: skip
+
+
+def scalar_value(value: Scalar, kind: Any) -> Any:
+    """The Python value of a scalar, or None if it is not of that kind."""
+    if kind is bytes:
+        if isinstance(value, Bytes):
+            return value.content
+        return value.text.encode("utf-8", "surrogateescape") if value.kind == "string" else None
+    if kind is str:
+        return value.text if value.kind == "string" else None
+    if value.kind == "string":
+        return None
+    if kind is bool:
+        return {"true": True, "t": True, "True": True, "1": True,
+                "false": False, "f": False, "False": False, "0": False}.get(value.text)  # fmt: skip
+    if names := enum_of(kind):
+        if value.kind == "word":
+            return value.text if value.text in names else None
+        number = _integer(value)
+        return next((name for name, n in names.items() if n == number), None)
+    if kind is Double:
+        return _float(value)
+    if kind is float:
+        double = _float(value)
+        return None if double is None else round_to_32_bits(double)
+    number = _integer(value)
+    return number if number is not None and number in INTEGERS[kind] else None
+
+
+def round_to_32_bits(number: float) -> float:
+    """The number as protobuf's float holds it; infinite if that is too small for it."""
+    with np.errstate(over="ignore"):
+        return float(np.float32(number))
+
+
+def _integer(value: Scalar) -> int | None:
+    text = value.text.lower()
+    digits = text.removeprefix("-")
+    base = 16 if digits.startswith("0x") else 8 if len(digits) > 1 and digits.startswith("0") else 10
+    try:
+        number = int(text, base)
+    except ValueError:
+        return None
+    return number if -(2**63) <= number < 2**64 else None
+
+
+def _float(value: Scalar) -> float | None:
+    if value.kind == "word":
+        return {"inf": math.inf, "infinity": math.inf, "-inf": -math.inf, "-infinity": -math.inf,
+                "nan": math.nan, "-nan": math.nan}.get(value.text.lower())  # fmt: skip
+    integer = _integer(value)
+    if integer is not None:
+        return float(integer)
+    try:
+        return float(value.text.lower().removesuffix("f"))
+    except ValueError:
+        return None
+
+
+# ---------------------------------------------------------------------------------------------- typed → tree
+
+
+def to_tree(message: Any) -> Message:
+    """A typed message as a tree: the fields that its file gives, and those that differ from their defaults."""
+    hints, place = hints_of(message.__class__), position_of(message)
+    fields: list[Field] = []
+    for spec in dataclasses.fields(message):
+        name, value = written_name(spec.name), getattr(message, spec.name)
+        if spec.name == "blocks":
+            fields += [Field(block, tree, tree.position) for block, tree in value.items()]
+        elif value is not None and (spec.default is None or value != spec.default or gives(message, name)):
+            kind, repeated = kind_of(hints[name])
+            values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
+            fields += [Field(name, _tree_value(one, kind, place), place) for one in values]
+    return Message(fields, place)
+
+
+def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Message:
+    if isinstance(value, (Numbers, Message)):
+        return value
+    if is_message(kind):
+        return to_tree(value)
+    return scalar_node(value, kind, place)
+
+
+def scalar_node(value: Any, kind: Any, place: Place) -> Scalar:
+    """A scalar of a tree from its Python value."""
+    if kind is bytes:
+        return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
+    if kind is str:
+        return Scalar("string", value, place)
+    if kind is bool or enum_of(kind):
+        return Scalar("word", str(value).lower() if kind is bool else value, place)
+    text = str(np.float32(value)) if kind is float else repr(value)
+    return Scalar("number" if np.isfinite(value) else "word", text, place)

@@ -1,0 +1,338 @@
+"""Protocol buffers' binary format ⇄ tree: Caffe's .caffemodel, .solverstate and .binaryproto.
+
+A message is a row of fields. A field is a key, its number * 8 + its wire type, and a value:
+
+    0   a varint: seven bits in each byte, the lowest first; the high bit says that another byte follows
+    1   8 bytes                                      5   4 bytes
+    2   a length (varint) and so many bytes: a string, a nested message, or many numbers in one piece ("packed")
+    3,4 begin and end of a group, which nothing of Caffe's uses
+
+Names are not in the file; the dataclasses that read a prototxt (schema.py) know the number and the type of each field.
+Fields that they do not know are skipped, as protobuf does. Reference: "Encoding" of Protocol Buffers.
+
+Nothing is believed: a length must lie within its message, an array is a view of the file's own bytes, and the number
+of fields is bounded, so a hostile file costs no more memory than its size and MAX_FIELDS allow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from netlib.errors import WireError
+from netlib.proto import schema
+from netlib.proto.options import option_blocks
+from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Scalar
+from netlib.proto.schema import ARRAYS, Double
+from netlib.proto.upgrade import AnyNetParameter
+
+VARINT, EIGHT_BYTES, LENGTH, BEGIN_GROUP, END_GROUP, FOUR_BYTES = range(6)
+MAX_FIELDS = 100_000  # of a whole file; the largest nets have some ten thousand
+MAX_GROUPS = 100  # one in another
+Piece = bytes | memoryview  # large arrays are not copied before they are written
+
+
+@dataclass(frozen=True)
+class Offset(Place):
+    """A place in a binary file."""
+
+    byte: int
+
+    def __str__(self) -> str:
+        return f"{self.source}: byte {self.byte}"
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of one field of a message."""
+
+    number: int
+    name: str
+    kind: Any  # of one value (schema.kind_of); for a nested message its dataclass
+    repeated: bool
+    packed: bool
+
+    @functools.cached_property
+    def wire_type(self) -> int:
+        """Of one value."""
+        if self.kind in (str, bytes) or schema.is_message(self.kind):
+            return LENGTH
+        if self.kind in ARRAYS:
+            return FOUR_BYTES if ARRAYS[self.kind].itemsize == 4 else EIGHT_BYTES
+        return FOUR_BYTES if self.kind is float else EIGHT_BYTES if self.kind is Double else VARINT
+
+
+@functools.cache
+def fields_of(cls: type) -> tuple[Known, ...]:
+    """The fields of a message, with the options of all layer types if it is a layer."""
+    hints, known = schema.hints_of(cls), []
+    for field in dataclasses.fields(cls):
+        if field.name == "blocks":
+            options = option_blocks()
+            known += [Known(n, name, options[name], False, False) for name, n in field.metadata["numbers"].items()
+                      if name in options]  # fmt: skip
+        else:
+            name = schema.written_name(field.name)
+            kind, repeated = schema.kind_of(hints[name])
+            kind = AnyNetParameter if kind is Message else kind  # all messages that are left as trees are nets
+            known.append(Known(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
+    return tuple(known)
+
+
+# ---------------------------------------------------------------------------------------------- reading
+
+
+def decode(data: bytes, cls: type, source: str = "<bytes>", strict: bool = False) -> Message:
+    """The tree of a message of type ``cls``. Raises WireError where the bytes are not such a message.
+
+    ``strict`` refuses fields that are not known instead of skipping them.
+    """
+    return _Decoder(data, source, strict).message(cls, 0, len(data))
+
+
+class _Decoder:
+    """Reads one file. ``at`` is the byte where a field begins, ``start`` and ``stop`` are those of its value.
+
+    ``end`` is that of the message. Every method raises WireError where the bytes are wrong.
+    """
+
+    def __init__(self, data: bytes, source: str, strict: bool) -> None:
+        self.data, self.source, self.strict = data, source, strict
+        self.count = 0
+
+    def fail(self, at: int, message: str) -> WireError:
+        return WireError(f"{Offset(self.source, at)}: {message}")
+
+    def one_more(self, at: int) -> None:
+        """Count a field, or a number in a packed one: each takes more memory than it has bytes."""
+        self.count += 1
+        if self.count > MAX_FIELDS:
+            raise self.fail(at, f"more than {MAX_FIELDS} fields and numbers; that is no file of Caffe's")
+
+    def message(self, cls: type, begin: int, end: int) -> Message:
+        """The fields from ``begin`` on that ``cls`` knows."""
+        known = _by_number(cls)
+        fields: list[Field] = []
+        single: dict[str, int] = {}  # where a field that is not repeated stands: a later value takes its place
+        at = begin
+        while at < end:
+            self.one_more(at)
+            key, start = self.varint(at, end)
+            number, wire_type = key >> 3, key & 7
+            stop = self.end_of(wire_type, number, start, end, at)
+            spec = known.get(number)
+            if spec is not None and spec.kind in ARRAYS and wire_type == spec.wire_type:
+                stop, array = self.row(ARRAYS[spec.kind], at, start, end)
+                fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
+            elif spec is not None:
+                for field in self.values(spec, wire_type, at, start, stop):
+                    place = len(fields)
+                    if not spec.repeated and not schema.is_message(spec.kind):
+                        place = single.setdefault(spec.name, place)
+                    fields[place : place + 1] = [field]
+            if self.strict and (spec is None or wire_type not in (spec.wire_type, LENGTH)):
+                raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
+            at = stop
+        return Message(fields, Offset(self.source, begin))
+
+    def varint(self, at: int, end: int) -> tuple[int, int]:
+        """The number that begins at a byte, and where the next begins."""
+        value = 0
+        for place in range(10):
+            if at + place >= end:
+                raise self.fail(at, "truncated: the message ends within a number")
+            byte = self.data[at + place]
+            value |= (byte & 127) << 7 * place
+            if byte < 128:
+                return value & 0xFFFFFFFFFFFFFFFF, at + place + 1
+        raise self.fail(at, "malformed: a number of more than ten bytes")
+
+    def end_of(self, wire_type: int, number: int, start: int, end: int, at: int) -> int:
+        """Where the value that begins at ``start`` stops."""
+        if number == 0:
+            raise self.fail(at, "malformed: a field of the number 0")
+        if wire_type == VARINT:
+            return self.varint(start, end)[1]
+        if wire_type == BEGIN_GROUP:
+            return self.end_of_group(start, end)
+        if wire_type == LENGTH:
+            size, start = self.varint(start, end)
+        elif wire_type in (EIGHT_BYTES, FOUR_BYTES):
+            size = 8 if wire_type == EIGHT_BYTES else 4
+        else:
+            raise self.fail(at, f"malformed: wire type {wire_type}")
+        if start + size > end:
+            raise self.fail(at, f"truncated: field {number} has {size} bytes, but {end - start} are left")
+        return start + size
+
+    def end_of_group(self, at: int, end: int) -> int:
+        """Where the group whose first field begins at ``at`` stops."""
+        depth = 1
+        while depth:
+            begin = at
+            key, at = self.varint(at, end)
+            wire_type = key & 7
+            if wire_type == BEGIN_GROUP:
+                depth += 1
+            elif wire_type == END_GROUP:
+                depth -= 1
+            else:
+                at = self.end_of(wire_type, key >> 3, at, end, begin)
+            if depth > MAX_GROUPS:
+                raise self.fail(begin, f"groups are nested more than {MAX_GROUPS} deep")
+        return at
+
+    def row(self, dtype: np.dtype[Any], at: int, start: int, end: int) -> tuple[int, NDArray[Any]]:
+        """Numbers written one by one, each with the same key: where they end, and an array of them.
+
+        Some old files have millions of them. A block of bytes is looked at as rows of key and number, twice as many
+        each time.
+        """
+        key, width = self.data[at:start], start - at + dtype.itemsize
+        block = 64
+        while True:
+            rows = np.frombuffer(self.data, np.uint8, min(block, (end - at) // width) * width, at).reshape(-1, width)
+            same = (rows[:, : len(key)] == np.frombuffer(key, np.uint8)).all(axis=1)
+            count = int(same.argmin()) if not same.all() else len(same)
+            if count < block:
+                break
+            block *= 2
+        return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(dtype).ravel()
+
+    def values(self, spec: Known, wire_type: int, at: int, start: int, stop: int) -> Iterator[Field]:
+        """The field, or the fields that a packed one stands for; nothing if it is of another type, as in protobuf."""
+        place = Offset(self.source, at)
+        if wire_type == LENGTH:
+            start = self.varint(start, stop)[1]
+            if spec.kind in ARRAYS:
+                dtype = ARRAYS[spec.kind]
+                if (stop - start) % dtype.itemsize:
+                    raise self.fail(at, f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} numbers")
+                array = np.frombuffer(self.data, dtype, (stop - start) // dtype.itemsize, start)
+                yield Field(spec.name, Numbers(array, place), place)
+            elif schema.is_message(spec.kind):
+                yield Field(spec.name, self.message(spec.kind, start, stop), place)
+            elif spec.wire_type == LENGTH:
+                content = Bytes(bytes(self.data[start:stop]), place)
+                text = content if spec.kind is bytes else Scalar("string", content.text, place)
+                yield Field(spec.name, text, place)
+            else:
+                while start < stop:
+                    self.one_more(at)
+                    begin, start = start, self.end_of(spec.wire_type, spec.number, start, stop, start)
+                    yield Field(spec.name, self.number(spec, begin, start), place)
+        elif wire_type == spec.wire_type:
+            yield Field(spec.name, self.number(spec, start, stop), place)
+
+    def number(self, spec: Known, start: int, stop: int) -> Scalar:
+        """One number."""
+        place = Offset(self.source, start)
+        if spec.wire_type == VARINT:
+            value = self.varint(start, stop)[0]
+            if spec.kind is bool:
+                return Scalar("word", "true" if value else "false", place)
+            value -= 2**64 if value >= 2**63 else 0
+            if spec.kind is int and 2**31 <= value < 2**32:  # some write a negative number in 32 bits
+                value -= 2**32
+            if value not in schema.INTEGERS.get(spec.kind, (value,)):
+                raise self.fail(start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}")
+            return Scalar("number", str(value), place)
+        [number] = np.frombuffer(self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, start)
+        return Scalar("number" if np.isfinite(number) else "word", str(number), place)
+
+
+@functools.cache
+def _by_number(cls: type) -> dict[int, Known]:
+    return {known.number: known for known in fields_of(cls)}
+
+
+@functools.cache
+def _by_name(cls: type) -> dict[str, Known]:
+    return {known.name: known for known in fields_of(cls)}
+
+
+# ---------------------------------------------------------------------------------------------- writing
+
+
+def encode(message: Message, cls: type) -> bytes:
+    """The bytes of a tree that is a message of type ``cls``, fields in the order of their numbers.
+
+    Raises PrototxtError for a field that ``cls`` does not have or that is of another type.
+    """
+    return b"".join(_parts(message, cls))
+
+
+def _parts(message: Message, cls: type) -> list[Piece]:
+    known = _by_name(cls)
+    found: dict[str, list[Field]] = {}
+    for field in message.fields:
+        if field.name not in known:
+            raise schema.unknown_field(field, known)
+        found.setdefault(field.name, []).append(field)
+    parts: list[Piece] = []
+    for name in sorted(found, key=lambda name: known[name].number):
+        spec = known[name]
+        if spec.kind in ARRAYS:
+            array = schema.array_of(found[name], spec.kind)
+            if spec.packed:
+                parts += _with_length(spec.number, [_bytes(array)])
+            else:
+                parts += [_key(spec.number, spec.wire_type) + number.tobytes() for number in array]
+        elif spec.packed:
+            parts += _with_length(spec.number, [_one(spec, field) for field in found[name]])
+        else:
+            for field in found[name]:
+                parts += _with_key(spec, field)
+    return parts
+
+
+def _with_key(spec: Known, field: Field) -> list[Piece]:
+    """One value of a field that is not packed."""
+    if schema.is_message(spec.kind):
+        return _with_length(spec.number, _parts(schema.message_of(field), spec.kind))
+    if spec.wire_type == LENGTH:
+        return _with_length(spec.number, [_one(spec, field)])
+    return [_key(spec.number, spec.wire_type) + _one(spec, field)]
+
+
+def _with_length(number: int, parts: list[Piece]) -> list[Piece]:
+    """Key and length, then the parts."""
+    return [_key(number, LENGTH) + _varint(sum(map(len, parts))), *parts]
+
+
+def _key(number: int, wire_type: int) -> bytes:
+    return _varint(number << 3 | wire_type)
+
+
+def _one(spec: Known, field: Field) -> bytes:
+    """One value without its key."""
+    value = schema.value_of(field, spec.kind)
+    if spec.kind is str:
+        return value.encode("utf-8", "surrogateescape")
+    if spec.kind is bytes:
+        return value
+    if names := schema.enum_of(spec.kind):
+        value = names[value]
+    if spec.wire_type == VARINT:
+        return _varint(int(value) % 2**64)
+    return struct.pack("<f" if spec.wire_type == FOUR_BYTES else "<d", value)
+
+
+def _bytes(array: NDArray[Any]) -> Piece:
+    return memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""  # type: ignore[arg-type]
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 127:
+        out.append(value & 127 | 128)
+        value >>= 7
+    out.append(value)
+    return bytes(out)

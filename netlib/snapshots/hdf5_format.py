@@ -1,0 +1,156 @@
+"""Weights and solver states in HDF5, in Caffe's own layout.
+
+weights       /data/<layer>/<index>            an empty group for a layer without parameters
+solver state  /iter /current_step /learned_net /history/<index>
+              /netlib                          ours, JSON: all else that an exact resume needs
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from netlib.errors import WeightsError
+from netlib.files import hdf5
+from netlib.snapshots.solver_state import SolverState, Weights
+
+STATE = ("iter", "current_step", "learned_net", "history", "netlib")  # what a solver state holds
+MAGIC = b"\x89HDF\r\n\x1a\n"  # how every such file begins
+
+
+def check_names(weights: Weights) -> None:
+    """Raise WeightsError if a layer with parameters has a name that cannot be a group."""
+    for name, arrays in weights.items():
+        if arrays and (fault := name_fault(name)):
+            raise WeightsError(f"layer {name!r}: {fault}; expected another name, or snapshot_format: BINARYPROTO")
+
+
+def name_fault(name: str) -> str:
+    """What is wrong with a layer's name as the name of an HDF5 group; empty if nothing."""
+    parts = name.split("/")
+    if any(part in ("", ".", "..") for part in parts) or not name.isprintable():
+        return "HDF5 cannot store this name"
+    if parts[-1].isdigit() and len(parts) > 1:
+        return "in HDF5 the part after the last slash must not be a number, it could not be told from a parameter"
+    return ""
+
+
+def weights_image(weights: Weights) -> bytes:
+    """The HDF5 file of a net's weights, as bytes. Raises WeightsError for names that HDF5 cannot store."""
+    check_names(weights)
+    with hdf5.in_memory() as (file, image):
+        data = file.create_group("data")
+        for layer, arrays in weights.items():
+            if not arrays and name_fault(layer):
+                continue
+            group = data.require_group(layer)
+            for i, array in arrays.items():
+                group[str(i)] = array
+    return image.getvalue()
+
+
+def state_image(state: SolverState) -> bytes:
+    """The HDF5 file of a solver state, as bytes."""
+    with hdf5.in_memory() as (file, image):
+        file["iter"] = np.array([state.iter], dtype=np.int32)
+        file["current_step"] = np.array([state.current_step], dtype=np.int32)
+        _write_c_string(file, "learned_net", state.learned_net)
+        history = file.create_group("history")
+        for i, array in enumerate(state.history):
+            history[str(i)] = array
+        _write_c_string(file, "netlib", json.dumps(state.extra))  # of a fixed length: HDF5 can hang in a damaged heap
+    return image.getvalue()
+
+
+def _write_c_string(file: h5py.File, name: str, text: str) -> None:
+    """A fixed-length, null-terminated string, as Caffe's H5LT calls write and read it."""
+    raw = os.fsencode(text)
+    kind = h5py.h5t.C_S1.copy()
+    kind.set_size(len(raw) + 1)
+    kind.set_strpad(h5py.h5t.STR_NULLTERM)
+    space = h5py.h5s.create(h5py.h5s.SCALAR)
+    dataset = h5py.h5d.create(file.id, name.encode(), kind, space)
+    dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(raw, dtype=f"S{len(raw) + 1}"))
+
+
+# ---------------------------------------------------------------------------------------------- reading
+
+
+def read_weights(path: str | Path) -> Weights:
+    """Layer name -> parameter index -> array. Raises WeightsError if the file is not such a file."""
+    with hdf5.opened(path, "weights", WeightsError) as file:
+        if "history" in file and "data" not in file:
+            pair = _learned_net(file) or "*.caffemodel.h5"
+            raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
+                               "(resume a training with --snapshot)")  # fmt: skip
+        if not isinstance(file.get("data"), h5py.Group):
+            raise WeightsError(f"{path}: no group /data in it; expected weights as Caffe's HDF5 snapshots have them")
+        found: Weights = {}
+        for name, group in _layers(file["data"]):
+            found[name] = {}
+            for key in sorted(group):
+                if not key.isdecimal() or not key.isascii() or str(int(key)) != key:
+                    raise WeightsError(f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on")
+                array = np.asarray(group[key][...])
+                if array.dtype.kind not in "fiu":
+                    raise WeightsError(f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers")
+                found[name][int(key)] = array
+        return found
+
+
+def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Group]]:
+    """Layers of /data. A slash in a layer's name makes HDF5 nest groups: ``inception/1x1``."""
+    for name, item in group.items():
+        if not isinstance(item, h5py.Group):
+            continue
+        inner = [k for k, v in item.items() if isinstance(v, h5py.Group)]
+        if not inner or len(inner) < len(item):
+            yield prefix + name, item if not inner else _Only(item)
+        yield from _layers(item, f"{prefix}{name}/") if inner else ()
+
+
+class _Only(dict[str, Any]):
+    """The data sets of a group, without the groups in it."""
+
+    def __init__(self, group: h5py.Group) -> None:
+        super().__init__({k: v for k, v in group.items() if isinstance(v, h5py.Dataset)})
+
+
+def read_state(path: str | Path) -> SolverState:
+    """Read a solver state. Raises WeightsError if the file is not one."""
+    with hdf5.opened(path, "a solver state", WeightsError) as file:
+        if "history" not in file or "iter" not in file:
+            hint = "this is a weights file; pass it as --weights, or its pair *.solverstate.h5 here"
+            raise WeightsError(f"{path}: {hint if 'data' in file else 'not a solver state'}")
+        if unknown := sorted(set(file) - set(STATE)):
+            raise WeightsError(f"{path}: damaged: it holds {unknown[0]!r}; a solver state has {', '.join(STATE)}")
+        group = file["history"]
+        state = SolverState(
+            iter=_number(file, "iter"),
+            current_step=_number(file, "current_step") if "current_step" in file else 0,
+            learned_net=_learned_net(file),
+            history=[np.asarray(group[str(i)][()]) for i in range(len(group))],
+            extra=json.loads(file["netlib"][()]) if "netlib" in file else {},
+        )
+        state.check()
+        return state
+
+
+def _number(file: h5py.File, name: str) -> int:
+    values = np.ravel(file[name][()])
+    if values.size != 1 or values.dtype.kind not in "iu":
+        raise ValueError(f"{name} holds {values.size} values of {values.dtype}, expected one whole number")
+    return int(values[0])
+
+
+def _learned_net(file: h5py.File) -> str:
+    if "learned_net" not in file:
+        return ""
+    raw = file["learned_net"][()]
+    return os.fsdecode(raw) if isinstance(raw, bytes) else str(raw)

@@ -1,0 +1,146 @@
+"""Weights from one net or file into another net, by layer name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Protocol
+
+from netlib.blob import Array, Blob, Blobs
+from netlib.errors import LayerError, WeightsError
+from netlib.layer import TRAIN, Layer
+from netlib.params import Param
+from netlib.proto import schema
+from netlib.proto.messages import LayerParameter
+from netlib.proto.schema import Phase
+from netlib.snapshots import binary_format, hdf5_format, snapshot
+from netlib.snapshots.solver_state import Weights
+
+Writes = list[tuple[Array, Array]]  # a net's arrays, and what goes into each
+
+
+class Net(Protocol):
+    """What is asked of a net here."""
+
+    name: str
+    source: str
+    params: dict[str, Blobs]
+    layer_dict: dict[str, Layer]
+    learnable: list[Param]
+
+
+def owned(net: Net) -> Weights:
+    """Layer name -> parameter index -> array, for all layers; a shared parameter stands with its owner alone."""
+    own = {(p.layer, p.index) for p in net.learnable}
+    return {
+        name: {i: blob.data for i, blob in enumerate(layer.blobs) if (name, i) in own}
+        for name, layer in net.layer_dict.items()
+    }
+
+
+def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
+    """The file ``path`` of the net's weights, as bytes: HDF5 if its name ends in ``.h5``, else Caffe's binary format.
+
+    The binary format also holds the layers themselves, every shared parameter with each of its layers, and, if
+    wanted, the gradients. Raises WeightsError if the format cannot hold them.
+    """
+    if snapshot.is_hdf5(path):
+        return hdf5_format.weights_image(owned(net))
+    layers = [(_as_caffe_says(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
+              for layer in net.layer_dict.values()]  # fmt: skip
+    return binary_format.weights_image(net.name, layers)
+
+
+def _as_caffe_says(layer: Layer) -> LayerParameter:
+    """The layer's text, with its phase and a loss's weight, which Caffe fills in."""
+    phase: Phase = "TRAIN" if layer.phase == TRAIN else "TEST"
+    weight = layer.spec.loss_weight or ((layer.loss_weight,) if layer.loss_weight else ())
+    return schema.changed(layer.spec, phase=phase, loss_weight=weight)
+
+
+def copy(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+    """Copy weights by layer name from a snapshot or another net: ``Net.copy_from``."""
+    writes, ignored, missing = fitting(net, source, strict)
+    write(writes)
+    return ignored, missing
+
+
+def write(writes: Writes) -> None:
+    """Copy arrays that fit: nothing can fail any more."""
+    for target, array in writes:
+        target[...] = array
+
+
+def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
+    """What a copy would write, and what it returns; a net is never half copied. Raises WeightsError."""
+    what, found = _weights_of(source)
+    ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
+    shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
+    if not shared and net.params:
+        raise WeightsError(f"{what}: no layer of net {net.name!r} is in it; it has {_some(found)}, "
+                           f"the net has {_some(net.params)}")  # fmt: skip
+    missing_layers = [n for n in dict.fromkeys(p.layer for p in net.learnable) if n not in shared]
+    if strict and missing_layers:
+        raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
+                           f"it has {_some(found)}")  # fmt: skip
+    own: dict[str, list[int]] = {}
+    for p in net.learnable:
+        own.setdefault(p.layer, []).append(p.index)
+    writes = [w for name, arrays in shared.items() for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []),
+                                                                    arrays, what)]  # fmt: skip
+    return writes, ignored, missing_layers
+
+
+def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
+    """What the source is, in words, and its arrays: layer name -> parameter index -> array."""
+    if isinstance(source, (str, Path)):
+        return str(source), snapshot.read_weights(source)
+    return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
+
+
+def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str) -> Writes:
+    """For one layer, the net's arrays and what goes into each. Raises WeightsError if it does not fit.
+
+    own  the parameters that the layer does not share with one before it
+    """
+    missing = [i for i in own if i not in found]
+    if missing:
+        raise WeightsError(f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}")
+    writes = []
+    for i, array in found.items():
+        if i >= len(target):
+            raise WeightsError(f"{what}: layer {name!r} has {len(found)} parameters, the net expects {len(target)}")
+        shaped = legacy_shape(array, target[i].shape)
+        if shaped.shape != target[i].shape:
+            raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
+                               f"the net expects {target[i].shape}")  # fmt: skip
+        writes.append((target[i].data, shaped))
+    return writes
+
+
+def legacy_shape(array: Array, shape: tuple[int, ...]) -> Array:
+    """Weights and histories of Caffe before N-d blobs are 4-d, with leading ones."""
+    if array.ndim == 4 and len(shape) < 4 and array.shape == (1,) * (4 - len(shape)) + shape:
+        return array.reshape(shape)
+    return array
+
+
+def share(net: Net, other: Net) -> None:
+    """Use the other net's parameters, by layer name, all or none: ``Net.share_params``."""
+    pairs: list[tuple[Blob, Blob]] = []
+    for name in (name for name in other.params if name in net.params):
+        mine, theirs = net.params[name], other.params[name]
+        if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
+            raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
+                             f"{[b.shape for b in theirs]} in {other.source}")  # fmt: skip
+        if mine.dtype != theirs.dtype:
+            raise LayerError(f"layer {name!r} is in {mine.dtype} in net {net.source}, in {theirs.dtype} in "
+                             f"{other.source}; expected the same dtype")  # fmt: skip
+        pairs += zip(mine, theirs)
+    for blob, owner in pairs:
+        blob.share_data(owner)
+
+
+def _some(names: Iterable[str]) -> str:
+    names = list(names)
+    return ", ".join(names[:8]) + (" ..." if len(names) > 8 else "") or "no layers"

@@ -1,0 +1,82 @@
+"""The lines of Caffe's log about a training: losses, outputs of nets, debug_info."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from netlib.blob import Array
+from netlib.engine.plain import Connection
+from netlib.net import Net
+
+log = logging.getLogger("netlib")
+
+
+def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
+    """What ``Net.copy_from`` left out: layers of the source, and layers of the net."""
+    for name in ignored:
+        log.info("Ignoring source layer %s", name)
+    for name in missing:
+        log.info("Not in %s, keeps its initial values: layer %s", source, name)
+
+
+def outputs(what: str, net: Net, values_of: Mapping[str, Array]) -> None:
+    """``    Train net output #0: loss = 0.86 (* 1 = 0.86 loss)``, a line for each value of each output."""
+    for number, score in enumerate(scores(net, values_of)):
+        log.info("    %s net output #%d: %s", what, number, score)
+
+
+def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
+    """``loss = 0.86 (* 1 = 0.86 loss)`` for each value of each output."""
+    weights = {name: weight for _, weight, name in net.losses}
+    for name, values in values_of.items():
+        weight = weights.get(name)
+        for value in values.reshape(-1):
+            tail = f" (* {weight:.6g} = {weight * value:.6g} loss)" if weight else ""
+            yield f"{name} = {value:.6g}{tail}"
+
+
+def debug_forward(at: Connection) -> None:
+    """Mean absolute values of what a layer has computed, and by which parameters: Caffe's debug_info."""
+    for name, blob in zip(at.layer.spec.top, at.top):
+        log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
+    for i, blob in enumerate(at.layer.blobs):
+        given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
+        log.info("    [Forward] Layer %s, param blob %s data: %.6g", at.layer.name, given or i, _mean(blob.data))
+
+
+def debug_backward(at: Connection) -> None:
+    """The same of the gradients that a layer has computed."""
+    if not at.needs_backward:
+        return
+    for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
+        if down:
+            log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
+    for i, blob in enumerate(at.layer.blobs):
+        log.info("    [Backward] Layer %s, param blob %d diff: %.6g", at.layer.name, i, _mean(blob.diff))
+
+
+def debug_params(net: Net) -> None:
+    """The same of all parameters, as an update finds them."""
+    arrays = [(p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable]
+    l1, l2 = ([sum(measure(pair[i]) for pair in arrays) for i in range(2)] for measure in (_l1, _squares))
+    log.info("    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
+             *l1, *np.sqrt(l2))  # fmt: skip
+    for p in net.learnable:
+        log.info("    [Update] Layer %s, param %d data: %.6g; diff: %.6g",
+                 p.layer, p.index, _mean(p.blob.data), _mean(p.blob.diff))  # fmt: skip
+
+
+def _mean(array: Any) -> float:
+    return float(np.abs(array).mean()) if array.size else 0.0
+
+
+def _l1(array: Array) -> float:
+    return float(np.abs(array).sum())
+
+
+def _squares(array: Array) -> float:
+    return float(np.square(array).sum())

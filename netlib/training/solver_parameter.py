@@ -1,0 +1,144 @@
+"""Read a solver's prototxt: its options checked, and the nets that it names."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from netlib.errors import NetlibError, PrototxtError, did_you_mean
+from netlib.files.paths import exists, find
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import NetParameter, NetState, SolverParameter
+from netlib.proto.net_parameter import load_parameter
+from netlib.proto.prototxt import Message
+from netlib.updates import POLICIES, RULES
+
+log = logging.getLogger("netlib")
+
+OLD_TYPES = {"SGD": "SGD", "NESTEROV": "Nesterov", "ADAGRAD": "AdaGrad", "RMSPROP": "RMSProp",
+             "ADADELTA": "AdaDelta", "ADAM": "Adam"}  # fmt: skip
+LONGEST_AVERAGE = 10**6  # iterations of average_loss; their losses are kept
+
+
+def read(path: str | Path, **changes: Any) -> SolverParameter:
+    """The options in a file, some of them changed. Raises NetlibError."""
+    return schema.with_values(schema.read(prototxt.parse_file(path), SolverParameter, "solver"), **changes)
+
+
+def state_of(phase: schema.Phase, *states: NetState) -> NetState:
+    """What a net is built for: the phase, unless a state says another. Of several states the last one that says a
+    field counts, and stages add up, as in Caffe."""
+    level = 0
+    for state in states:
+        phase = state.phase if schema.says(state, "phase") else phase
+        level = state.level if schema.says(state, "level") else level
+    return NetState(phase, level, tuple(stage for state in states for stage in state.stage))
+
+
+def type_of(p: SolverParameter) -> str:
+    """The type of a solver; the ``solver_type`` of an older file counts."""
+    return p.type if p.solver_type is None else OLD_TYPES[p.solver_type]
+
+
+def checked(p: SolverParameter) -> SolverParameter:
+    """The options with old names replaced; logs what is accepted but ignored. Raises PrototxtError at a mistake."""
+    p = schema.changed(p, type=type_of(p))
+    for field, message in _mistakes(p):
+        raise PrototxtError(schema.position_of(p, field), message)
+    if p.snapshot_diff and p.snapshot_format == "HDF5":
+        log.info("snapshot_diff is for BINARYPROTO; in HDF5 gradients are not stored")
+    if p.test_interval and not p.test_iter:
+        log.warning("test_interval without test_iter: nothing is tested, as in Caffe")
+    if p.solver_mode == "GPU":
+        log.info("solver_mode: GPU is accepted, but this runs on the CPU")
+    return p
+
+
+def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
+    """Fields with what is wrong with them, the gravest first."""
+    if p.type not in RULES:
+        yield "type", f"unknown solver type {p.type!r}{did_you_mean(p.type, RULES)}; known: {', '.join(RULES)}"
+    for field in dataclasses.fields(p):
+        value = getattr(p, field.name)
+        if isinstance(value, float) and not math.isfinite(value):
+            yield field.name, f"{field.name} is {value}; expected a finite number"
+    yield from _rate_mistakes(p)
+    if p.type in ("AdaGrad", "RMSProp") and p.momentum:
+        yield "momentum", f"{p.type} has no momentum; leave the field out"
+    for name in ("momentum", "momentum2", "rms_decay"):
+        if not 0 <= getattr(p, name) < 1:
+            yield name, f"{name} {getattr(p, name):g} must be at least 0 and less than 1"
+    if p.regularization_type not in ("L1", "L2"):
+        yield "regularization_type", f"unknown regularization_type {p.regularization_type!r}; known: L1, L2"
+    if p.iter_size < 1 or p.average_loss < 1:
+        yield "iter_size", "iter_size and average_loss must be at least 1"
+    if p.average_loss > LONGEST_AVERAGE:
+        yield "average_loss", f"average_loss {p.average_loss} is more than a million iterations"
+    if 0 in p.test_iter:
+        yield "test_iter", "test_iter must be at least 1"
+
+
+def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
+    """The same for the learning rate."""
+    if p.lr_policy not in POLICIES:
+        found = (
+            f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}" if p.lr_policy else "no lr_policy"
+        )
+        yield "lr_policy", f"{found}; known: {', '.join(POLICIES)}"
+    needs = {"step": ("stepsize", "a stepsize of at least 1"), "multistep": ("stepvalue", "stepvalue"),
+             "poly": ("max_iter", "max_iter")}  # fmt: skip
+    if p.lr_policy == "poly" and p.power < 0:
+        yield "power", f"lr_policy 'poly' needs a power that is not negative, found {p.power:g}"
+    if p.lr_policy in needs and not getattr(p, needs[p.lr_policy][0]):
+        yield "lr_policy", f"lr_policy {p.lr_policy!r} needs {needs[p.lr_policy][1]}"
+    read_from_file = schema.tree_of(p) is not None
+    if p.base_lr < 0 or (read_from_file and not schema.gives(p, "base_lr") and not p.base_lr):
+        yield "base_lr", "no base_lr" if not p.base_lr else f"base_lr {p.base_lr:g} is negative"
+    if p.rampup_lr < 0:
+        yield "rampup_lr", f"rampup_lr {p.rampup_lr:g} is negative"
+    if p.lr_policy in ("step", "exp", "multistep") and p.gamma <= 0:
+        yield "gamma", f"lr_policy {p.lr_policy!r} needs a gamma above 0, found {p.gamma:g}"
+    if p.lr_policy == "inv" and p.gamma < 0:
+        yield "gamma", f"lr_policy 'inv' needs a gamma that is not negative, found {p.gamma:g}"
+
+
+# ---------------------------------------------------------------------------------------------- nets
+
+
+def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
+    """The one training net that the solver in the file ``source`` names: its file and what it says."""
+    given = [(f, getattr(p, f)) for f in ("net", "net_param", "train_net", "train_net_param") if getattr(p, f)]
+    if len(given) != 1:
+        names = ", ".join(name for name, _ in given) or "none"
+        raise PrototxtError(
+            schema.position_of(p, given[1][0] if given else None),
+            f"expected one of net, net_param, train_net, train_net_param; found {names}",
+        )
+    return _load(given[0][1], source)
+
+
+def test_nets(p: SolverParameter, source: str) -> list[tuple[str, NetParameter]]:
+    """Nets to test on: test_net_param, test_net, or ``net`` itself for what remains of test_iter."""
+    named: list[str | Message] = [*p.test_net_param, *p.test_net]
+    general = p.net_param if p.net_param is not None else p.net
+    if general is not None:
+        named += [general] * (len(p.test_iter) - len(named))
+    for field in ("test_iter", "test_state"):
+        given = len(getattr(p, field))
+        if given != len(named) and (given or (field == "test_iter" and p.test_interval)):
+            where = schema.position_of(p, field)
+            raise PrototxtError(where, f"{given} {field} for {len(named)} test nets; expected one each")
+    return [_load(net, source) for net in named]
+
+
+def _load(net: str | Message, source: str) -> tuple[str, NetParameter]:
+    if isinstance(net, Message):
+        return "net_param", load_parameter(net)
+    path = find(net, source)
+    if not exists(path):
+        raise NetlibError(f"{source}: the net {net!r} does not exist, from the working directory or from the solver's")
+    return str(path), load_parameter(path)

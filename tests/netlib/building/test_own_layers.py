@@ -1,0 +1,318 @@
+"""Layers of one's own, and layers whose names or options cannot be: each mistake is one line with its place."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import caffe
+from netlib.building import python_layer
+from netlib.proto import prototxt
+
+SQUARE = """
+import netlib
+
+class Square(netlib.Layer):
+    def setup(self, bottom, top):
+        self.factor = float(self.param_str or 1)
+
+    def reshape(self, bottom, top):
+        top[0].reshape(*bottom[0].shape)
+
+    def forward(self, bottom, top):
+        top[0].data[...] = self.factor * bottom[0].data ** 2
+
+    def backward(self, top, propagate_down, bottom):
+        if propagate_down[0]:
+            bottom[0].diff[...] = 2 * self.factor * bottom[0].data * top[0].diff
+
+class Broken(Square):
+    def forward(self, bottom, top):
+        1 / 0
+
+class Stranger:
+    pass
+"""
+
+
+def net_with(layer: str) -> netlib.Net:
+    text = 'force_backward: true layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 } } } '
+    return netlib.Net(prototxt.parse(text + layer, "f"), netlib.TRAIN)
+
+
+def python(name: str, module: str = "squares", more: str = "") -> str:
+    param = f'python_param {{ module: "{module}" layer: "{name}" {more} }}'
+    return f'layer {{ name: "own" type: "Python" bottom: "x" top: "y" {param} }}'
+
+
+@pytest.fixture
+def squares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "squares.py").write_text(SQUARE)
+    (tmp_path / "nonsense.py").write_text("def")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "squares", raising=False)
+
+
+def test_a_python_layer(squares: None) -> None:
+    """Caffe's protocol: four methods, param_str."""
+    net = net_with(python("Square", more='param_str: "3"'))
+    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
+    assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
+
+
+def test_a_python_layer_may_keep_its_parameters_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Caffe's diffs stay where they are: what is added to them after clear_param_diffs is the gradient."""
+    (tmp_path / "keeper.py").write_text("""
+import netlib
+
+class Keeper(netlib.Layer):
+    def setup(self, bottom, top):
+        self.blobs.add_blob(3)
+        self.gradient = self.blobs[0].diff
+    def reshape(self, bottom, top):
+        top[0].reshape(*bottom[0].shape)
+    def forward(self, bottom, top):
+        top[0].data[...] = bottom[0].data + self.blobs[0].data
+    def backward(self, top, propagate_down, bottom):
+        self.gradient += top[0].diff
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    net = net_with(python("Keeper", "keeper"))
+    for _ in range(2):
+        net.clear_param_diffs()
+        net.forward(x=np.zeros(3))
+        net.backward(y=np.array([1, 2, 3]))
+        assert net.params["own"][0].diff.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("package", ["layers", "tools"])
+@pytest.mark.parametrize("file", ["{0}/data_layer.py", "{0}.py", "{0}/__init__.py"])
+def test_a_module_with_the_name_of_one_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, file: str
+) -> None:
+    """Public nets say ``module: "layers.data_layer"`` or ``module: "layers"``: the user's file is found beside ours."""
+    path = tmp_path / file.format(package)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(SQUARE)
+    monkeypatch.chdir(tmp_path)
+    __import__(package)
+    folders = sys.modules[package].__path__
+    monkeypatch.setattr(sys.modules[package], "__path__", list(folders))
+    monkeypatch.delitem(sys.modules, "layers.data_layer", raising=False)
+    monkeypatch.delitem(sys.modules, "tools.data_layer", raising=False)
+    module = f"{package}.data_layer" if "data_layer" in file else package
+    assert net_with(python("Square", module)).forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
+
+
+def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its options are those of a Python layer."""
+    (tmp_path / "steeper.py").write_text("""
+from layers.activation.tanh import TanH
+
+class Steeper(TanH):
+    def forward(self, bottom, top):
+        super().forward(bottom, top)
+        top[0].data[...] *= 2
+""")
+    monkeypatch.syspath_prepend(tmp_path)
+    net = net_with(python("Steeper", "steeper"))
+    assert np.allclose(net.forward(x=np.array([0, 1, -2]))["y"], 2 * np.tanh([0, 1, -2]))
+
+
+def test_a_python_layer_that_fails(squares: None) -> None:
+    """The layer, what happened, and the line of the file it happened in."""
+    net = net_with(python("Broken"))
+    message = r"layer 'own': forward failed: ZeroDivisionError: division by zero \(squares.py:20\)$"
+    with pytest.raises(netlib.LayerError, match=message):
+        net.forward(x=np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        (python("Nobody"), r"squares.Nobody has no such class \(.*squares.py\)"),
+        (python("Stranger"), "squares.Stranger is not a subclass of netlib.Layer"),
+        (python("Square", module="missing"), "cannot import 'missing' .ModuleNotFoundError"),
+        (python("Square", module="nonsense"), "cannot import 'nonsense' .SyntaxError"),
+        (
+            'layer { name: "own" type: "Python" bottom: "x" top: "y" }',
+            "layer 'own' of type 'Python' needs a python_param",
+        ),
+    ],
+)
+def test_a_python_layer_that_is_not_there(squares: None, layer: str, message: str) -> None:
+    """The module or class, and where it was looked for."""
+    with pytest.raises(netlib.PrototxtError, match=message):
+        net_with(layer)
+
+
+# ---------------------------------------------------------------------------------------------- before a module runs
+
+RAN = "import pathlib; pathlib.Path(__file__ + '.ran').touch()\n"  # leaves a file beside the module when it runs
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
+    """``module("own/inner.py", text)``: a module in the working directory; a package's ``__init__`` says if it runs."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    before = set(sys.modules)
+
+    def write(name: str, text: str) -> None:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(RAN + text)
+
+    yield write
+    for name in set(sys.modules) - before:
+        del sys.modules[name]
+
+
+def has_run() -> set[str]:
+    """The modules that did."""
+    return {path.name.removesuffix(".py.ran") for path in Path().rglob("*.ran")}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "class Squared: pass", "from math import sqrt as Squared", "print(Square)", "def f(Square=1): return Square",
+     "Squares = 'Square'"],
+)  # fmt: skip
+def test_a_module_that_cannot_have_the_class_does_not_run(module: Callable[[str, str], None], text: str) -> None:
+    """Its text is read first; the error is the same as for one that has run."""
+    module("gadget.py", text)
+    with pytest.raises(netlib.PrototxtError, match=r"layer 'own': gadget.Square has no such class \(.*gadget.py\)$"):
+        net_with(python("Square", "gadget"))
+    assert has_run() == set() and "gadget" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["from netlib import Layer as Square", "import netlib\nSquare = netlib.Layer", "from made import *",
+     "import netlib\nif True:\n    class Square(netlib.Layer): pass",
+     "import netlib\nglobals()['Squ' + 'are'] = netlib.Layer",
+     "import netlib\ndef __getattr__(name): return netlib.Layer",
+     "exec('from netlib import Layer as Squ' + 'are')",
+     "import netlib, sys\nsetattr(sys.modules[__name__], 'Squ' + 'are', netlib.Layer)"],
+)  # fmt: skip
+def test_a_module_that_may_have_it_runs(module: Callable[[str, str], None], text: str) -> None:
+    """Any statement that makes the name, and whatever can make names that the text does not show."""
+    module("made.py", "from netlib import Layer as Square")
+    module("own_module.py", text)
+    with pytest.raises(netlib.LayerError, match="reshape failed: NotImplementedError"):  # the class is Layer itself
+        net_with(python("Square", "own_module"))
+    assert "own_module" in has_run()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nowhere", "cannot import 'nowhere' .ModuleNotFoundError: No module named 'nowhere'."),
+        ("parent.nowhere", "cannot import 'parent.nowhere' .ModuleNotFoundError: No module named 'parent.nowhere'."),
+        ("parent.gadget", r"parent.gadget.Square has no such class \(.*gadget.py\)$"),
+        ("parent.child.gadget", r"parent.child.gadget.Square has no such class \(.*gadget.py\)$"),
+        ("parent.broken", "cannot import 'parent.broken' .SyntaxError: .*broken.py, line 2"),
+        ("parent", r"parent.Square has no such class \(.*__init__.py\)$"),
+        ("folder.gadget", r"folder.gadget.Square has no such class \(.*gadget.py\)$"),
+    ],
+)
+def test_packages_do_not_run_for_nothing(module: Callable[[str, str], None], name: str, message: str) -> None:
+    """Neither those above a module that is not there, nor those above one without the class."""
+    for file in ("parent/__init__", "parent/gadget", "parent/child/__init__", "parent/child/gadget", "folder/gadget"):
+        module(f"{file}.py", "")
+    module("parent/broken.py", "def")
+    with pytest.raises(netlib.PrototxtError, match=message):
+        net_with(python("Square", name))
+    assert has_run() == set()
+
+
+def test_a_package_may_say_where_its_modules_are(module: Callable[[str, str], None], tmp_path: Path) -> None:
+    """Then only running it tells."""
+    module("elsewhere/squares_inside.py", SQUARE)
+    module("parent/__init__.py", f"__path__.append({str(tmp_path / 'elsewhere')!r})")
+    net = net_with(python("Square", "parent.squares_inside"))
+    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
+
+
+@pytest.mark.parametrize("name", ["", ".", ".squares", "squares.", "a..b", "../squares", "\\000", "sys", "sys.path"])
+def test_names_that_no_module_has(squares: None, name: str) -> None:
+    """One line."""
+    with pytest.raises(netlib.PrototxtError, match=r"cannot import|has no such class"):
+        net_with(python("Square", name))
+
+
+# ---------------------------------------------------------------------------------------------- not allowed
+
+REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which runs code of whoever wrote the net, and that is not"
+
+
+def text_with(layer: str) -> prototxt.Message:
+    return prototxt.parse('layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 } } } ' + layer, "f")
+
+
+@pytest.mark.parametrize("make", [netlib.Net, caffe.Net])
+def test_a_net_without_python_layers(module: Callable[[str, str], None], make: type[netlib.Net]) -> None:
+    """Is refused, if it has one, before any layer is made; without one it is a net like any other."""
+    module("squares.py", SQUARE)
+    with pytest.raises(netlib.PrototxtError, match=REFUSED):
+        make(text_with(python("Square")), netlib.TRAIN, python_layers=False)
+    assert has_run() == set()
+    assert make(text_with(""), netlib.TRAIN, python_layers=False).inputs == ["x"]
+    assert make(text_with(python("Square")), netlib.TRAIN).outputs == ["y"]
+
+
+@pytest.mark.parametrize("make", [netlib.get_solver, caffe.get_solver, caffe.SGDSolver])
+def test_a_solver_without_python_layers(module: Callable[[str, str], None], make: Callable[..., object]) -> None:
+    """The same for its nets."""
+    module("squares.py", SQUARE)
+    Path("f").write_text(str(text_with(python("Square"))).replace("\n", " "))
+    Path("solver.prototxt").write_text('net: "f" base_lr: 0.1 lr_policy: "fixed"')
+    with pytest.raises(netlib.PrototxtError, match=REFUSED):
+        make("solver.prototxt", python_layers=False)
+    assert has_run() == set()
+    make("solver.prototxt")
+
+
+def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
+    """One of another phase is not made, and so is not refused."""
+    other = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
+    netlib.Net(text_with(other), netlib.TRAIN, python_layers=False)
+    with pytest.raises(netlib.PrototxtError, match="'own' is of type 'Python'"):
+        netlib.Net(text_with(other), netlib.TEST, python_layers=False)
+
+
+def test_a_process_without_python_layers(squares: None) -> None:
+    """No net of it may have one, whatever its own argument says; afterwards all is as before."""
+    with python_layer.allowed(False), python_layer.allowed(True), pytest.raises(netlib.PrototxtError, match=REFUSED):
+        netlib.Net(text_with(python("Square")), netlib.TRAIN, python_layers=True)
+    with pytest.raises(KeyError), python_layer.allowed(False):
+        raise KeyError
+    netlib.Net(text_with(python("Square")), netlib.TRAIN)
+
+
+# ---------------------------------------------------------------------------------------------- names and options
+
+
+@pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
+def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
+    """Caffe takes any name, and so does its binary format; HDF5 says which layer, unless that has no parameters."""
+    options = "inner_product_param { num_output: 1 axis: 0 }"
+    layer = f'layer {{ name: "{name}" type: "%s" bottom: "x" top: "y" {options} }}'
+    net = net_with(layer % "InnerProduct")
+    net.save(tmp_path / "w.caffemodel")
+    net.copy_from(tmp_path / "w.caffemodel")
+    with pytest.raises(netlib.WeightsError, match=r"^layer '.*': .*HDF5.*; expected another name, or snapshot_format"):
+        net.save(tmp_path / "w.caffemodel.h5")
+    net_with(layer % "ReLU").save(tmp_path / "w.caffemodel.h5")
+
+
+def test_a_missing_options_block() -> None:
+    """Required options are missed at the layer."""
+    with pytest.raises(netlib.PrototxtError, match="missing required field 'num_output' in inner_product_param"):
+        net_with('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }')

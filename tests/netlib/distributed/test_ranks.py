@@ -1,0 +1,166 @@
+"""Who trains together: how rows are dealt out, and a training alone. Without MPI."""
+
+import cv2
+import lmdb
+import numpy as np
+import pytest
+from caffe_messages import datum
+
+from netlib.distributed.ranks import ALONE
+from netlib.distributed.share import RankOfLayers, Share
+from netlib.errors import LayerError, NetlibError
+from netlib.net import Net
+from netlib.proto import prototxt
+
+COUNT, ROWS, BATCH = 3, 10, 2
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7])
+def test_every_row_of_a_step_goes_to_one_rank(count):
+    """Row k of a step is row k div N of rank k mod N, however the step is cut into pieces."""
+    for pieces in ([12], [1, 1, 10], [5, 7], [2, 3, 0, 7]):
+        for rank in range(count):
+            got, done = {}, 0
+            for take in pieces:
+                own, places = Share(rank, count).rows(done, take)
+                got.update(zip(range(places.start, places.stop), range(done, done + take)[own]))
+                done += take
+            assert got == {k // count: k for k in range(12) if k % count == rank}
+            places = Share(rank, count).places(-(-12 // count))
+            assert got == {place: k for place, k in zip(places, range(12)) if place is not None}
+
+
+def test_batches():
+    """The prototxt's, or a part of it."""
+    assert Share(1, 4).batch(6) == 6
+    assert Share(1, 4, divide=True).batch(8) == 2
+    with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple$"):
+        Share(1, 4, divide=True).batch(6)
+
+
+def test_a_batch_that_cannot_be_divided(write_rows):
+    """The line names the layer and the place of its batch_size."""
+    with pytest.raises(LayerError, match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks"):
+        net(hdf5(None, write_rows, "false"), 6, Share(1, 4, divide=True))
+
+
+def test_alone():
+    """One rank changes nothing, and its errors stay as they are."""
+    y = np.ones(3)
+    ALONE.average([y])
+    ALONE.introduce({"data": 1})
+    assert y.tolist() == [1, 1, 1] and ALONE.share == Share() and ALONE.of_root(5) == 5
+    assert ALONE.agree(2.5, "stop", 7) == 2.5 and ALONE.asked("stop") == ALONE.from_root("stop") == "stop"
+    assert ALONE.gather({"a": 1}) == []
+    error = NetlibError("no")
+    with pytest.raises(NetlibError) as raised, ALONE.together():
+        raise error
+    assert raised.value is error
+
+
+# ---------------------------------------------------------------------------------------------- layers that read files
+
+
+def hdf5(folder, write_rows, shuffle):
+    """Three files of rows."""
+    path = write_rows("list.txt", [4, 1, 5], x=(1,))
+    return f'type: "HDF5Data" top: "x" hdf5_data_param {{ source: "{path}" batch_size: %d shuffle: {shuffle} }}'
+
+
+def database(folder, write_rows, shuffle):
+    """An LMDB."""
+    path = folder / f"lmdb_{shuffle}"
+    with lmdb.open(str(path), map_size=1 << 20) as env, env.begin(write=True) as change:
+        for i in range(ROWS):
+            change.put(f"{i:08}".encode(), datum(np.full((1, 1, 1), i, np.uint8), i))
+    return f'type: "Data" top: "x" top: "t" data_param {{ source: "{path}" batch_size: %d backend: LMDB }}'
+
+
+def pictures(folder, write_rows, shuffle):
+    """A list of pictures."""
+    for i in range(ROWS):
+        cv2.imwrite(str(folder / f"{i}.png"), np.full((1, 1, 3), i, np.uint8))
+    (folder / "list").write_text("".join(f"{i}.png {i}\n" for i in range(ROWS)))
+    return (f'type: "ImageData" top: "x" top: "t" image_data_param '
+            f'{{ source: "{folder}/list" batch_size: %d shuffle: {shuffle} }}')  # fmt: skip
+
+
+def net(text, batch, share):
+    """A net of that layer."""
+    return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
+               layer_hook=RankOfLayers(share))  # fmt: skip
+
+
+@pytest.mark.parametrize("shuffle", ["false", "true"])
+@pytest.mark.parametrize("layer", [hdf5, database, pictures])
+def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
+    """Row k of rank r is row k N + r of a batch N times as large, step after step, over the end of the data; after a
+    resume, too; a batch that is divided is one of these, as well."""
+    text = layer(tmp_path, write_rows, shuffle)
+    whole = net(text, BATCH * COUNT, Share())
+    ranks = [net(text, BATCH, Share(r, COUNT)) for r in range(COUNT)]
+    divided = [net(text, BATCH * COUNT, Share(r, COUNT, divide=True)) for r in range(COUNT)]
+    seen = []
+    for step in range(5):
+        expected = whole.forward()["x"].copy()
+        seen.append(expected)
+        for nets in (ranks, divided):
+            for r, of_rank in enumerate(nets):
+                if step == 2:
+                    states = of_rank.layer_states()
+                    of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].share)
+                    of_rank.restore_layer_states(states)
+                assert np.array_equal(of_rank.forward()["x"], expected[r::COUNT])
+    assert len(np.unique(seen)) == ROWS  # all rows, and they differ
+
+
+def test_more_ranks_than_rows(write_rows):
+    """Rows are repeated, with the warning that one would get for such a batch."""
+    text = hdf5(None, write_rows, "false")
+    nets = [net(text, 1, Share(r, 12)) for r in range(12)]
+    rows = [float(n.forward()["x"][0, 0]) for n in nets]
+    assert rows[:2] == rows[10:] and len(set(rows)) == 10
+    assert nets[0].layers[0].notes[0].startswith("warning: batch_size 12 is more than the 10 rows")
+
+
+@pytest.mark.parametrize("layer", [hdf5, database, pictures])
+def test_what_a_layer_reads(tmp_path, write_rows, layer):
+    """Is the same for all ranks, and for other data it is not."""
+    text = layer(tmp_path, write_rows, "false")
+    first, second = (net(text, 1, Share(r, 2)).layers[0].reads() for r in range(2))
+    assert first == second
+    if layer is hdf5:
+        write_rows("list.txt", [4, 1, 5], seed=1, x=(1,))  # as many rows
+    elif layer is database:
+        with lmdb.open(str(tmp_path / "lmdb_false"), map_size=1 << 20) as env, env.begin(write=True) as change:
+            change.put(f"{0:08}".encode(), datum(np.full((1, 1, 1), 99, np.uint8), 0))
+    else:
+        (tmp_path / "list").write_text((tmp_path / "list").read_text().replace(" 7\n", " 8\n"))
+    assert net(text, 1, Share()).layers[0].reads() != first
+
+
+def test_random_numbers():
+    """Parameters are those of one; what is drawn later is not."""
+    text = """type: "DummyData" top: "x" dummy_data_param { shape { dim: %d dim: 4 }
+              data_filler { type: "gaussian" } } }
+              layer { name: "fc" type: "InnerProduct" bottom: "x" top: "y"
+                      inner_product_param { num_output: 3 weight_filler { type: "gaussian" } }"""
+    nets = [net(text, 2, Share(r, 3)) for r in range(3)]
+    drawn = [n.forward()["y"].tobytes() for n in nets]
+    assert len({n.params["fc"][0].data.tobytes() for n in nets}) == 1
+    assert len(set(drawn)) == 3
+    assert net(text, 2, Share(1, 3)).forward()["y"].tobytes() == drawn[1]
+
+
+def test_windows(tmp_path):
+    """Every rank draws its own."""
+    cv2.imwrite(str(tmp_path / "p.png"), np.arange(20 * 20 * 3, dtype=np.uint8).reshape(20, 20, 3))
+    windows = "".join(f"{i % 3 + 1} {overlap} {i} {i} {i + 6} {i + 6}\n" for i in range(10) for overlap in (0.9, 0.1))
+    (tmp_path / "windows").write_text(f"# 0\n{tmp_path}/p.png\n3 20 20\n20\n{windows}")
+    text = (f'type: "WindowData" top: "x" top: "t" window_data_param {{ source: "{tmp_path}/windows" batch_size: %d '
+            'fg_fraction: 0.5 } transform_param { crop_size: 4 }')  # fmt: skip
+    nets = [net(text, 8, Share(r, 2)) for r in range(2)]
+    first, second = (n.forward()["x"].copy() for n in nets)
+    assert first.shape == second.shape and not np.array_equal(first, second)
+    assert nets[0].layers[0].reads() == nets[1].layers[0].reads() is not None
+    assert net(text, 8, Share(1, 2, divide=True)).forward()["x"].shape[0] == 4

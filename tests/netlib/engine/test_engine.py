@@ -1,0 +1,217 @@
+"""Two engines, one switch: how one is chosen, and that both compute the same net."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import load
+from netlib import engine
+from netlib.engine import choice
+from netlib.engine.plain import Engine, Executor
+
+ROOT = Path(__file__).resolve().parents[3]
+MakeNet = Callable[..., netlib.Net]
+needs_fast = pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
+
+NET = """
+    force_backward: true
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 20 dim: 18 } } }
+    layer { name: "c" type: "Convolution" bottom: "x" top: "c"
+            convolution_param { num_output: 4 kernel_size: 3 weight_filler { type: "xavier" } } }
+    layer { name: "r" type: "ReLU" bottom: "c" top: "c" }
+    layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
+    layer { name: "f" type: "InnerProduct" bottom: "p" top: "f"
+            inner_product_param { num_output: 47 weight_filler { type: "xavier" } } }
+    layer { name: "d" type: "Dropout" bottom: "f" top: "f" }
+    layer { name: "h" type: "HandModel" bottom: "f" top: "y" }
+"""
+
+
+def test_plain_is_always_there(net_of: MakeNet) -> None:
+    """By name, whatever the process has chosen."""
+    net = net_of(NET, engine="plain")
+    assert net.engine.name == "plain"
+    assert type(net.engine) is Engine
+    assert type(net.executor) is Executor
+
+
+@needs_fast
+def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``engine=`` for one net, NETLIB_ENGINE for all others; fast by default."""
+    monkeypatch.delenv("NETLIB_ENGINE", raising=False)
+    assert net_of(NET).engine.name == "fast"
+    monkeypatch.setenv("NETLIB_ENGINE", "plain")
+    assert net_of(NET).engine.name == "plain"
+    assert net_of(NET, engine="fast").engine.name == "fast"
+
+
+def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is named with those that are known, wherever it was chosen."""
+    message = r"unknown engine 'plane' \(did you mean 'plain'\?\); known: fast, plain"
+    with pytest.raises(netlib.NetlibError, match=message):
+        net_of(NET, engine="plane")
+    monkeypatch.setenv("NETLIB_ENGINE", "plane")
+    with pytest.raises(netlib.NetlibError, match=message):
+        net_of(NET)
+
+
+def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By default the plain engine takes its place; who asks for it is told what is missing."""
+    monkeypatch.setattr("netlib.engine.choice.has_fast", lambda: False)
+    monkeypatch.delenv("NETLIB_ENGINE", raising=False)
+    choice._engine.cache_clear()
+    try:
+        assert net_of(NET).engine.name == "plain"
+        assert engine.prepare() == "BLAS: as NumPy sets it up"
+        with pytest.raises(netlib.NetlibError, match="the engine 'fast' is the folder fast/, which is not there"):
+            net_of(NET, engine="fast")
+    finally:
+        choice._engine.cache_clear()
+
+
+@needs_fast
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 2e-5), (np.float64, 1e-11)])
+def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, dtype: type, tolerance: float) -> None:
+    """The same random numbers are drawn; outputs, gradients and every blob agree to rounding."""
+    x, dy = rng.normal(size=(3, 1, 20, 18)), rng.normal(size=(3, 93))
+    plain, fast = (net_of(NET, engine=name, dtype=dtype, seed=7) for name in ("plain", "fast"))
+    for net in (plain, fast):
+        net.forward(x=x)
+        net.backward(y=dy)
+    for name, blob in plain.blobs.items():
+        for half in ("data", "diff"):
+            want, got = getattr(blob, half), getattr(fast.blobs[name], half)
+            assert np.abs(got - want).max() <= tolerance * np.abs(want).max(), (name, half)
+    for one, other in zip(plain.learnable, fast.learnable):
+        assert np.abs(other.blob.diff - one.blob.diff).max() <= tolerance * np.abs(one.blob.diff).max(), one.label
+
+
+@needs_fast
+def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
+    """For all of its nets; the two engines follow one another's losses."""
+    rows = write_rows("rows.txt", [12], x=(1, 8, 8), t=(3,))
+    (tmp_path / "net.prototxt").write_text(f"""
+        layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{rows}" batch_size: 4 }} }}
+        layer {{ name: "f" type: "InnerProduct" bottom: "x" top: "f"
+                 inner_product_param {{ num_output: 3 weight_filler {{ type: "xavier" }} }} }}
+        layer {{ name: "l" type: "EuclideanLoss" bottom: "f" bottom: "t" top: "loss" }}
+    """)
+    (tmp_path / "solver.prototxt").write_text(
+        f'net: "{tmp_path}/net.prototxt" base_lr: 0.01 momentum: 0.9 lr_policy: "fixed" random_seed: 3 test_iter: 1'
+    )
+    solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
+    for solver, name in zip(solvers, ("plain", "fast")):
+        assert {net.engine.name for net in [solver.net, *solver.test_nets]} == {name}
+    for _ in range(10):
+        for solver in solvers:
+            solver.step(1)
+        assert solvers[0].loss == pytest.approx(solvers[1].loss, rel=1e-5)
+
+
+@needs_fast
+def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
+    """It begins at 1 and is HandModel's second bottom; behind layers that run in slices, of which there are several."""
+    rows = write_rows("rows.txt", [70], x=(1, 8, 8), joint=(93,))
+    with h5py.File(tmp_path / "rows0.h5", "r+") as file:
+        poses = 0.02 * np.random.default_rng(2).normal(size=(70, 47))
+        file["joint"][...] = Kinematics(load().scaled(1.3)).joints(poses).reshape(70, 93)
+    (tmp_path / "net.prototxt").write_text(f"""
+        layer {{ name: "d" type: "HDF5Data" top: "x" top: "joint"
+                 hdf5_data_param {{ source: "{rows}" batch_size: 70 }} }}
+        layer {{ name: "c" type: "Convolution" bottom: "x" top: "c"
+                 convolution_param {{ num_output: 4 kernel_size: 3 weight_filler {{ type: "xavier" }} }} }}
+        layer {{ name: "r" type: "ReLU" bottom: "c" top: "c" }}
+        layer {{ name: "p" type: "Pooling" bottom: "c" top: "FC2" pooling_param {{ kernel_size: 2 stride: 2 }} }}
+        layer {{ name: "DoF" type: "InnerProduct" bottom: "FC2" top: "DoF"
+                 inner_product_param {{ num_output: 47 weight_filler {{ type: "gaussian" std: 0.01 }} }} }}
+        layer {{ name: "size" type: "InnerProduct" bottom: "FC2" top: "size"
+                 inner_product_param {{ num_output: 1 weight_filler {{ type: "gaussian" std: 0.001 }}
+                                        bias_filler {{ type: "constant" value: 1 }} }} }}
+        layer {{ name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }}
+        layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: "loss" }}
+    """)
+    (tmp_path / "solver.prototxt").write_text(
+        f'net: "{tmp_path}/net.prototxt" base_lr: 0.0005 momentum: 0.9 lr_policy: "fixed" random_seed: 3'
+    )
+    solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
+    losses: list[list[float]] = []
+    for _ in range(40):
+        for solver in solvers:
+            solver.step(1)
+        losses.append([solver.loss for solver in solvers])
+    plain, fast = np.array(losses).T
+    assert np.allclose(plain, fast, rtol=1e-4)
+    assert plain[-1] < plain[0] / 5
+    for solver in solvers:
+        assert 1.2 < solver.net.blobs["size"].data.mean() < 1.4
+
+
+@pytest.mark.parametrize("value", ["", "fast"])
+@needs_fast
+def test_an_empty_choice_is_no_choice(value: str) -> None:
+    """NETLIB_ENGINE= is the default, BLAS set up included."""
+    code = "import netlib; from netlib import engine; print(engine.get().name, netlib.BLAS_NOTE)"
+    environment = {**os.environ, "NETLIB_ENGINE": value}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("fast BLAS: ") and "as NumPy sets it up" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "expected"),
+    [
+        ("fast.py", "", "fast"),
+        ("fast/__init__.py", "", "fast"),
+        ("layers.py", "", "fast"),
+        ("fast.py", "import fast", "plain"),
+        ("layers.py", "import layers", "layers.py: was imported as 'layers', which is this project's package"),
+    ],
+)
+@needs_fast
+def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str, expected: str) -> None:
+    """Ours are found all the same; one that was imported before netlib stays, and is named where ours is needed."""
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text("")
+    (tmp_path / "run.py").write_text(
+        f"{before}\nimport sys; sys.path.append({str(ROOT)!r}); import netlib\n"
+        f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
+        "except netlib.NetlibError as error: print(error)\n"
+    )
+    environment = {k: v for k, v in os.environ.items() if k not in ("NETLIB_ENGINE", "PYTHONPATH")}
+    done = subprocess.run(
+        [sys.executable, "run.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert expected in done.stdout
+
+
+def test_plain_has_one_thread() -> None:
+    """Asking for more changes nothing, asking for none is a mistake."""
+    plain = engine.get("plain")
+    plain.set_threads(3)
+    assert plain.threads() == 1
+    with pytest.raises(ValueError, match="at least 1, not 0"):
+        plain.set_threads(0)
+
+
+def test_a_process_of_the_plain_engine_loads_no_twins() -> None:
+    """NETLIB_ENGINE=plain: what runs is what stands in netlib/ and layers/, with BLAS set up as for both engines."""
+    code = (
+        "import sys, netlib; net = netlib.Net('prototxt/nyu_deploy.prototxt', netlib.TEST); net.forward(); "
+        "print(net.engine.name, netlib.threads(), [m for m in sys.modules if m.split('.')[0] == 'fast'])"
+    )
+    environment = {**os.environ, "NETLIB_ENGINE": "plain"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"plain 1 {['fast', 'fast.blas'] if engine.has_fast() else []}\n"

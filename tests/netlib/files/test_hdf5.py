@@ -1,0 +1,313 @@
+"""netlib/files/hdf5.py: files that lead out of themselves, crash the library or hang it; rows by plain reads."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from netlib import files
+from netlib.errors import DataError, WeightsError
+from netlib.files import hdf5, hdf5_helper
+from netlib.files.paths import ROOT
+
+PRETENDER = """
+import json, os, signal, sys
+print(json.dumps({"ready": True}), flush=True)
+for line in sys.stdin:
+    name = os.path.basename(json.loads(line)["path"])
+    if "crash" in name:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    while "endless" in name:
+        signal.pause()
+    print(json.dumps({"fault": ""}), flush=True)
+"""
+
+
+def write(path: Path, **datasets: Any) -> Path:
+    """An HDF5 file."""
+    with h5py.File(path, "w") as file:
+        for name, value in datasets.items():
+            file[name] = value
+    return path
+
+
+@pytest.fixture
+def pretender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Instead of the helper one that crashes, or never answers, as the name of a file says."""
+    (tmp_path / "pretender.py").write_text(PRETENDER)
+    state = hdf5_helper._State()
+    monkeypatch.setattr(hdf5_helper, "CHECK", tmp_path / "pretender.py")
+    monkeypatch.setattr(hdf5_helper, "SECONDS", 0.2)
+    monkeypatch.setattr(hdf5_helper, "_state", state)
+    yield
+    state.end()
+
+
+# ---------------------------------------------------------------------------------------------- what is refused
+
+
+def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
+    """The kind of error is the caller's; what HDF5 raises in the block, too, becomes it."""
+    path = write(tmp_path / "a.h5", x=np.zeros(3))
+    with hdf5.opened(path, "weights", WeightsError) as file:
+        assert list(file) == ["x"]
+    wrong = r"a\.h5: cannot read weights: damaged, or not as expected: .*'y'"
+    with pytest.raises(WeightsError, match=wrong), hdf5.opened(path, "weights", WeightsError) as file:
+        file["y"]
+    (tmp_path / "text.h5").write_text("no HDF5")
+    wrong = r"text\.h5: cannot read the data: damaged or truncated: .*signature not found"
+    with pytest.raises(DataError, match=wrong), hdf5.opened(tmp_path / "text.h5", "the data"):
+        pass
+
+
+def external_link(file: h5py.File) -> None:
+    """HDF5 would open /etc/passwd, or a pipe, for whoever follows it."""
+    file["deep/x"] = h5py.ExternalLink("other.h5", "x")
+
+
+def external_storage(file: h5py.File) -> None:
+    """Its values are any file's bytes."""
+    file.create_dataset("x", (4,), "u1", external=[("/etc/hostname", 0, 4)])
+
+
+def virtual(file: h5py.File) -> None:
+    """Made of itself: reading it overflows the library's stack."""
+    layout = h5py.VirtualLayout((4,), "f4")
+    layout[:] = h5py.VirtualSource(file.filename, "x", (4,))
+    file.create_virtual_dataset("x", layout)
+
+
+def never_written(file: h5py.File) -> None:
+    """HDF5 would make the values up."""
+    file.create_dataset("x", (10**12,), "f4", chunks=(1024,))
+
+
+def another_filter(file: h5py.File) -> None:
+    """A plug-in would be looked for and loaded."""
+    file.create_dataset("x", data=np.zeros(100), compression="gzip", scaleoffset=2, chunks=(10,))
+
+
+@pytest.mark.parametrize(
+    ("make", "fault"),
+    [
+        (
+            external_link,
+            "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
+        ),
+        (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
+        (virtual, "data set '/x' is virtual, made of others, which is not followed; expected values"),
+        (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
+        (another_filter, "data set '/x' is compressed by filter 6 ("),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> None:
+    """Each with what was found, and what was expected."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        make(file)
+    with pytest.raises(DataError) as error, hdf5.opened(tmp_path / "a.h5", "the data"):
+        pass
+    assert str(error.value).startswith(f"{tmp_path}/a.h5: cannot read the data: {fault}")
+
+
+def test_links_within_a_file(tmp_path: Path) -> None:
+    """Are followed; one that leads nowhere harms nobody who does not ask for it, nor does a circle."""
+    with h5py.File(write(tmp_path / "a.h5", x=np.arange(3)), "r+") as file:
+        file["y"], file["nowhere"] = h5py.SoftLink("/x"), h5py.SoftLink("/none")
+        file["group/up"] = file["/"]
+    assert hdf5.File(tmp_path / "a.h5", ("x", "y")).datasets[1][:].tolist() == [0, 1, 2]
+    with pytest.raises(DataError, match="no data set 'nowhere'; it has x, y"):
+        hdf5.File(tmp_path / "a.h5", ("nowhere",))
+
+
+def test_the_library_crashes(tmp_path: Path, pretender: None) -> None:
+    """In the helper, not here; the next file is looked at by another."""
+    with pytest.raises(DataError, match=r"damaged: the HDF5 library crashes on it \(status -11\)"):
+        hdf5.File(write(tmp_path / "crash.h5", x=np.zeros(3)), ("x",))
+    assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
+
+
+def test_the_library_never_returns(tmp_path: Path, pretender: None) -> None:
+    """Neither there, and it is not waited for."""
+    with pytest.raises(DataError, match="damaged: the HDF5 library does not come to an end with it"):
+        hdf5.File(write(tmp_path / "endless.h5", x=np.zeros(3)), ("x",))
+    assert hdf5.File(write(tmp_path / "good.h5", x=np.zeros(3)), ("x",)).rows == 3
+
+
+def test_a_file_is_looked_at_once(tmp_path: Path, pretender: None) -> None:
+    """And again when it has changed."""
+    path = write(tmp_path / "endless.h5", x=np.zeros(3))
+    with path.open("rb") as stream:
+        before = files.identity(stream.fileno())
+    hdf5_helper.fault_of.cache_clear()
+    for _ in range(3):
+        hdf5_helper.fault_of(str(path), before)
+    assert hdf5_helper.fault_of.cache_info().misses == 1
+    os.utime(path, ns=(1, 1))
+    with path.open("rb") as stream:
+        assert files.identity(stream.fileno()) != before
+
+
+def test_without_a_helper(
+    tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where no process can be started a file is opened all the same, and a note says so."""
+    monkeypatch.setattr(hdf5_helper, "CHECK", tmp_path / "not there.py")
+    path = write(tmp_path / "a.h5", x=np.zeros(3))
+    assert hdf5.File(path, ("x",)).rows == 3
+    assert "HDF5 files are opened without a look from outside" in caplog.text
+
+
+def test_a_file_that_is_exchanged_after_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is another, which nobody has looked at."""
+    path, other = write(tmp_path / "a.h5", x=np.zeros(3)), write(tmp_path / "other.h5", x=np.zeros(3))
+
+    def look(name: str, identity: object) -> str:
+        other.replace(path)
+        return ""
+
+    monkeypatch.setattr(hdf5_helper, "fault_of", look)
+    with pytest.raises(DataError, match=r"a\.h5: was changed while it was opened; run again"):
+        hdf5.File(path, ("x",))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_process_has_a_helper_of_its_own(tmp_path: Path) -> None:
+    """The parent's is not asked by two, nor ended by the child."""
+    one, two = write(tmp_path / "one.h5", x=np.zeros(1)), write(tmp_path / "two.h5", x=np.zeros(2))
+    hdf5.File(one, ("x",))
+    parents = hdf5_helper._state.helper
+    child = os.fork()
+    if child == 0:
+        rows = hdf5.File(two, ("x",)).rows
+        own = hdf5_helper._state.helper is not parents
+        hdf5_helper._state.end()
+        os._exit(rows if own else 99)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 2
+    assert hdf5.File(write(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
+    assert hdf5_helper._state.helper is parents
+
+
+def test_a_helper_that_is_gone(tmp_path: Path) -> None:
+    """Who killed it was not the next file: another helper looks at that one."""
+    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    helper = hdf5_helper._state.helper
+    assert helper is not None
+    helper._process.kill()
+    helper._process.wait()
+    assert hdf5.File(write(tmp_path / "two.h5", x=np.zeros(2)), ("x",)).rows == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "getsid"), reason="there are no sessions here")
+def test_a_terminals_signals_do_not_reach_the_helper(tmp_path: Path) -> None:
+    """Ctrl-C ends a training after its snapshot; a helper that it killed would make the next file a damaged one."""
+    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    assert hdf5_helper._state.helper is not None
+    assert os.getsid(hdf5_helper._state.helper._process.pid) != os.getsid(0)
+
+
+def test_an_answer_that_nobody_waited_for(tmp_path: Path, pretender: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is not the answer for the next file."""
+    hdf5.File(write(tmp_path / "one.h5", x=np.zeros(1)), ("x",))
+    helper = hdf5_helper._state.helper
+    assert helper is not None
+    with pytest.raises(KeyboardInterrupt), monkeypatch.context() as patch:
+        patch.setattr(helper, "_out", Interrupted(helper._out))
+        hdf5.File(write(tmp_path / "two.h5", x=np.zeros(2)), ("x",))
+    assert hdf5_helper._state.helper is None
+    assert hdf5.File(write(tmp_path / "three.h5", x=np.zeros(3)), ("x",)).rows == 3
+
+
+class Interrupted:
+    """A stream; Ctrl-C comes while somebody waits for a line of it."""
+
+    def __init__(self, stream: Any) -> None:
+        self.close = stream.close
+
+    def readline(self) -> str:
+        """No line."""
+        raise KeyboardInterrupt
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_the_end_of_a_process_whose_child_lives_on(tmp_path: Path) -> None:
+    """The child has the helper's pipe, too, so the helper would not see that its own process has closed it."""
+    write(tmp_path / "a.h5", x=np.zeros(1))
+    done = subprocess.run(
+        [sys.executable, "-c", PARENT, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, timeout=30, check=True,
+    )  # fmt: skip
+    os.kill(int(done.stdout), signal.SIGKILL)
+
+
+PARENT = """
+import os, signal, sys
+from pathlib import Path
+from netlib.files import hdf5
+hdf5.File(Path(sys.argv[1]), ("x",))
+if (child := os.fork()) == 0:
+    os.close(1)
+    signal.pause()
+print(child)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers here")
+def test_a_helper_whose_process_was_killed(tmp_path: Path) -> None:
+    """Ends by itself, although the library does not return."""
+    endless = CHECK_IN_CIRCLES.format(folder=str(hdf5_helper.CHECK.parent))
+    done = subprocess.run(
+        [sys.executable, "-c", endless], input='{"path": "a.h5", "seconds": 0.05}\n', text=True, timeout=30, check=False
+    )
+    assert done.returncode == -signal.SIGALRM
+
+
+CHECK_IN_CIRCLES = """
+import signal, sys
+sys.path.append({folder!r})
+import hdf5_check
+hdf5_check.fault_of = lambda path: signal.pause()
+hdf5_check.main()
+"""
+
+
+# ---------------------------------------------------------------------------------------------- rows
+
+
+def test_numbers_that_no_array_has(tmp_path: Path) -> None:
+    """12 bits within 16: as they stand in the file they would be other numbers."""
+    kind = h5py.h5t.STD_I16LE.copy()
+    kind.set_precision(12)
+    kind.set_offset(4)
+    values = np.arange(6000, dtype=np.int16).reshape(2, 3000) % 1000
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        dataset = h5py.h5d.create(file.id, b"x", kind, h5py.h5s.create_simple(values.shape))
+        dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+    assert np.array_equal(hdf5.File(tmp_path / "a.h5", ("x",)).datasets[0], values)
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (40, 40)], ids=["numbers", "small rows", "large rows"])
+@pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "<i2", "u1"])
+@pytest.mark.parametrize("options", [{}, {"chunks": True}, {"compression": "gzip"}], ids=str)
+def test_rows_are_what_h5py_reads(tmp_path: Path, shape: tuple[int, ...], dtype: str, options: dict[str, Any]) -> None:
+    """One, several that follow each other or not, all; into arrays of other types."""
+    values = np.random.default_rng(3).integers(0, 100, (20, *shape)).astype(dtype)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", data=values, **options)
+    rows = hdf5.File(tmp_path / "a.h5", ("x",)).datasets[0]
+    assert (rows.shape, rows.dtype) == (values.shape, values.dtype)
+    for key in (0, 19, -1, slice(None), slice(3, 9), slice(15, 2, -3), [5, 6, 7, 1, 0, 19, 19], np.array([4])):
+        assert np.array_equal(rows[key], values[key]), key
+    assert np.array_equal(np.asarray(rows), values)
+    out = np.empty((4, *shape), np.float32)
+    rows.take(np.array([7, 8, 2, 3]), out)
+    assert np.array_equal(out, values[[7, 8, 2, 3]])

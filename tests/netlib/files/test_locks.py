@@ -1,0 +1,98 @@
+"""netlib/files/locks.py: whoever holds one is alive."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from netlib.files import locks
+from netlib.files.paths import ROOT
+
+pytestmark = pytest.mark.skipif(locks.fcntl is None, reason="this system has no such locks")
+
+HOLDER = """
+import sys
+from pathlib import Path
+from netlib.files.locks import Lock
+lock = Lock(Path(sys.argv[1]))
+print(lock.taken, lock.holder, flush=True)
+sys.stdin.read()
+"""
+
+
+def test_one_at_a_time(tmp_path: Path) -> None:
+    """In one process, too; the file tells who, and goes when it is released."""
+    path = tmp_path / ".prefix.lock"
+    first = locks.Lock(path)
+    second = locks.Lock(path)
+    assert (first.taken, second.taken, second.holder) == (True, False, str(os.getpid()))
+    second.release()
+    assert path.exists()
+    first.release()
+    assert not path.exists()
+    third = locks.Lock(path)
+    assert third.taken
+    third.release()
+
+
+def test_a_kill_releases(tmp_path: Path) -> None:
+    """Nothing has to be cleared away by hand."""
+    path = tmp_path / ".prefix.lock"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"True \n"
+        assert locks.Lock(path).holder == str(holder.pid)
+        holder.send_signal(signal.SIGKILL)
+        holder.communicate()
+    mine = locks.Lock(path)
+    assert mine.taken
+    mine.release()
+
+
+def test_a_lock_is_not_inherited(tmp_path: Path) -> None:
+    """A child that outlives its parent does not hold it."""
+    lock = locks.Lock(tmp_path / ".lock")
+    child = os.fork()
+    if child == 0:
+        os._exit(int(lock.taken) + 2 * (tmp_path / ".lock").exists())
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 2
+    assert not locks.Lock(tmp_path / ".lock").taken
+    lock.release()
+
+
+def test_a_planted_link(tmp_path: Path) -> None:
+    """Is not followed, so that nothing is written elsewhere."""
+    (tmp_path / "precious").write_text("mine")
+    (tmp_path / ".lock").symlink_to(tmp_path / "precious")
+    with pytest.raises(OSError, match="symbolic links"):
+        locks.Lock(tmp_path / ".lock")
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody is refused, or waited for; also where a file has another identity by its name than when it is open."""
+    monkeypatch.setattr(locks, "fcntl", None)
+    monkeypatch.setattr(locks, "is_still", lambda path, descriptor: False)
+    both = [locks.Lock(tmp_path / ".lock") for _ in range(2)]
+    assert [lock.taken for lock in both] == [True, True]
+    for lock in both:
+        lock.release()
+    assert not (tmp_path / ".lock").exists()
+
+
+def test_a_file_held_within_a_block(tmp_path: Path) -> None:
+    """True, False if another has it, None for what is not there."""
+    path = tmp_path / "a"
+    path.touch()
+    with locks.held(path) as mine, locks.held(path) as other, locks.held(tmp_path / "none") as none:
+        assert (mine, other, none) == (True, False, None)
+    with locks.held(tmp_path) as folder:
+        assert folder

@@ -1,0 +1,57 @@
+"""netlib/files/paths.py: where the files are that a prototxt names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from netlib.files.paths import ROOT, find
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with prototxt/solver.prototxt; the working directory is another one."""
+    (tmp_path / "project" / "prototxt" / "body").mkdir(parents=True)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    return tmp_path / "project"
+
+
+def put(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch()
+    return path
+
+
+def test_the_working_directory_comes_first(tree: Path) -> None:
+    """Then the folder of the file that names it."""
+    source = str(put(tree / "prototxt" / "solver.prototxt"))
+    beside = put(tree / "prototxt" / "net.prototxt")
+    assert find("net.prototxt", source) == beside
+    put(Path("net.prototxt"))
+    assert find("net.prototxt", source) == Path("net.prototxt")
+
+
+@pytest.mark.parametrize("solver", ["prototxt/solver.prototxt", "prototxt/body/solver.prototxt"])
+def test_the_tree_of_the_file_that_names_it(tree: Path, solver: str) -> None:
+    """From any working directory: the name begins with a folder in which the file is."""
+    net = put(tree / "prototxt" / "body" / "net.prototxt")
+    assert find("prototxt/body/net.prototxt", str(put(tree / solver))) == net
+
+
+def test_the_projects_own_files(tree: Path) -> None:
+    """A user's solver may name a net of the project, also where that is installed."""
+    source = str(put(tree / "solver.prototxt"))
+    assert find("prototxt/nyu_train_test.prototxt", source) == ROOT / "prototxt" / "nyu_train_test.prototxt"
+    own = put(Path("prototxt/nyu_train_test.prototxt"))
+    assert find("prototxt/nyu_train_test.prototxt", source) == own
+
+
+def test_no_other_place(tree: Path) -> None:
+    """Data are not looked for in the folders above: they are those of somebody else."""
+    put(tree / "data" / "nyu" / "train.txt")
+    source = str(put(tree / "prototxt" / "net.prototxt"))
+    for name in ("data/nyu/train.txt", "prototxt/none.prototxt", "none.prototxt"):
+        assert find(name, source) == Path(name)
+    assert find("prototxt/nyu_train_test.prototxt", None) == Path("prototxt/nyu_train_test.prototxt")

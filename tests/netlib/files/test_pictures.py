@@ -1,0 +1,74 @@
+"""netlib/files/pictures.py: what a file claims to hold is looked at before it is decoded."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from netlib.errors import DataError
+from netlib.files import pictures
+from netlib.files.paths import ROOT
+
+SIDE = 17_000  # of a square of more than MOST_PIXELS, and fewer than OpenCV's own limit
+
+
+def bomb(suffix: str) -> bytes:
+    """A small file of a picture that claims to be SIDE x SIDE."""
+    raw = bytearray(cv2.imencode(suffix, np.zeros((40, 50, 3), np.uint8))[1].tobytes())
+    if suffix == ".ppm":
+        return raw.replace(b"50 40", b"%d %d" % (SIDE, SIDE))
+    place, layout = {
+        ".bmp": (18, "<ii"),
+        ".jpg": (raw.find(b"\xff\xc0") + 5, ">HH"),
+        ".tiff": (raw.find(struct.pack("<HHII", 256, 3, 1, 50)) + 8, "<I"),
+    }[suffix]
+    size = struct.calcsize(layout)
+    raw[place : place + size] = struct.pack(layout, *[SIDE] * len(layout[1:]))
+    if suffix == ".tiff":
+        place = raw.find(struct.pack("<HHII", 257, 3, 1, 40)) + 8
+        raw[place : place + 4] = struct.pack("<I", SIDE)
+    return bytes(raw)
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".jpg", ".tiff", ".ppm"])
+def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str) -> None:
+    """OpenCV's own limit is larger; who imports netlib first has ours."""
+    (tmp_path / "bomb").write_bytes(bomb(suffix))
+    code = "import netlib, sys, pathlib; from netlib import pictures; "
+    code += "pictures.decode(pathlib.Path(sys.argv[1]).read_bytes(), -1, 'p')"
+    command = [sys.executable, "-c", code, str(tmp_path / "bomb")]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("OPENCV")}
+    ended = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (
+        "p: a picture of too many pixels in all; OPENCV_IO_MAX_IMAGE_PIXELS in the env" in ended.stderr.splitlines()[-1]
+    )
+
+
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.999])
+def test_a_truncated_jpeg(part: float) -> None:
+    """Is refused by every version of OpenCV; what other programs write after its end does no harm."""
+    image = np.random.default_rng(0).integers(0, 255, (40, 50, 3), np.uint8)
+    whole = cv2.imencode(".jpg", image)[1].tobytes()
+    with pytest.raises(DataError, match=r"^p: truncated JPEG$" if part > 0.5 else "^p: "):
+        pictures.decode(whole[: int(len(whole) * part)], cv2.IMREAD_COLOR, "p")
+    assert pictures.decode(whole + b"more", cv2.IMREAD_COLOR, "p").shape == (40, 50, 3)
+
+
+def test_a_picture_with_too_long_a_side() -> None:
+    """OpenCV takes a million."""
+    with pytest.raises(DataError, match=r"^p: a picture of too many pixels in a row; OPENCV_IO_MAX_IMAGE_WIDTH in"):
+        pictures.decode(b"P5\n1048581 1\n255\n" + bytes(1048581), cv2.IMREAD_UNCHANGED, "p")
+
+
+def test_a_png_of_too_many_pixels() -> None:
+    """Is refused by its header, whoever imported OpenCV first."""
+    raw = cv2.imencode(".png", np.zeros((SIDE, SIDE), np.uint8))[1].tobytes()
+    with pytest.raises(DataError, match=f"^p: a picture of {SIDE} x {SIDE} pixels; expected at most"):
+        pictures.decode(raw, cv2.IMREAD_UNCHANGED, "p")

@@ -1,0 +1,73 @@
+"""The numbers of fields and enum values in binary files: the same as in Caffe's caffe.proto."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+from netlib.proto import messages, schema, upgrade
+from netlib.proto.options import option_blocks
+from netlib.proto.prototxt import Message
+
+Fields = dict[str, tuple[int, dict[str, int]]]  # field name -> its number, and the values of its enum
+CALLED = {"Filler": "FillerParameter", "AnyNetParameter": "NetParameter"}  # dataclasses under another name than Caffe's
+
+
+def caffe_fields() -> dict[str, Fields]:
+    """The table ``field_numbers.txt``, by message."""
+    found: dict[str, Fields] = {}
+    fields: Fields = {}
+    for line in (Path(__file__).parent / "field_numbers.txt").read_text(encoding="utf-8").splitlines():
+        if match := re.fullmatch(r"  (\d+) (\w+)(?:: (.*))?", line):
+            values = [value.split() for value in (match[3] or "").split(", ") if value]
+            fields[match[2]] = int(match[1]), {name: int(number) for name, number in values}
+        elif not line.startswith("#"):
+            fields = found.setdefault(line, {})
+    return found
+
+
+def own_messages() -> set[type]:
+    """Every message that a file can hold, nested ones included."""
+    left = [cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__]
+    left += [upgrade.V0LayerParameter, upgrade.V1LayerParameter, upgrade.AnyNetParameter]
+    left += option_blocks().values()
+    found: set[type] = set()
+    while left:
+        if (cls := left.pop()) not in found:
+            found.add(cls)
+            kinds = [schema.kind_of(hint)[0] for hint in schema.hints_of(cls).values()]
+            left += [kind for kind in kinds if schema.is_message(kind) and kind is not Message]
+    return found
+
+
+def own_fields() -> dict[str, Fields]:
+    """The same as the table, from the dataclasses."""
+    found: dict[str, Fields] = {}
+    for cls in own_messages():
+        hints = schema.hints_of(cls)
+        fields = found.setdefault(CALLED.get(cls.__name__, cls.__name__), {})
+        options: Any = dataclasses.fields(cls)  # type: ignore[arg-type]
+        for field in options:
+            name = schema.written_name(field.name)
+            if "number" in field.metadata:
+                fields[name] = field.metadata["number"], dict(schema.enum_of(schema.kind_of(hints[name])[0]))
+            fields.update({block: (number, {}) for block, number in field.metadata.get("numbers", {}).items()})
+    return found
+
+
+def test_every_number_is_that_of_caffe() -> None:
+    """Both ways: no field has another number, and no field of these messages is missing."""
+    table, own = caffe_fields(), own_fields()
+    assert sum(len(fields) for fields in table.values()) > 440
+    assert own.keys() == table.keys()
+    for message, fields in table.items():
+        assert own[message] == fields, message
+
+
+def test_every_options_block_is_the_message_that_its_name_says() -> None:
+    """``lrn_param`` is an LRNParameter: the table has a message's numbers under its own name."""
+    for block, cls in option_blocks().items():
+        name = {"transform_param": "transformation"}.get(block, block.removesuffix("_param").replace("_", ""))
+        assert cls.__name__.lower() == f"{name}parameter", block

@@ -1,0 +1,161 @@
+"""Which layers a net has, and what is a mistake in its text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib.proto import prototxt
+from netlib.proto.messages import NetState, NetStateRule
+from netlib.proto.net_parameter import load_parameter, meets
+from tests.netlib.net_texts import X, ip
+
+MakeNet = Callable[..., netlib.Net]
+
+
+def names(net: netlib.Net) -> list[str]:
+    """Names of the layers, without the inserted splits."""
+    return [layer.name for layer in net.layers if layer.type != "Split"]
+
+
+@pytest.mark.parametrize(
+    ("rule", "state", "expected"),
+    [
+        (NetStateRule(), NetState("TRAIN"), True),
+        (NetStateRule(phase="TEST"), NetState("TRAIN"), False),
+        (NetStateRule(min_level=2), NetState(level=1), False),
+        (NetStateRule(min_level=2, max_level=3), NetState(level=3), True),
+        (NetStateRule(max_level=3), NetState(level=4), False),
+        (NetStateRule(stage=("a", "b")), NetState(stage=("a",)), False),
+        (NetStateRule(stage=("a", "b")), NetState(stage=("b", "a")), True),
+        (NetStateRule(not_stage=("a",)), NetState(stage=("a", "b")), False),
+        (NetStateRule(phase="TRAIN", stage=("a",)), NetState("TRAIN", stage=("a",)), True),
+    ],
+)
+def test_a_rule_is_met_when_all_its_conditions_are(rule: NetStateRule, state: NetState, expected: bool) -> None:
+    """Phase, levels, all stages, no excluded stage."""
+    assert meets(state, rule) == expected
+
+
+RULES = X + "".join(
+    f'layer {{ name: "{name}" type: "Power" bottom: "x" top: "{name}" {rules} }} '
+    for name, rules in {
+        "train": "include { phase: TRAIN }",
+        "test": "include { phase: TEST }",
+        "deep": "include { min_level: 1 }",
+        "not_a": 'exclude { stage: "a" }',
+        "a_or_test": 'include { stage: "a" } include { phase: TEST }',
+        "never_both": 'exclude { phase: TRAIN } exclude { stage: "a" }',
+    }.items()
+)
+
+
+@pytest.mark.parametrize(
+    ("phase", "options", "expected"),
+    [
+        (netlib.TRAIN, {}, ["x", "train", "not_a"]),
+        (netlib.TEST, {}, ["x", "test", "not_a", "a_or_test", "never_both"]),
+        (netlib.TRAIN, {"level": 1, "stages": ["a"]}, ["x", "train", "deep", "a_or_test"]),
+        (netlib.TEST, {"stages": ["a"]}, ["x", "test", "a_or_test"]),
+    ],
+)
+def test_include_and_exclude(net_of: MakeNet, phase: int, options: dict, expected: list[str]) -> None:
+    """Any include suffices; any exclude excludes."""
+    assert names(net_of(RULES, phase, **options)) == expected
+
+
+def test_the_state_may_stand_in_the_net(net_of: MakeNet) -> None:
+    """Phase, level and stages of ``state { }`` hold where the caller gives none."""
+    net = netlib.Net(prototxt.parse('state { phase: TRAIN level: 1 stage: "a" } ' + RULES))
+    assert net.phase == netlib.TRAIN
+    assert names(net) == ["x", "train", "deep", "a_or_test"]
+
+
+def test_include_and_exclude_together_are_a_mistake(net_of: MakeNet) -> None:
+    """As in Caffe."""
+    with pytest.raises(netlib.PrototxtError, match="layer 'p' has both include and exclude rules"):
+        net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { } exclude { } }')
+
+
+@pytest.mark.parametrize(
+    ("text", "shapes"),
+    [
+        ('input: "a" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 5', {"a": (2, 3, 4, 5)}),
+        ('input: "a" input_shape { dim: 2 dim: 3 }', {"a": (2, 3)}),
+        ('input: "a" input: "b" input_shape { dim: 2 } input_shape { dim: 3 }', {"a": (2,), "b": (3,)}),
+        ('input: "a" input: "b" ' + "input_dim: 1 " * 4 + "input_dim: 2 " * 4, {"a": (1,) * 4, "b": (2,) * 4}),
+        (
+            'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 2 } } }',
+            {"a": (2,), "b": (2,)},
+        ),
+    ],
+)
+def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[int, ...]]) -> None:
+    """``input_dim`` counts four an input, ``input_shape`` one per input, an Input layer one per top or one for all."""
+    net = net_of(text)
+    assert net.inputs == list(shapes)
+    assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
+
+
+@pytest.mark.parametrize(
+    "text", ['input: "a" input_dim: 1', 'input: "a" input: "b" input: "c" input_shape { } input_shape { }']
+)
+def test_inputs_without_a_fitting_shape(net_of: MakeNet, text: str) -> None:
+    """The message counts."""
+    with pytest.raises(netlib.PrototxtError, match="inputs need as many input_shape"):
+        net_of(text)
+
+
+def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
+    """Parsed again from its own print."""
+    text = str(prototxt.parse(RULES))
+    assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('layer { name: "a" type: "Convolutoin" }', r"type 'Convolutoin' \(did you mean 'Convolution'\?\); known"),
+        ('layer { name: "a" }', "layer 'a' has no type"),
+        ("", "no layer in this file; expected a net"),
+        ('layers { name: "a" }', "layer 'a' has no type"),
+        ('layers { name: "a" type: "RELU" }', "'type' expects .*, found \"RELU\""),
+        ('layers { name: "a" type: RELUU }', r"unknown value RELUU of 'type' \(did you mean 'RELU'\?\)"),
+        ('layers { type: RELU } layer { type: "ReLU" }', "both 'layer' and 'layers'"),
+        ('layer { name: "x" type: "Power" power_parm { } }', "unknown field 'power_parm'"),
+        ('layer { name: "x" type: "Power" powwer_param { } }', r"'powwer_param' \(did you mean 'power_param'\?\)"),
+        ('layer { name: "x" type: "Power" bottom: "x" top: "y" power_param { scael: 2 } }',
+         r"unknown field 'scael' \(did you mean 'scale'\?\)"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_text_of_a_net(net_of: MakeNet, text: str, message: str) -> None:
+    """Unknown types and fields come with the nearest known one."""
+    with pytest.raises(netlib.PrototxtError, match=message):
+        net_of(text)
+
+
+def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
+    """As in Caffe; also if they make no sense."""
+    net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { nothing: 1 } }')
+    assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ('layer { name: "b" type: "BN" bn_param { bn_mode: LEARN } }', "1:19: error: unknown layer type 'BN'"),
+        ('layer { name: "b" type: "BatchNorm" bn_param { } }', "1:37: error: unknown field 'bn_param'"),
+        ('layers { name: "b" type: BN bn_param { } }', "1:26: error: unknown value BN of 'type'"),
+        ('layers { name: "b" type: RELU bn_param { } }', "1:31: error: unknown field 'bn_param'"),
+    ],
+)
+def test_a_layer_of_a_fork_of_caffe(net_of: MakeNet, text: str, found: str) -> None:
+    """By its type or by its options: what there is instead. A blob may have its name."""
+    advice = r" \(the layer BN and its bn_param are of forks of Caffe.*; expected two layers, BatchNorm and Scale with"
+    with pytest.raises(netlib.PrototxtError, match=found + advice):
+        net_of(text)
+    with pytest.raises(netlib.LayerError, match="unknown bottom blob 'BN'; known"):
+        net_of(X + ip("a", "BN", "a"))

@@ -1,0 +1,151 @@
+"""The text format: what is read, what is refused and with which words, and that printing loses nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import netlib
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Field, Message, Position, Scalar
+
+HERE = Path(__file__).parent
+VALID = sorted(path.stem for path in (HERE / "valid").glob("*.prototxt"))
+INVALID = sorted(path.stem for path in (HERE / "invalid").glob("*.prototxt"))
+
+
+def as_lists(message: Message) -> list[Any]:
+    """Fields as [name, [kind, text]] or [name, fields]."""
+    return [
+        [f.name, as_lists(f.value) if isinstance(f.value, Message) else [f.value.kind, f.value.text]]
+        for f in message.fields
+    ]
+
+
+def test_there_are_examples() -> None:
+    """The two folders are found."""
+    assert len(VALID) >= 13
+    assert len(INVALID) >= 20
+
+
+@pytest.mark.parametrize("name", VALID)
+def test_valid(name: str) -> None:
+    """valid/NAME.prototxt is the tree in valid/NAME.json."""
+    expected = json.loads((HERE / "valid" / f"{name}.json").read_text(encoding="utf-8"))
+    assert as_lists(prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")) == expected
+
+
+@pytest.mark.parametrize("name", VALID)
+def test_valid_files_print_as_text_that_is_the_same_tree(name: str) -> None:
+    """And printing that again changes nothing."""
+    tree = prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")
+    assert prototxt.parse(str(tree)) == tree
+    assert str(prototxt.parse(str(tree))) == str(tree)
+
+
+@pytest.mark.parametrize("name", INVALID)
+def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """invalid/NAME.prototxt is refused with the line in invalid/NAME.txt: place, what was expected, what was found."""
+    monkeypatch.chdir(HERE / "invalid")
+    with pytest.raises(netlib.PrototxtError) as error:
+        prototxt.parse_file(f"{name}.prototxt")
+    assert str(error.value) == Path(f"{name}.txt").read_text(encoding="utf-8").rstrip("\n")
+
+
+def test_every_node_keeps_its_place() -> None:
+    """Line and column, counted from 1, of fields, values and messages."""
+    tree = prototxt.parse('a: 1\n  b {\n\tc:   "x"  }', "f")
+    a, b = tree.fields
+    assert isinstance(b.value, Message)
+    [c] = b.value.fields
+    assert isinstance(c.value, Scalar)
+    places = [a.position, b.position, b.value.position, c.position, c.value.position]
+    assert [str(p) for p in places] == ["f:1:1", "f:2:3", "f:2:5", "f:3:2", "f:3:7"]
+
+
+def test_the_elements_of_a_list_have_places_of_their_own() -> None:
+    """So that a mistake in one of them can be shown."""
+    tree = prototxt.parse("dim: [1,\n 2]", "f")
+    assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot read the prototxt: No such file or directory"),
+        (b"\xff\xfe\x00", "cannot read the prototxt: not a text file (byte 0 is not UTF-8)"),
+    ],
+)
+def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
+    """Missing, or not text."""
+    path = tmp_path / "n.prototxt"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(netlib.NetlibError) as error:
+        prototxt.parse_file(path)
+    assert str(error.value).startswith(f"{path}: {message}")
+
+
+# ---------------------------------------------------------------------------------------------- any tree
+
+NOWHERE = Position("", 1, 1)
+NAMES = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
+STRINGS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12).map(lambda t: Scalar("string", t, NOWHERE))
+NUMBERS = st.from_regex(r"-?([0-9]{1,4}|[0-9]{1,3}\.[0-9]{0,3}|\.[0-9]{1,3})([eE][+-]?[0-9]{1,2})?f?", fullmatch=True)
+WORDS = st.from_regex(r"-?[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
+SCALARS = st.one_of(
+    STRINGS,
+    NUMBERS.map(lambda t: Scalar("number", t, NOWHERE)),
+    WORDS.map(lambda t: Scalar("word", t, NOWHERE)),
+)
+
+
+def messages(children: st.SearchStrategy[Any]) -> st.SearchStrategy[Message]:
+    """Messages whose values are scalars or these."""
+    fields = st.builds(Field, NAMES, st.one_of(SCALARS, children), st.just(NOWHERE))
+    return st.builds(Message, st.lists(fields, max_size=4), st.just(NOWHERE))
+
+
+TREES = st.recursive(messages(st.nothing()), messages, max_leaves=8)
+
+
+@given(TREES)
+def test_parse_print_parse_is_stable(tree: Message) -> None:
+    """Any tree comes back from its print, any character in its strings."""
+    assert prototxt.parse(str(tree)) == tree
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
+    """Never another exception."""
+    try:
+        prototxt.parse(text, "f")
+    except netlib.PrototxtError as error:
+        assert str(error).startswith("f:")
+        assert len(str(error).splitlines()) == 1
+
+
+@given(st.text(alphabet="ab1.-e:{}<>[]\",;\\'# \n", max_size=30))
+def test_any_text_of_the_formats_own_characters(text: str) -> None:
+    """The same, nearer to the grammar; and what is read comes back from its print."""
+    try:
+        tree = prototxt.parse(text, "f")
+    except netlib.PrototxtError as error:
+        assert str(error).startswith("f:")
+    else:
+        assert prototxt.parse(str(tree)) == tree
+
+
+def test_a_list_of_messages_needs_no_colon() -> None:
+    """As in protobuf; a list of scalars does."""
+    tree = prototxt.parse("m [{ x: 1 }, { x: 2 }]")
+    assert [str(f.value) for f in tree.fields] == ["x: 1\n", "x: 2\n"]
+    with pytest.raises(
+        netlib.PrototxtError, match=r"^f:1:4: error: expected '\{' in a list without ':' after 'm', found '1'$"
+    ):
+        prototxt.parse("m [1, 2]", "f")

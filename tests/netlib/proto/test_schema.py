@@ -1,0 +1,174 @@
+"""Tree to typed messages: values, defaults, merging, and the words for each mistake."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import pytest
+
+import netlib
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter, NetParameter, SolverParameter
+from netlib.proto.prototxt import Message
+from netlib.proto.schema import Double, Int64, UInt
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A nested message."""
+
+    x: int = 1
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outer:
+    """One field of every kind."""
+
+    needed: int
+    text: str = "default"
+    flag: bool = False
+    count: UInt = 0
+    whole: int = 0
+    long: Int64 = 0
+    ratio: float = 0.1
+    exact: Double = 0.1
+    pool: Literal["MAX", "AVE"] = "MAX"
+    maybe: float | None = None
+    many: tuple[UInt, ...] = ()
+    inner: Inner = Inner()
+    inners: tuple[Inner, ...] = ()
+    tree: Message | None = None
+
+
+def read(text: str) -> Outer:
+    """``needed`` is given."""
+    return schema.read(prototxt.parse("needed: 1 " + text, "f"), Outer)
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "expected"),
+    [
+        ("", "text", "default"),
+        ('text: "x"', "text", "x"),
+        ("flag: true", "flag", True),
+        ("flag: t", "flag", True),
+        ("flag: 1", "flag", True),
+        ("flag: True", "flag", True),
+        ("flag: false", "flag", False),
+        ("flag: f", "flag", False),
+        ("flag: 0", "flag", False),
+        ("count: 0x10", "count", 16),
+        ("count: 010", "count", 8),
+        ("count: 4294967295", "count", 2**32 - 1),
+        ("whole: -2147483648", "whole", -(2**31)),
+        ("whole: 0x7fffffff", "whole", 2**31 - 1),
+        ("long: -9223372036854775808", "long", -(2**63)),
+        ("long: 9223372036854775807", "long", 2**63 - 1),
+        ("ratio: 1.f", "ratio", 1.0),
+        ("ratio: 2", "ratio", 2.0),
+        ("ratio: -1e-2", "ratio", -0.009999999776482582),
+        ("exact: -1e-2", "exact", -0.01),
+        ("ratio: inf", "ratio", math.inf),
+        ("ratio: -infinity", "ratio", -math.inf),
+        ("ratio: 1e60", "ratio", math.inf),
+        ("pool: AVE", "pool", "AVE"),
+        ("pool: 1", "pool", "AVE"),
+        ("maybe: 2", "maybe", 2.0),
+        ("", "maybe", None),
+        ("many: 1 many: [2, 3]", "many", (1, 2, 3)),
+        ("inner { x: 5 }", "inner", Inner(5)),
+        ('inner { x: 5 names: "a" } inner { names: "b" }', "inner", Inner(5, ("a", "b"))),
+        ("inners { x: 5 } inners { }", "inners", (Inner(5), Inner())),
+    ],
+)
+def test_values(text: str, field: str, expected: Any) -> None:
+    """Each kind, as protobuf reads it; floats have 32 bits; a message written in parts is merged."""
+    assert getattr(read(text), field) == expected
+
+
+def test_default_floats_have_32_bits_too() -> None:
+    """0.1 is float32's 0.1, unless the field is a Double."""
+    assert read("").ratio == pytest.approx(0.1, rel=1e-7)
+    assert read("").ratio != 0.1
+    assert read("").exact == 0.1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rato: 1", "f:1:11: error: unknown field 'rato' (did you mean 'ratio'?)"),
+        ("zzz: 1", "f:1:11: error: unknown field 'zzz'; known fields: needed, text, flag"),
+        ("ratio: high", "f:1:18: error: 'ratio' expects a number, found high"),
+        ('ratio: "1"', "f:1:18: error: 'ratio' expects a number, found \"1\""),
+        ("text: 1", "f:1:17: error: 'text' expects a string in quotes, found 1"),
+        ("text: word", "'text' expects a string in quotes, found word"),
+        ("flag: 2", "'flag' expects true or false, found 2"),
+        ("flag: yes", "'flag' expects true or false, found yes"),
+        ("count: -1", "'count' expects an integer from 0 to 4294967295, found -1"),
+        ("count: 1.5", "'count' expects an integer from 0 to 4294967295, found 1.5"),
+        ("needed: 2", "f:1:11: error: field 'needed' is given twice, but is not a repeated field"),
+        ("pool: MAXX", "f:1:17: error: unknown value MAXX of 'pool' (did you mean 'MAX'?)"),
+        ("pool: 7", "unknown value 7 of 'pool'; known values: MAX, AVE"),
+        ('pool: "MAX"', "'pool' expects MAX or AVE, found \"MAX\""),
+        ("inner: 1", "'inner' is a message: expected inner { ... }, found 1"),
+        ("inner { x: 5 } inner: 1", "f:1:26: error: 'inner' is a message: expected inner { ... }, found 1"),
+        ("ratio { }", "'ratio' is not a message: expected 'ratio: a number'"),
+        ("pool { }", "'pool' is not a message: expected 'pool: MAX or AVE'"),
+        ("inner {\n y: 1 }", "f:2:2: error: unknown field 'y'; known fields: x, names"),
+        ("needed: 99999999999999999999", "given twice"),
+        ("count: 4294967296", "'count' expects an integer from 0 to 4294967295, found 4294967296"),
+        (
+            "whole: 2147483648",
+            "f:1:18: error: 'whole' expects an integer from -2147483648 to 2147483647, found 214748364",
+        ),
+        ("whole: -2147483649", "'whole' expects an integer from -2147483648 to 2147483647, found -2147483649"),
+        ("long: 9223372036854775808", "'long' expects an integer from -9223372036854775808 to 9223372036854775807, f"),
+        ("long: -9223372036854775809", "'long' expects an integer from -9223372036854775808 to 922337203685477580"),
+        ("many: 99999999999999999999", "'many' expects an integer"),
+        ("tree: 1", "'tree' is a message"),
+    ],
+)
+def test_mistakes(text: str, message: str) -> None:
+    """At the place of the field or value, with the nearest known name."""
+    with pytest.raises(netlib.PrototxtError) as error:
+        read(text)
+    assert message in str(error.value)
+
+
+def test_a_missing_required_field() -> None:
+    """At the message that lacks it."""
+    with pytest.raises(netlib.PrototxtError, match=r"^f:1:1: error: missing required field 'needed' in Outer$"):
+        schema.read(prototxt.parse("", "f"), Outer)
+
+
+def test_the_options_of_a_layer_stay_trees() -> None:
+    """Every ``*_param`` block, merged if written twice; the layer reads it later, with its places."""
+    text = "layer { x_param { a: 1 } x_param { b: 2 } y_param { } }"
+    [layer] = schema.read(prototxt.parse(text, "f"), NetParameter).layer
+    assert {name: [f.name for f in block.fields] for name, block in layer.blocks.items()} == {
+        "x_param": ["a", "b"],
+        "y_param": [],
+    }
+    with pytest.raises(netlib.PrototxtError, match=r"unknown field 'botom' .did you mean 'bottom'"):
+        schema.read(prototxt.parse('layer { botom: "x" }'), NetParameter)
+
+
+def test_places_of_fields() -> None:
+    """Of a field that is given; of the message for one that is not."""
+    layer = schema.read(prototxt.parse('\n name: "a" bottom: "x" bottom: "y"', "f"), LayerParameter)
+    assert str(schema.position_of(layer, "name")) == "f:2:2"
+    assert str(schema.position_of(layer, "bottom", 1)) == "f:2:24"
+    assert str(schema.position_of(layer, "top")) == "f:1:1"
+    assert schema.position_of(LayerParameter()).source == "<built in code>"
+
+
+def test_the_defaults_of_a_solver_are_caffes() -> None:
+    """Those that decide how a training goes."""
+    solver = schema.read(prototxt.parse(""), SolverParameter)
+    assert (solver.type, solver.iter_size, solver.average_loss, solver.regularization_type) == ("SGD", 1, 1, "L2")
+    assert (solver.clip_gradients, solver.snapshot_after_train, solver.test_initialization) == (-1, True, True)
+    assert (solver.momentum, solver.random_seed) == (0, -1)
+    assert [round(x, 9) for x in (solver.momentum2, solver.rms_decay, solver.delta)] == [0.999000013, 0.99000001, 1e-8]

@@ -1,0 +1,279 @@
+"""The binary format, by hand and against protobuf itself; nonsense is one line."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from netlib.errors import NetlibError, PrototxtError, WireError
+from netlib.proto import messages, prototxt, schema, upgrade, wire
+from netlib.proto.messages import BlobProto, Datum, LayerParameter, NetParameter, SolverParameter, SolverState
+from netlib.proto.options import option_blocks
+
+MESSAGES = [
+    *(cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__),
+    upgrade.V0LayerParameter, upgrade.V1LayerParameter, upgrade.AnyNetParameter,
+    *option_blocks().values(),
+]  # fmt: skip
+
+
+def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
+    """What is read, as text."""
+    return str(wire.decode(data, cls, "x"))
+
+
+# ---------------------------------------------------------------------------------------------- by hand
+
+
+@pytest.mark.parametrize(
+    ("text", "cls", "data"),
+    [
+        ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, a length, the letters
+        ("phase: TEST", LayerParameter, b"\x50\x01"),  # field 10, a varint
+        ("loss_weight: 0.5", LayerParameter, b"\x2d" + struct.pack("<f", 0.5)),  # field 5, 4 bytes
+        ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),  # a negative number has ten bytes
+        ("dim: 2\ndim: 300", messages.BlobShape, b"\x0a\x03\x02\xac\x02"),  # packed
+        ("include {\n  phase: TEST\n}", LayerParameter, b"\x42\x02\x08\x01"),
+        ("relu_param {\n  negative_slope: 0.5\n}", LayerParameter, b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5)),
+        ("propagate_down: true\npropagate_down: false", LayerParameter, b"\x58\x01\x58\x00"),
+        ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are no text
+        ("data: 1.5\ndata: -2.0", BlobProto, b"\x2a\x08" + struct.pack("<2f", 1.5, -2)),
+        ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
+    ],
+)
+def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
+    """Each kind of field, both ways."""
+    assert wire.encode(prototxt.parse(text), cls) == data
+    read, told = wire.decode(data, cls), prototxt.parse(text)
+    assert wire.encode(read, cls) == data
+    assert str(schema.to_tree(schema.read(read, cls))) == str(schema.to_tree(schema.read(told, cls)))
+
+
+def test_numbers_one_by_one_or_in_one_piece() -> None:
+    """Both are read, whatever is written; a long row of single ones too, and a row that something interrupts."""
+    numbers = np.arange(1000, dtype="<f4")
+    single = b"".join(b"\x2d" + number.tobytes() for number in numbers)
+    for data in (single, b"\x2a" + b"\xa0\x1f" + numbers.tobytes(), single[:500] + b"\x08\x01" + single[500:]):
+        blob = schema.read(wire.decode(data, BlobProto), BlobProto)
+        assert blob.data is not None
+        assert blob.data.tolist() == numbers.tolist()
+    packed_loss = b"\x2a\x08" + struct.pack("<2f", 1, 2)  # not declared packed
+    assert schema.read(wire.decode(packed_loss, LayerParameter), LayerParameter).loss_weight == (1, 2)
+
+
+def test_an_array_is_a_view_of_the_bytes() -> None:
+    """A file of weights costs its own size, not more."""
+    data = b"\x2a\x10" + np.arange(4, dtype="<f4").tobytes()
+    blob = schema.read(wire.decode(data, BlobProto), BlobProto)
+    assert blob.data is not None
+    assert blob.data.base is not None
+    assert not blob.data.flags.owndata
+
+
+def test_bytes_are_a_text_where_one_looks() -> None:
+    """The same as in a text file."""
+    content = bytes(range(256))
+    tree = wire.decode(b"\x22\x80\x02" + content, messages.Datum)
+    assert schema.read(tree, messages.Datum).data == content
+    assert schema.read(prototxt.parse(str(tree)), messages.Datum).data == content
+    assert wire.encode(tree, messages.Datum) == b"\x22\x80\x02" + content
+
+
+def test_unknown_fields_are_skipped() -> None:
+    """Of every wire type, groups in groups too; and known fields of another type, as protobuf does."""
+    unknown = b"\x98\x4e\x05" + b"\x99\x4e" + b"8 bytes." + b"\x9a\x4e\x03abc" + b"\x9d\x4e4 by"
+    group = b"\x9b\x4e" + unknown + b"\x9b\x4e\x9c\x4e" + b"\x9c\x4e"
+    assert tree_of(b"\x0a\x01a" + unknown + group + b"\x12\x01b") == 'name: "a"\ntype: "b"\n'
+    assert tree_of(b"\x08\x07") == ""  # field 1 as a number
+
+
+def test_later_values_count_and_parts_of_messages_are_merged() -> None:
+    """As in protobuf."""
+    assert tree_of(b"\x0a\x01a\x12\x01t\x0a\x01b") == 'name: "b"\ntype: "t"\n'
+    data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"
+    layer = schema.read(wire.decode(data, LayerParameter), LayerParameter)
+    assert str(layer.blocks["relu_param"]) == "negative_slope: 0.5\nengine: 1\n"
+
+
+def test_the_numbers_of_a_message_are_different() -> None:
+    """Within every message, options blocks included."""
+    assert len(MESSAGES) > 40
+    for cls in MESSAGES:
+        numbers = [f.metadata["number"] for f in dataclasses.fields(cls) if "number" in f.metadata]
+        numbers += [n for f in dataclasses.fields(cls) for n in f.metadata.get("numbers", {}).values()]
+        assert len(set(numbers)) == len(numbers) > 0, cls
+        assert min(numbers) > 0
+
+
+def test_every_options_block_has_a_number() -> None:
+    """So that every net can be written; and every number has a block."""
+    assert set(option_blocks()) == set(messages.BLOCKS)
+
+
+# ---------------------------------------------------------------------------------------------- nonsense
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"\x0a", "x: byte 1: truncated: the message ends within a number"),
+        (b"\x0a\x05ab", "x: byte 0: truncated: field 1 has 5 bytes, but 2 are left"),
+        (b"\x42\x02\x08", "x: byte 0: truncated: field 8 has 2 bytes, but 1 are left"),
+        (b"\x42\x01\x08", "x: byte 3: truncated: the message ends within a number"),
+        (b"\x50" + b"\xff" * 11, "x: byte 1: malformed: a number of more than ten bytes"),
+        (b"\x02\x01a", "x: byte 0: malformed: a field of the number 0"),
+        (b"\x0e\x00", "x: byte 0: malformed: wire type 6"),
+        (b"\x0c", "x: byte 0: malformed: wire type 4"),
+        (b"\x0b\x10\x01", "x: byte 3: truncated: the message ends within a number"),
+        (b"\x0b" * 102, "x: byte 100: groups are nested more than 100 deep"),
+        (b"\x3a\x07\x2a\x05" + bytes(5), "x: byte 2: malformed: 5 bytes of 'data' are no float32 numbers"),
+    ],
+)
+def test_nonsense_is_one_line_with_its_byte(data: bytes, message: str) -> None:
+    """Where, what."""
+    with pytest.raises(WireError) as error:
+        tree_of(data)
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize("rest", [b"\xff" * 4 + b"\x0f", b"\xff" * 9 + b"\x01"], ids=["32 bits", "64 bits"])
+def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
+    """Protobuf writes 64; some write 32, and it reads both."""
+    assert [field.value.text for field in wire.decode(b"\x28" + rest, messages.Datum, "x").fields] == ["-1"]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"\x28\x80\x80\x80\x80\x10", "'label' expects an integer from -2147483648 to 2147483647, found 4294967296"),
+        (b"\x28\xff\xff\xff\xff\xf7" + b"\xff" * 4 + b"\x01", "'label' expects an integer .*, found -2147483649"),
+    ],
+)
+def test_a_number_that_does_not_fit_into_its_field(data: bytes, message: str) -> None:
+    """Protobuf would cut off its upper bits: another number than the one that was written."""
+    with pytest.raises(WireError, match=f"x: byte 1: {message}"):
+        wire.decode(data, messages.Datum, "x")
+
+
+def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two bytes of a file could otherwise cost hundreds of memory; a packed row counts as well."""
+    monkeypatch.setattr(wire, "MAX_FIELDS", 100)
+    with pytest.raises(WireError, match="x: byte 200: more than 100 fields and numbers; that is no file of Caffe's"):
+        tree_of(b"\x1a\x00" * 101)
+    with pytest.raises(WireError, match="x: byte 0: more than 100 fields and numbers"):
+        tree_of(b"\x0a\x65" + b"\x01" * 101, messages.BlobShape)
+
+
+def test_what_cannot_be_written() -> None:
+    """A tree that is no such message: the place in its text."""
+    for text, message in (
+        ("nam: 1", r"<text>:1:1: error: unknown field 'nam' \(did you mean 'name'"),
+        ("name: 1", "'name' expects a string in quotes, found 1"),
+        ("include: 1", "'include' is a message: expected include"),
+        ("loss_weight { }", "'loss_weight' is not a message"),
+    ):
+        with pytest.raises(PrototxtError, match=message):
+            wire.encode(prototxt.parse(text), LayerParameter)
+
+
+@given(st.binary(max_size=60))
+def test_any_bytes_are_a_message_or_one_line(data: bytes) -> None:
+    """Never another exception."""
+    for cls in (LayerParameter, SolverState, BlobProto, upgrade.AnyNetParameter):
+        try:
+            schema.read(wire.decode(data, cls, "x"), cls)
+        except NetlibError as error:
+            assert "\n" not in str(error)
+
+
+# ---------------------------------------------------------------------------------------------- protobuf itself
+
+
+@functools.cache
+def protobuf_class(root: Any) -> Any:
+    """A message class that protobuf makes of a dataclass here."""
+    descriptor_pb2 = pytest.importorskip("google.protobuf.descriptor_pb2")
+    from google.protobuf import descriptor_pool, message_factory
+
+    file = descriptor_pb2.FileDescriptorProto(name="x.proto", package="x", syntax="proto2")
+    Type = descriptor_pb2.FieldDescriptorProto
+    done: set[str] = set()
+
+    def add(cls: Any) -> str:
+        name = cls.__name__
+        if name in done:
+            return f".x.{name}"
+        done.add(name)
+        message = file.message_type.add(name=name)
+        for known in wire.fields_of(cls):
+            hint = schema.hints_of(cls).get(known.name)
+            _, repeated = schema.kind_of(hint) if hint is not None else (None, False)
+            field = message.field.add(name=known.name, number=known.number, label=3 if repeated else 1)
+            names = schema.enum_of(known.kind)
+            if names:
+                field.type, field.type_name = Type.TYPE_ENUM, f".x.{name}.{known.name}_"
+                enum = message.enum_type.add(name=f"{known.name}_")
+                for value, number in names.items():
+                    enum.value.add(name=f"{known.name}_{value}", number=number)
+            elif schema.is_message(known.kind):
+                field.type = Type.TYPE_MESSAGE
+                field.type_name = add(NetParameter if known.kind is prototxt.Message else known.kind)
+            else:
+                kinds = {str: Type.TYPE_STRING, bytes: Type.TYPE_BYTES, bool: Type.TYPE_BOOL, float: Type.TYPE_FLOAT,
+                         int: Type.TYPE_INT32, schema.Natural: Type.TYPE_INT32,
+                         schema.Int64: Type.TYPE_INT64, schema.UInt: Type.TYPE_UINT32,
+                         schema.Floats: Type.TYPE_FLOAT, schema.Double: Type.TYPE_DOUBLE,
+                         schema.Doubles: Type.TYPE_DOUBLE}  # fmt: skip
+                field.type = kinds[known.kind]
+                field.options.packed = known.packed
+        return f".x.{name}"
+
+    add(root)
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"x.{root.__name__}"))
+
+
+TEXT = """
+    name: "c" type: "Convolution" bottom: "x" top: "y" phase: TEST loss_weight: 0.1 loss_weight: 2
+    param { name: "w" lr_mult: 3e-7 } propagate_down: true include { stage: "a" stage: "ü" min_level: -5 }
+    convolution_param { num_output: 7 kernel_size: 3 kernel_size: 5 weight_filler { type: "xavier" sparse: -1 } }
+    blobs { shape { dim: 2 dim: 3 } data: 1 data: 2 data: 3 data: 4 data: 5 data: 0.333 } blobs { num: 1 width: 2 }
+"""
+
+
+def test_protobuf_reads_what_we_write() -> None:
+    """And writes the same bytes. The numbers of the fields are compared with Caffe's own files, in tests/caffe."""
+    message = protobuf_class(LayerParameter)()
+    data = wire.encode(prototxt.parse(TEXT), LayerParameter)
+    message.ParseFromString(data)
+    assert message.convolution_param.kernel_size == [3, 5]
+    assert message.include[0].min_level == -5
+    assert message.blobs[0].data[5] == np.float32(0.333)
+    assert message.SerializeToString() == data
+
+
+@given(
+    st.builds(
+        SolverParameter,
+        net=st.text(max_size=5), base_lr=st.floats(width=32, allow_nan=False), max_iter=st.integers(0, 2**31 - 1),
+        random_seed=st.integers(-(2**63), 2**63 - 1), test_interval=st.integers(0, 300),
+        stepvalue=st.lists(st.integers(0, 2**31 - 1), max_size=3).map(tuple), debug_info=st.booleans(),
+        snapshot_format=st.sampled_from(["HDF5", "BINARYPROTO"]), weights=st.lists(st.text(max_size=3)).map(tuple),
+    )
+)  # fmt: skip
+def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
+    """Its bytes of our message are ours, and we read the message back from them."""
+    data = wire.encode(schema.to_tree(solver), SolverParameter)
+    message = protobuf_class(SolverParameter)()
+    message.ParseFromString(data)
+    assert message.SerializeToString() == data
+    again = schema.read(wire.decode(data, SolverParameter), SolverParameter)
+    assert again == schema.read(schema.to_tree(solver), SolverParameter)  # whose defaults have 32 bits

@@ -1,0 +1,168 @@
+"""Caffe's binary snapshots: what stands in them, and that no file, however damaged, is more than one line."""
+
+from __future__ import annotations
+
+import random
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib.errors import WeightsError
+from netlib.proto import prototxt, schema, wire
+from netlib.proto.messages import NetParameter
+from netlib.proto.upgrade import AnyNetParameter
+from netlib.snapshots import binary_format, snapshot
+from netlib.snapshots.solver_state import SolverState
+from netlib.snapshots.weights import image
+
+NET = """
+    name: "n"
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
+    layer { name: "a" type: "InnerProduct" bottom: "x" top: "a" param { name: "w" lr_mult: 2 }
+            inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }
+    layer { name: "b" type: "InnerProduct" bottom: "a" top: "b" param { name: "w" }
+            inner_product_param { num_output: 3 bias_term: false } }
+    layer { name: "loss" type: "EuclideanLoss" bottom: "b" bottom: "x" top: "loss" }
+"""
+RECORDED = Path(__file__).parents[2] / "caffe" / "solvers"
+
+
+@pytest.fixture
+def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
+    return net_of(NET)
+
+
+def layers_of(data: bytes) -> NetParameter:
+    return schema.read(wire.decode(data, NetParameter), NetParameter)
+
+
+def test_a_file_of_weights_is_the_net_with_its_blobs(net: netlib.Net) -> None:
+    """Layers as they run, Split layers and all; a shared parameter with each of its layers, as Caffe writes it."""
+    found = layers_of(image(net, "w.caffemodel"))
+    assert found.name == "n"
+    assert [layer.name for layer in found.layer] == ["x", "x_x_0_split", "a", "b", "loss"]
+    by_name = {layer.name: layer for layer in found.layer}
+    assert by_name["a"].param[0].lr_mult == 2
+    assert str(by_name["b"].blocks["inner_product_param"]) == "num_output: 3\nbias_term: false\n"
+    shapes = {name: [blob.shape.dim for blob in layer.blobs] for name, layer in by_name.items()}  # type: ignore[union-attr]
+    assert shapes == {"x": [], "x_x_0_split": [], "a": [(3, 3), (3,)], "b": [(3, 3)], "loss": []}
+    weights = binary_format.read_weights(image(net, "w.caffemodel"), "w")
+    assert np.array_equal(weights["b"][0], net.params["a"][0].data)
+
+
+def test_gradients_if_asked_for(net: netlib.Net) -> None:
+    """The solver's ``snapshot_diff``."""
+    net.params["a"][1].diff[...] = 7
+    without, with_diffs = (layers_of(image(net, "w", diffs)).layer[2].blobs[1] for diffs in (False, True))
+    assert without.diff is None
+    assert with_diffs.diff is not None
+    assert with_diffs.diff.tolist() == [7, 7, 7]
+
+
+def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
+    """In double_data."""
+    net = net_of(NET, dtype=np.float64)
+    net.params["a"][0].data[...] = 1 / 3
+    found = binary_format.read_weights(image(net, "w"), "w")["a"][0]
+    assert found.dtype == np.float64
+    assert (found == 1 / 3).all()
+
+
+def test_what_caffe_could_not_read_back_is_refused(net: netlib.Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protobuf reads 2 GB at most."""
+    monkeypatch.setattr(binary_format, "LARGEST", 100)
+    with pytest.raises(WeightsError, match=r"more than Caffe's binary format can hold, 2 GB; .*HDF5.*\.h5"):
+        image(net, "w.caffemodel")
+
+
+# ---------------------------------------------------------------------------------------------- damaged files
+
+
+def mutated(data: bytes, others: list[bytes], rng: random.Random) -> bytes:
+    """A file with some of its bytes flipped, cut, put in, taken out, or replaced by another file's."""
+    found = bytearray(data)
+    for _ in range(rng.choice([1, 1, 2, 5, 20])):
+        at = rng.randrange(len(found) + 1)
+        kind = rng.randrange(6)
+        if kind == 0 and at < len(found):
+            found[at] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            del found[at:]
+        elif kind == 2:
+            found[at:at] = rng.randbytes(rng.randrange(1, 9))
+        elif kind == 3:
+            other = rng.choice(others)
+            begin = rng.randrange(len(other))
+            found[at:at] = other[begin : begin + rng.randrange(1, 200)]
+        elif kind == 4:
+            del found[at : at + rng.randrange(1, 60)]
+        else:
+            found[at : at + 10] = b"\xff" * 9 + b"\x01"  # a length of nearly 2^64
+    return bytes(found)
+
+
+def test_damaged_files_are_read_or_refused_in_one_line(net: netlib.Net) -> None:
+    """Caffe's own and ours; no other exception, and no memory but in proportion to the file."""
+    state = SolverState(3, 0, "w.caffemodel", [np.ones((3, 3), np.float32)], {"seed": 1})
+    files = [path.read_bytes() for path in sorted(RECORDED.rglob("*.caffemodel"))]
+    files += [path.read_bytes() for path in sorted(RECORDED.rglob("*.solverstate"))]
+    files += [image(net, "w"), binary_format.state_image(state)]
+    assert len(files) == 8
+    rng, read, refused = random.Random(1), 0, 0
+    tracemalloc.start()
+    for _ in range(400):
+        data = mutated(rng.choice(files), files, rng)
+        for reader in (binary_format.read_weights, binary_format.read_state):
+            tracemalloc.reset_peak()
+            before = tracemalloc.get_traced_memory()[0]
+            try:
+                reader(data, "x")
+                read += 1
+            except WeightsError as error:
+                assert str(error).startswith("x: ")
+                assert "\n" not in str(error)
+                refused += 1
+            assert tracemalloc.get_traced_memory()[1] - before < 300_000 + 30 * len(data)
+    tracemalloc.stop()
+    assert read > 20
+    assert refused > 400
+
+
+def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
+    """Copied by name, in any of the three formats; older ones give types as numbers."""
+    blobs = "blobs { num: 1 channels: 1 height: 3 width: 3 data: [1, 2, 3, 4, 5, 6, 7, 8, 9] }"
+    blobs += "blobs { shape { dim: 3 } data: [1, 2, 3] }"
+    for text in ('layer { name: "a" type: "Own" %s }', 'layers { name: "a" type: 5 %s }',
+                 'layers { layer { name: "a" type: "own" %s } }'):  # fmt: skip
+        image = wire.encode(prototxt.parse(text % blobs), AnyNetParameter)
+        (tmp_path / "w.caffemodel").write_bytes(image.replace(b"\x28\x05", b"\x28\x63"))
+        net.params["a"][0].data[...] = 0
+        net.copy_from(tmp_path / "w.caffemodel")
+        assert net.params["a"][0].data.ravel().tolist() == list(range(1, 10))
+
+
+def test_a_damaged_file_leaves_the_net_as_it_was(net: netlib.Net, tmp_path: Path) -> None:
+    """Also where the damage is behind layers that are whole."""
+    path = tmp_path / "w.caffemodel"
+    net.save(path)
+    before = net.params["a"][0].data.copy()
+    net.params["a"][0].data[...] = 0
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(WeightsError, match=r"w\.caffemodel: byte \d+: truncated"):
+        net.copy_from(path)
+    assert not net.params["a"][0].data.any()
+    assert snapshot.checksum(path) != 0
+    assert before.any()
+
+
+def test_a_state_that_lost_its_end_is_refused() -> None:
+    """Wherever it was cut: none looks like a state of Caffe's, which has no checksum."""
+    state = SolverState(2, 1, "w.caffemodel", [np.ones((2, 3), np.float32)], {"checksum": 7})
+    whole = binary_format.state_image(state)
+    for length in range(1, len(whole)):
+        with pytest.raises(WeightsError, match=r"^s\.solverstate"):
+            binary_format.read_state(whole[:length], "s.solverstate")

@@ -1,0 +1,405 @@
+"""Snapshots: Caffe's layout, written whole or not at all, and one clear line for every file that is not one."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import netlib
+from netlib.files import atomic
+from netlib.snapshots import snapshot
+from netlib.snapshots.solver_state import SolverState
+from netlib.snapshots.weights import image
+
+NET = """
+    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
+    layer { name: "a" type: "InnerProduct" bottom: "x" top: "a" param { name: "w" }
+            inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }
+    layer { name: "relu" type: "ReLU" bottom: "a" top: "a" }
+    layer { name: "part/b" type: "InnerProduct" bottom: "a" top: "b" param { name: "w" }
+            inner_product_param { num_output: 3 bias_term: false } }
+"""
+
+
+@pytest.fixture(params=[".h5", ""], ids=["HDF5", "binary"])
+def names(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
+    """Where weights and state go, in both formats."""
+    return tmp_path / f"w.caffemodel{request.param}", tmp_path / f"s.solverstate{request.param}"
+
+
+@pytest.fixture
+def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
+    """Two layers that share a weight, one without parameters, one with a slash in its name."""
+    return net_of(NET)
+
+
+def state_of(net: netlib.Net, iteration: int = 5) -> SolverState:
+    """A solver state with one history for each parameter."""
+    histories = [np.full(p.blob.shape, iteration, np.float32) for p in net.learnable]
+    return SolverState(iteration, 2, "dir/w_iter_5.caffemodel.h5", histories, {"smoothed": [3.0]})
+
+
+def write_pair(net: netlib.Net, state: SolverState, weights: Path, states: Path) -> None:
+    """As the solver does."""
+    snapshot.write_pair(image(net, weights), state, weights, states)
+
+
+def everything_in(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder, hidden ones too."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+# ---------------------------------------------------------------------------------------------- layout
+
+
+def test_weights_have_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
+    """/data/<layer>/<index>; an empty group without parameters; a shared parameter once, with its owner."""
+    net.save(tmp_path / "w.h5")
+    with h5py.File(tmp_path / "w.h5") as file:
+        groups = {name: sorted(file["data"][name]) for name in ("x", "a", "relu", "part/b")}
+        assert list(file) == ["data"]
+        assert groups == {"x": [], "a": ["0", "1"], "relu": [], "part/b": []}
+        assert file["data/a/0"].dtype == np.float32
+        assert np.array_equal(file["data/a/0"][()], net.params["a"][0].data)
+
+
+def test_the_state_has_caffes_layout(net: netlib.Net, tmp_path: Path) -> None:
+    """/iter, /current_step, /learned_net, a C string, /history/<index>; what is ours stands in /netlib."""
+    write_pair(net, state_of(net), tmp_path / "w.h5", tmp_path / "s.h5")
+    with h5py.File(tmp_path / "s.h5") as file:
+        assert sorted(file) == ["current_step", "history", "iter", "learned_net", "netlib"]
+        assert (int(file["iter"][0]), int(file["current_step"][0])) == (5, 2)
+        assert file["learned_net"][()] == b"dir/w_iter_5.caffemodel.h5"
+        assert sorted(file["history"]) == ["0", "1"]
+
+
+def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> None:
+    """Weights by layer and index, and every field of the state."""
+    write_pair(net, state_of(net), *names)
+    found = snapshot.read_weights(names[0])
+    assert np.array_equal(found["a"][0], net.params["a"][0].data)
+    assert np.array_equal(found["a"][1], net.params["a"][1].data)
+    state = snapshot.read_state(names[1])
+    assert (state.iter, state.current_step, state.learned_net) == (5, 2, "dir/w_iter_5.caffemodel.h5")
+    assert state.extra == {
+        "smoothed": [3.0], "weights_crc": snapshot.checksum(names[0]), "checksum": state.checksum(),
+    }  # fmt: skip
+    assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
+
+
+def test_what_a_file_holds_decides_whatever_its_name(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> None:
+    """As in Caffe, for weights."""
+    write_pair(net, state_of(net), *names)
+    names[0].rename(tmp_path / "weights")
+    names[1].rename(tmp_path / "state")
+    assert np.array_equal(snapshot.read_weights(tmp_path / "weights")["a"][0], net.params["a"][0].data)
+    assert snapshot.read_state(tmp_path / "state").iter == 5
+
+
+def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
+    """HDF5 nests the group; weights still load, also where ``a`` and ``a/b`` both have parameters."""
+    text = NET.replace('param { name: "w" }', "").replace('"part/b"', '"a/b"')
+    one, two = net_of(text), net_of(text, seed=2)
+    one.params["a/b"][0].data[...] = 7
+    one.save(names[0])
+    two.copy_from(names[0])
+    for name in ("a", "a/b"):
+        assert np.array_equal(two.params[name][0].data, one.params[name][0].data)
+
+
+# ---------------------------------------------------------------------------------------------- all or nothing
+
+
+def full_disk(*args: Any) -> None:
+    """What the operating system says when the disk is full."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("call", ["fsync", "first replace", "second replace"])
+def test_a_failure_leaves_the_old_pair(
+    net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """A disk that is full at any moment: the old files in every byte, no temporary file, one line."""
+    write_pair(net, state_of(net, 5), *names)
+    before = everything_in(tmp_path)
+    net.params["a"][0].data[...] = 9
+    replace, calls = os.replace, []
+
+    def failing(*args: Any) -> None:
+        calls.append(args)
+        if len(calls) == (1 if call == "first replace" else 2):
+            full_disk()
+        replace(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync" if call == "fsync" else "replace", full_disk if call == "fsync" else failing)
+        with pytest.raises(
+            netlib.WeightsError,
+            match=r"(w|s)\.[a-z.5]+: cannot write the snapshot: No space left on device$",
+        ):
+            write_pair(net, state_of(net, 6), *names)
+    assert everything_in(tmp_path) == before
+
+
+@pytest.fixture
+def killed_between(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
+    """What a process leaves that was killed after the new weights had their name, and before the new state had its."""
+    old, new = (path.with_name(f"w_iter_5.{path.name[2:]}") for path in names)
+    state = state_of(net, 5)
+    state.learned_net = str(old)
+    write_pair(net, state, old, new)
+    os.link(old, tmp_path / f".{old.name}.0123abcd.netlib.old")
+    net.params["a"][0].data[...] = 9
+    (tmp_path / "fresh").write_bytes(image(net, old))
+    os.replace(tmp_path / "fresh", old)
+    (tmp_path / f".{new.name}.0123abcd.netlib.tmp").write_bytes(b"half")
+    return old, new
+
+
+def test_the_state_of_a_pair_that_was_being_replaced_finds_its_weights(killed_between: tuple[Path, Path]) -> None:
+    """The old ones, which were kept, not the new ones under the name."""
+    weights, state = killed_between
+    found = snapshot.pair_of(state, snapshot.read_state(state))
+    assert found == weights.with_name(f".{weights.name}.0123abcd.netlib.old")
+    assert (snapshot.read_weights(weights)["a"][0] == 9).all()
+    assert not (snapshot.read_weights(found)["a"][0] == 9).all()
+
+
+def test_the_next_training_puts_the_pair_right(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
+    """The old pair stands under its names again, and nothing else is left."""
+    weights, state = killed_between
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
+    assert sorted(everything_in(tmp_path)) == sorted([weights.name, state.name])
+
+
+def test_weights_of_which_only_the_kept_ones_are_left(killed_between: tuple[Path, Path], tmp_path: Path) -> None:
+    """Whatever took the others away: they get their name back."""
+    weights, state = killed_between
+    weights.unlink()
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        assert snapshot.pair_of(state, snapshot.read_state(state)) == weights
+
+
+@pytest.mark.parametrize("which", ["nothing was renamed", "both were renamed"])
+def test_a_kill_before_or_after(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, which: str) -> None:
+    """The old or the new pair; what was kept of the old weights is not needed."""
+    weights, state = tmp_path / "w_iter_5.caffemodel", tmp_path / "w_iter_5.solverstate"
+    write_pair(net, state_of(net, 5), weights, state)
+    kept = tmp_path / f".{weights.name}.0123abcd.netlib.old"
+    os.link(weights, kept)
+    if which == "both were renamed":
+        net.params["a"][0].data[...] = 9
+        write_pair(net, state_of(net, 6), weights, state)
+    before = weights.read_bytes(), state.read_bytes()
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        pass
+    assert (weights.read_bytes(), state.read_bytes()) == before
+    assert sorted(everything_in(tmp_path)) == [weights.name, state.name]
+
+
+def test_what_another_training_is_writing_is_left_alone(tmp_path: Path) -> None:
+    """In the same folder, under another prefix or the same: it is locked."""
+    with atomic.temporary(tmp_path / "other_iter_5.caffemodel") as fresh, snapshot.prefix_in_use(tmp_path / "w"):
+        assert fresh.exists()
+
+
+def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
+    """The second says so; the first being gone, it may begin."""
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        with pytest.raises(netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"):
+            snapshot.prefix_in_use(tmp_path / "w").__enter__()
+        with snapshot.prefix_in_use(tmp_path / "w2"):
+            pass
+    with snapshot.prefix_in_use(tmp_path / "w"):
+        pass
+    assert everything_in(tmp_path) == {}
+
+
+def test_directories_are_made(net: netlib.Net, tmp_path: Path) -> None:
+    """A prefix may name folders that do not exist yet."""
+    net.save(tmp_path / "new" / "deep" / "w.h5")
+    assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["w.h5"]
+
+
+def test_a_name_that_no_file_can_have(net: netlib.Net) -> None:
+    """One line, too."""
+    with pytest.raises(netlib.WeightsError, match="cannot write the snapshot"):
+        net.save("")
+
+
+def test_no_string_of_a_state_is_in_a_heap(net: netlib.Net, names: tuple[Path, Path]) -> None:
+    """HDF5 itself hangs in some damaged heaps, where strings of any length are kept."""
+    write_pair(net, state_of(net), *names)
+    if snapshot.is_hdf5(names[1]):
+        with h5py.File(names[1]) as file:
+            assert file["netlib"].dtype.kind == "S"
+    assert snapshot.read_state(names[1]).extra["smoothed"] == [3.0]
+
+
+@pytest.mark.parametrize("options", [{}, {"chunks": (1024,)}, {"chunks": (1024,), "compression": "gzip"}], ids=str)
+def test_values_that_were_never_written(tmp_path: Path, options: dict[str, Any]) -> None:
+    """HDF5 would make them up, more than there is memory for."""
+    with h5py.File(tmp_path / "w.h5", "w") as file:
+        file.create_dataset("data/ip/0", (10**12,), "f4", **options)
+    with pytest.raises(netlib.WeightsError, match="data set '/data/ip/0' claims 4000000000000 bytes, but only 0 are"):
+        snapshot.read_weights(tmp_path / "w.h5")
+
+
+@pytest.mark.parametrize("begin", [b"", snapshot.hdf5_format.MAGIC], ids=["binary", "hdf5"])
+def test_weights_that_no_memory_holds(tmp_path: Path, begin: bytes) -> None:
+    """Are refused before their checksum is made, which would take an hour; this file is a hole of 10 TB."""
+    path = tmp_path / "w"
+    path.write_bytes(begin)
+    try:
+        os.truncate(path, 10**13)
+    except OSError:
+        pytest.skip("no file can be as large here")
+    with pytest.raises(netlib.WeightsError, match=r"w: 10000000000000 bytes, which is too large for weights; at most"):
+        snapshot.checksum(path)
+
+
+def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before training: can snapshots be written here at all?"""
+    snapshot.probe(tmp_path / "new" / "prefix")
+    assert everything_in(tmp_path / "new") == {}
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full_disk)
+        with pytest.raises(netlib.WeightsError, match=r"new: cannot write snapshots there: No space left on device$"):
+            snapshot.probe(tmp_path / "new" / "prefix")
+    assert everything_in(tmp_path / "new") == {}
+
+
+# ---------------------------------------------------------------------------------------------- wrong files
+
+
+@pytest.fixture
+def pair(net: netlib.Net, names: tuple[Path, Path]) -> tuple[Path, Path]:
+    """Weights and state."""
+    write_pair(net, state_of(net), *names)
+    return names
+
+
+def test_a_state_where_weights_are_wanted(pair: tuple[Path, Path]) -> None:
+    """The message names the weights that belong to it, and how to resume."""
+    with pytest.raises(
+        netlib.WeightsError, match=r"this is a solver state, not weights; .*w_iter_5\.caffemodel\.h5.*--snapshot"
+    ):
+        snapshot.read_weights(pair[1])
+
+
+def test_weights_where_a_state_is_wanted(pair: tuple[Path, Path]) -> None:
+    """The message says how to start from weights."""
+    with pytest.raises(netlib.WeightsError, match=r"this is a weights file; pass it as --weights"):
+        snapshot.read_state(pair[0])
+
+
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("keep", [0, 4, 8, 100, 0.3, 0.5, 0.9, 0.99])
+def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep: float) -> None:
+    """Wherever it ends; a binary file that ends between two layers is whole to who reads it, as in Caffe."""
+    content = pair[which].read_bytes()
+    pair[which].write_bytes(content[: int(keep * len(content)) if 0 < keep < 1 else int(keep)])
+    with pytest.raises(netlib.WeightsError) as error:
+        (snapshot.read_weights, snapshot.read_state)[which](pair[which])
+    assert str(error.value).startswith(str(pair[which]))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_damaged_file_is_one_line_or_read(pair: tuple[Path, Path], which: int) -> None:
+    """Bytes overwritten at any place of the file's structure: never another exception."""
+    content = pair[which].read_bytes()
+    failed = 0
+    for start in range(0, len(content), 97 if snapshot.is_hdf5(pair[which]) else 5):
+        damaged = content[:start] + b"\xff" * 8 + content[start + 8 :]
+        pair[which].write_bytes(damaged)
+        try:
+            (snapshot.read_weights, snapshot.read_state)[which](pair[which])
+        except netlib.WeightsError as error:
+            assert "\n" not in str(error)
+            failed += 1
+    assert failed > 3
+
+
+def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
+    """Wherever it is: refused, or nothing that is in the state has changed."""
+    good, content = snapshot.read_state(pair[1]), pair[1].read_bytes()
+    rng = np.random.default_rng(5)
+    refused = 0
+    for bit in rng.choice(8 * len(content), 150, replace=False):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        pair[1].write_bytes(damaged)
+        try:
+            assert snapshot.read_state(pair[1]).checksum() == good.checksum()
+        except netlib.WeightsError as error:
+            assert str(error).startswith(f"{pair[1]}: ")
+            refused += 1
+    assert refused > 10
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("gone.h5", None, "cannot read weights: No such file or directory"),
+        ("empty.h5", b"", "no layer in it; expected weights (.caffemodel); the file is empty"),
+        ("text.caffemodel", b"layer {}", "expected weights (.caffemodel); this looks like a text"),
+        ("folder", "folder", "cannot read weights: Is a directory"),
+    ],
+)
+def test_other_files_where_weights_are_wanted(tmp_path: Path, name: str, content: Any, message: str) -> None:
+    """What was found, what was expected."""
+    path = tmp_path / name
+    if content == "folder":
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(netlib.WeightsError) as error:
+        snapshot.read_weights(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+def test_an_hdf5_file_of_another_kind(tmp_path: Path) -> None:
+    """Training data, for example."""
+    with h5py.File(tmp_path / "data.h5", "w") as file:
+        file["depth"] = np.zeros(3)
+    with pytest.raises(netlib.WeightsError, match="no group /data in it"):
+        snapshot.read_weights(tmp_path / "data.h5")
+    with pytest.raises(netlib.WeightsError, match="not a solver state"):
+        snapshot.read_state(tmp_path / "data.h5")
+
+
+@pytest.mark.parametrize(
+    "structure",
+    [
+        {"data/a/first": np.zeros(3)},
+        {"data/a/0": "text"},
+        {"iter": np.zeros(0, int), "history/0": np.zeros(3)},
+        {"iter/x": np.zeros(3), "history/0": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history/7": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "no JSON"},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "[1, 2]"},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "learned_net": np.zeros(2)},
+    ],
+    ids=str,
+)
+def test_the_right_groups_with_nonsense_in_them(net: netlib.Net, tmp_path: Path, structure: dict[str, Any]) -> None:
+    """Never a traceback: one line, or read as far as it makes sense."""
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        for name, value in structure.items():
+            file[name] = value
+    try:
+        snapshot.read_state(path) if "iter" in str(structure) else net.copy_from(path)
+    except netlib.WeightsError as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,79 @@
+"""netlib/training/glog.py: the log. A name in it, whatever it is, stays in its line."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from netlib.caffe import process
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Message, Place
+from netlib.training import glog
+from tests.netlib.test_errors import ANY_TEXT
+
+STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
+
+
+@pytest.fixture(scope="module")
+def log() -> Iterator[io.StringIO]:
+    """What the log writes, in glog's format."""
+    text = io.StringIO()
+    handler = logging.StreamHandler(text)
+    handler.setFormatter(glog.CaffeFormatter())
+    before = glog.log.level
+    glog.log.addHandler(handler)
+    glog.log.setLevel(logging.INFO)
+    yield text
+    glog.log.removeHandler(handler)
+    glog.log.setLevel(before)
+
+
+def written(log: io.StringIO) -> str:
+    """The text that is new."""
+    text = log.getvalue()
+    log.seek(0)
+    log.truncate()
+    return text
+
+
+@given(ANY_TEXT)
+def test_a_name_stays_in_its_line(log: io.StringIO, name: str) -> None:
+    """As an argument, as a path, and in a text that is written as it is; only the last character ends a line."""
+    for text, *args in (
+        ("Creating Layer %s", name),
+        ("%s: %r", PurePosixPath(name), name),
+        (f"no weights for {name}",),
+    ):
+        glog.log.info(text, *args)
+        line = written(log)
+        assert re.match(STAMP, line) and line[-1] == "\n" and line[:-1].isprintable()
+
+
+@given(ANY_TEXT)
+def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
+    """A name in it is in quotes, and begins none."""
+    here = Place("")
+    tree = Message([prototxt.Field("net", prototxt.Scalar("string", name, here), here)] * 2, here)
+    glog.log.info("Initializing solver from parameters: \n%s", tree)
+    first, *others = written(log).split("\n")
+    assert re.fullmatch(STAMP + "Initializing solver from parameters: ", first)
+    assert others == [*str(tree).split("\n")[:2], ""] and all(map(str.isprintable, others))
+
+
+def test_numbers_are_formatted_as_ever(log: io.StringIO) -> None:
+    """Python's and NumPy's."""
+    glog.log.info("%d %.6g %.3g %s", 3, np.float32(0.1), np.array(2.0), None)
+    assert written(log).endswith("] 3 0.1 2 None\n")
+
+
+def test_pycaffes_log_takes_lines(log: io.StringIO) -> None:
+    """Each gets its own stamp."""
+    process.log("one\ntwo\x1b")
+    assert [re.sub(STAMP, "", line) for line in written(log).splitlines()] == ["one", "two\\x1b"]

@@ -1,0 +1,260 @@
+"""Going on from a solver state: one of an earlier version, one of the other engine, one of the same."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from netlib import engine
+from netlib.snapshots import hdf5_format, snapshot
+from netlib.snapshots.solver_state import SolverState
+
+OLDER = Path(__file__).parents[1] / "older"
+RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
+
+
+@pytest.fixture
+def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory: a small net with shuffled data and dropout, and a state that version 0.1.0 wrote of it."""
+    shutil.copytree(OLDER, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def weights(solver: netlib.Solver) -> dict[str, np.ndarray]:
+    """Copies of all parameters."""
+    return {p.label.replace("/", "_"): p.blob.data.copy() for p in solver.net.learnable}
+
+
+def distance(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> float:
+    """The largest difference."""
+    return max(float(np.abs(got[name] - want[name]).max()) for name in got)
+
+
+def test_a_state_of_an_earlier_version_goes_on(older: Path) -> None:
+    """With the rows, dropout masks, momentum and averaged loss that it had: as that version went on, to rounding."""
+    solver = netlib.get_solver("solver.prototxt", seed=99)
+    assert solver.solve("older_iter_5.solverstate.h5")
+    recorded = dict(np.load("after_12.npz"))
+    smoothed = recorded.pop("smoothed")
+    assert solver.iter == 12
+    assert distance(weights(solver), recorded) <= 1e-6
+    assert np.allclose(list(solver.smoothed), smoothed, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("format", "suffix"), [("HDF5", ".h5"), ("BINARYPROTO", "")])
+def test_a_resume_is_exact(older: Path, format: str, suffix: str) -> None:
+    """Seven iterations after a resume are the last seven of twelve, bit for bit, in both formats."""
+    whole = netlib.get_solver("solver.prototxt", snapshot_format=format)
+    assert whole.solve()
+    resumed = netlib.get_solver("solver.prototxt", seed=99)
+    assert resumed.solve(f"older_iter_5.solverstate{suffix}")
+    assert distance(weights(resumed), weights(whole)) == 0
+
+
+@pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
+@pytest.mark.parametrize("names", [("plain", "fast"), ("fast", "plain")], ids="-".join)
+def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]) -> None:
+    """The same rows and masks; only the rounding is another."""
+    writer, reader = names
+    first = netlib.get_solver("solver.prototxt", engine=writer)
+    assert first.solve()
+    second = netlib.get_solver("solver.prototxt", engine=reader, seed=99)
+    assert second.solve("older_iter_5.solverstate.h5")
+    assert 0 <= distance(weights(second), weights(first)) <= 1e-6
+
+
+@pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
+def test_both_engines_read_the_same_rows_and_draw_the_same_masks(older: Path) -> None:
+    """Batch after batch; and after a step both leave the same gradient."""
+    solvers = [netlib.get_solver("solver.prototxt", engine=name, seed=4) for name in ("plain", "fast")]
+    for _ in range(4):
+        for solver in solvers:
+            solver.step(1)
+        plain, fast = (solver.net for solver in solvers)
+        assert np.array_equal(plain.blobs["data"].data, fast.blobs["data"].data)
+        assert np.array_equal(plain.blobs["ip1"].data == 0, fast.blobs["ip1"].data == 0)
+        for one, other in zip(plain.learnable, fast.learnable):
+            assert np.allclose(one.blob.diff, other.blob.diff, rtol=1e-4, atol=1e-6), one.label
+
+
+# ---------------------------------------------------------------------------------------------- whole or refused
+
+
+def everything(solver: netlib.Solver) -> str:
+    """All that a training goes on from, as text."""
+    arrays = [*(p.blob.data for p in solver.net.learnable), *(a for h in solver.history for a in h)]
+    states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
+    return f"{solver.iter} {list(solver.smoothed)} {states} {[array.tobytes() for array in arrays]}"
+
+
+def changed(path: Path, **fields: Any) -> None:
+    """A state whose fields say something else, with the right checksum, as nobody's hand would make it."""
+    state = snapshot.read_state(path)
+    extra = {**state.extra, **fields.pop("extra", {})}
+    extra.pop(fields.pop("drop", ""), None)
+    state = dataclasses.replace(state, extra=extra, **fields)
+    state.extra["checksum"] = state.checksum()
+    path.write_bytes(hdf5_format.state_image(state))
+
+
+def of_layers(number: int, name: str, **fields: Any) -> Callable[[SolverState], dict[str, Any]]:
+    """A change of the state of one layer of one net."""
+
+    def change(state: SolverState) -> dict[str, Any]:
+        layers = copy.deepcopy(state.extra["layers"])
+        layers[number][name].update(fields)
+        return {"extra": {"layers": layers}}
+
+    return change
+
+
+DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
+    "an iteration below 0": (lambda state: {"iter": -1}, "iter is -1"),
+    "text as a history": (lambda state: {"history": [np.array([b"x"]), *state.history[1:]]}, "history 0 holds |S1"),
+    "complex numbers": (lambda state: {"history": [h.astype(complex) for h in state.history]}, "holds complex128"),
+    "NaN": (lambda state: {"history": [h * np.nan for h in state.history]}, "has values that are not finite"),
+    "another shape": (lambda state: {"history": [h[..., None] for h in state.history]}, "history 0 has shape"),
+    "a history too few": (lambda state: {"history": state.history[1:]}, "histories, but SGD on this net has"),
+    "a solver that is none": (lambda state: {"extra": {"solver": 3}}, "'solver' is int"),
+    "losses that are none": (lambda state: {"extra": {"smoothed": ["a"]}}, "'smoothed' holds other things"),
+    "layers that are none": (lambda state: {"extra": {"layers": [3]}}, "'layers' holds other things"),
+    "an iteration that its weights are not of": (
+        lambda state: {"iter": 4}, "iter is 4, but its weights are 'older_iter_3.caffemodel.h5'"),
+    "steps that were not taken": (lambda state: {"current_step": 9}, "current_step is 9, but "),
+    "no checksum of the weights": (lambda state: {"drop": "weights_crc"}, "it has no 'weights_crc', but a checksum"),
+    "no states of layers": (lambda state: {"drop": "layers"}, "it has no 'layers', but a checksum"),
+    "a loss that is NaN": (lambda state: {"extra": {"smoothed": [math.nan]}}, "'smoothed' holds other things"),
+    "more losses than iterations": (lambda state: {"extra": {"smoothed": [1.0] * 4}}, "'smoothed' holds 4 losses"),
+    "a rate that is a text": (
+        lambda state: {"extra": {"solver": {**state.extra["solver"], "base_lr": "x"}}}, "the solver's base_lr is 'x'"),
+    "states of a second rank": (lambda state: {"extra": {"ranks": [{}]}}, "ranks is 1, but there are states of 2"),
+    "numbers beyond float32": (
+        lambda state: {"history": [np.full(h.shape, 1e300) for h in state.history]}, "too large for float32"),
+    "unknown fields": (lambda state: {"extra": {"solvex": {}}}, "'solvex' is dict, expected solver, smoothed"),
+    "a row that is not there": (of_layers(0, "data", cursor=[0, 0, 10**9]), "there is no row at [0, 0, 1000000000]"),
+    "a file that is not there": (of_layers(0, "data", cursor=[0, 7, 0]), "cannot be restored"),
+    "a cursor of two": (of_layers(0, "data", cursor=[0, 0]), "cannot be restored: not enough values"),
+    "a seed below 0": (of_layers(0, "data", seed=-1), "cannot be restored"),
+    "no random numbers": (of_layers(0, "drop", rng={"bit_generator": "SFC64"}), "cannot be restored"),
+    "numbers of 70 bits": (of_layers(0, "drop", rng={"bit_generator": "SFC64", "state": {"state": [2**70] * 4},
+                                                     "has_uint32": 0, "uinteger": 0}), "cannot be restored"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_state_is_taken_whole_or_not_at_all(older: Path, name: str) -> None:
+    """Whatever field makes no sense: one line, and the solver is in every bit what it was."""
+    assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
+    path = Path("older_iter_3.solverstate.h5")
+    change, message = DAMAGE[name]
+    changed(path, **change(snapshot.read_state(path)))
+    solver = netlib.get_solver("solver.prototxt", seed=99)
+    solver.step(2)
+    before = everything(solver)
+    with pytest.raises(netlib.WeightsError) as error:
+        solver.restore(path)
+    assert message in str(error.value)
+    assert everything(solver) == before
+
+
+def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """They begin anew, so the training does not go on exactly."""
+    assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
+    path = Path("older_iter_3.solverstate.h5")
+    layers = copy.deepcopy(snapshot.read_state(path).extra["layers"])
+    del layers[0]["drop"]
+    changed(path, extra={"layers": layers})
+    caplog.set_level("INFO", "netlib")
+    netlib.get_solver("solver.prototxt").restore(path)
+    assert "Changed: the layers; there is no state of 'drop' in net" in caplog.text
+    assert "goes on exactly" not in caplog.text
+
+
+def test_a_state_without_a_checksum_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """One of an earlier version goes on, but its damage would not be noticed."""
+    caplog.set_level("INFO", "netlib")
+    netlib.get_solver("solver.prototxt").restore("older_iter_5.solverstate.h5")
+    assert "without a checksum: damage would not be noticed" in caplog.text
+
+
+def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A state beyond max_iter, for whatever reason."""
+    assert netlib.get_solver("solver.prototxt", max_iter=5).solve("older_iter_5.solverstate.h5")
+    assert "Nothing is left to train: max_iter is 5" in caplog.text
+
+
+# ---------------------------------------------------------------------------------------------- stops on the way
+
+WITH_TESTS: dict[str, Any] = {
+    "test_iter": (3,),
+    "test_interval": 4,
+    "snapshot_prefix": "run",
+    "snapshot_format": "HDF5",
+}
+
+
+def test_a_stop_within_a_test_resumes_exactly(older: Path) -> None:
+    """The test is made again from the same row, so that all tests and the weights are those of an unbroken run."""
+    whole = netlib.get_solver("solver.prototxt", **WITH_TESTS)
+    assert whole.solve()
+    broken = netlib.get_solver("solver.prototxt", **WITH_TESTS)
+    [net] = broken.test_nets
+    run, batches = net.run_forward, list[int]()
+
+    def stopping() -> float:
+        batches.append(broken.iter)
+        if batches.count(8) == 2:  # in the second batch of the test at iteration 8
+            broken.requested = "stop"
+        return run()
+
+    net.run_forward = stopping  # type: ignore[method-assign]
+    assert not broken.solve()
+    resumed = netlib.get_solver("solver.prototxt", seed=99, **WITH_TESTS)
+    assert resumed.solve("run_iter_8.solverstate.h5")
+    assert everything(resumed) == everything(whole)
+
+
+@pytest.mark.parametrize("within", ["training", "a test"])
+def test_data_that_are_cut_on_the_way(older: Path, within: str) -> None:
+    """The training ends with one line and a snapshot; with the data whole again it goes on as if nothing had been."""
+    norm = 'layer { name: "norm" type: "BatchNorm" bottom: "pool" top: "pool" }\n'  # moves with every batch
+    net_file, relu = Path("net.prototxt"), 'layer { name: "relu"'
+    net_file.write_text(net_file.read_text().replace(relu, norm + relu))
+    for name in ("train0", "train1"):
+        shutil.copy(RECORDINGS / f"{name}.h5", f"{name}.h5")
+    Path("list.txt").write_text("train0.h5\ntrain1.h5\n")
+    whole = netlib.get_solver("solver.prototxt", iter_size=2, **WITH_TESTS)
+    assert whole.solve()
+    broken = netlib.get_solver("solver.prototxt", iter_size=2, snapshot_after_train=within == "a test", **WITH_TESTS)
+    net = broken.net if within == "training" else broken.test_nets[0]
+    run, batches = net.run_forward, list[int]()
+
+    def cutting() -> float:
+        batches.append(broken.iter)
+        if batches.count(8) == 2:
+            for name in ("train0.h5", "train1.h5"):
+                os.truncate(name, 100)
+        return run()
+
+    net.run_forward = cutting  # type: ignore[method-assign]
+    with pytest.raises(netlib.DataError, match=r"train[01]\.h5: was cut to 100 of \d+ bytes while in use"):
+        broken.solve()
+    for name in ("train0", "train1"):
+        shutil.copy(RECORDINGS / f"{name}.h5", f"{name}.h5")
+    stop = broken.iter
+    assert stop in (8, 9)
+    resumed = netlib.get_solver("solver.prototxt", iter_size=2, seed=99, **WITH_TESTS)
+    assert resumed.solve(f"run_iter_{stop}.solverstate.h5")
+    assert everything(resumed) == everything(whole)
