@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--bits", type=natural, default=10, metavar="N",
                         help="of each mantissa, of 23 (default: %(default)s)")  # fmt: skip
     parser.add_argument(
-        "--recipe", choices=recipes.NAMES, default="cameras", help="of the frames (default: %(default)s)"
+        "--recipe", choices=recipes.NAMES, default="people", help="of the frames (default: %(default)s)"
     )
     parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=lambda text: natural(text, MOST_SEED), default=1000, metavar="N",

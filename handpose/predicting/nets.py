@@ -14,6 +14,7 @@ from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from layers.data.hdf5_data import HDF5Data
 from layers.hand.hand_model import HandModel
+from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
@@ -21,6 +22,7 @@ from netlib.layer import TEST
 from netlib.net import Net
 
 PALM = "palm"  # the joint that makes a body a hand
+SIZES = 0.5, 2.0  # of hands relative to the skeleton: a net that says another knows none
 JOINTS = "joints"  # the blob of joints that a net says beside those of its hand model
 
 
@@ -145,8 +147,8 @@ def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
     if not all(np.isfinite(values).all() for values in found.values()):
         raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
     inputs, size = found[hand.spec.bottom[0]], np.ones(len(crops))
-    if len(hand.spec.bottom) > 1:
-        size = found[hand.spec.bottom[1]][:, 0]
+    if isinstance(hand, SizedHandModel):
+        size = np.clip(found[hand.spec.bottom[1]][:, 0], *SIZES)
         inputs += (size - 1)[:, None] * hand.starts  # a factor of the initial translations, too
     inputs[:, hand.skeleton.fixed] = 0
     return HandPoses(inputs, size, found[JOINTS].reshape(len(crops), -1, 3) if JOINTS in found else None)

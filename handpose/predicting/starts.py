@@ -21,7 +21,7 @@ def fit_starts(net: Net, model: FleshModel, crops: NDArray[np.floating], quarter
     quarters, for the crops as they are. Raises NetlibError."""
     poses = hand_poses(net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters]))
     x = model.variables_of(rounded(poses.inputs, NETWORK_STEP))
-    size = rounded(np.log(np.maximum(poses.size, 1e-3)), NETWORK_STEP)
+    size = rounded(np.log(poses.size), NETWORK_STEP)
     x[:, SIZE] = np.clip(size, model.lower[SIZE], model.upper[SIZE])
     if poses.joints is not None:
         x = near_joints(model, x, rounded(poses.joints, NETWORK_STEP) * model.unit_mm)

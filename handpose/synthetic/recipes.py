@@ -20,8 +20,8 @@ from netlib.errors import NetlibError
 
 ONE_THICKNESS = FleshPrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # as NYU's second subject: smaller, with proportions of its own
-# Of hands of all ages, from all sides; the surface of their skeleton has the thickness of most. An arm may come from the
-# camera's side.
+# Of hands of all ages, from all sides; the surface of their skeleton has the thickness of most. An arm may come from
+# the camera's side.
 PEOPLE_FLESH = FleshPrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
     cut=0.3, sleeve=0.4,

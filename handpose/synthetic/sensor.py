@@ -2,9 +2,10 @@
 
     sense(rng, depth, far, KINECT, camera)
 
-The faults in the order in which they arise: near surfaces cover what is behind their edges (``_spread``), matching takes
-the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them (``_fly``), disparity or time is noisy and rounded (``_measure``), some pixels at
-depth steps are not read at all (``_drop``). A change of this code changes synthetic frames: raise
+The faults in the order in which they arise: near surfaces cover what is behind their edges (``_spread``), matching
+takes the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them (``_fly``),
+disparity or time is noisy and rounded (``_measure``), some pixels at depth steps are not read at all (``_drop``).
+A change of this code changes synthetic frames: raise
 ``handpose.synthetic.generator.VERSION``.
 """
 

@@ -42,4 +42,3 @@ def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -
     net.blobs["depth"].reshape(*depth.shape)
     np.testing.assert_array_equal(net.forward(depth=depth)["pred"], before)
     np.testing.assert_array_equal(hand_inputs(net, crops[:1]), inputs)
-

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data.flying_pixels import clear_crop
 from handpose.data.depth_images import UnitError
+from handpose.data.flying_pixels import clear_crop
 from handpose.facts.cameras import KINECT2, NYU, Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.predicting import finding

@@ -87,7 +87,9 @@ def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> Non
     threads = engine.get().threads()
     try:
         engine.get().set_threads(1)
-        np.testing.assert_array_equal(fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x)
+        np.testing.assert_array_equal(
+            fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x
+        )
     finally:
         engine.get().set_threads(threads)
 
@@ -98,7 +100,9 @@ def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Sce
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
     quarters = 4 if plan == "accurate" else 1
-    found, again = (fitter.fit(scene.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly))
+    found, again = (
+        fitter.fit(scene.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly)
+    )
     np.testing.assert_array_equal(found.x, again.x)
 
 
