@@ -104,9 +104,9 @@ class Follower:
         return self.is_decided and self.best.sight.confidence >= SURE
 
     def aims(self, time: float) -> list[Aim]:
-        """Where to look for it in a frame; while it is sure, the network is asked only now and then, which is noted."""
+        """Where to look for it in a frame; while all is well, the network is asked only now and then, which is noted."""
         troubled = self._missed or self.best.sight.badness > TROUBLE * self._usual
-        asked = troubled or not self.is_sure or time - self._asked >= ASK
+        asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         aims = [self._aim(side, seen.expected(time)) for side, seen in self.sides.items()]
         return aims if asked else [aim._replace(moved_mm=self._moved(aim.side)) for aim in aims]

@@ -27,6 +27,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 LIKELY = 0.5  # chance of a hand, says the locator
+ARM_PLACES = 5  # along a forearm
 TIMES = 2  # that it looks, each time from where it saw the hand
 
 
@@ -144,6 +145,14 @@ class Looker:
         """How little there is a hand, in mm."""
         seen = seen_as_right(sight.crop[None], sight.aim.center_uvd[None], self.camera, sight.aim.side)
         return float(strangeness(self.fitter.model, sight.fit, *seen)[0])
+
+    def arm(self, sight: Sight) -> Array:
+        """Places (A, 3) in mm, camera axes, along the axes of what only the flesh has: of a hand its forearm."""
+        model = self.fitter.model
+        capsules, limbs = model.capsules(sight.fit.x, sight.center_mm[None]), model.flesh.limbs
+        a, b = capsules.a[0, limbs], capsules.b[0, limbs]
+        places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
+        return np.asarray(places.reshape(-1, 3) * mirror_of(sight.aim.side))
 
     def _middle_of_crops(self) -> Array:
         """Where a crop has its centre (3,) in mm, from the root's place and along its axes."""

@@ -19,7 +19,7 @@ from netlib.blob import Array
 
 ROUND, ROUND_ALONE = 0.5, 0.2  # s that a round takes, while a hand is followed, and while none is ...
 MOST, MOST_ALONE = 200.0, 1500.0  # ... but for so many places a second, which is what there is time for
-APART_MM = 170.0  # from the middles of hands that are followed
+APART_MM, ARM_MM = 170.0, 100.0  # from the middles of hands that are followed, and from their arms
 TIMES = 2  # that a likely place is looked at again, from where the hand was said to be
 # A place that was no hand after all, such as an elbow, is passed over for a pause, which doubles each time.
 REJECTED_MM, PAUSE, LONGEST_PAUSE = 100.0, 0.5, 4.0
@@ -61,8 +61,11 @@ class Scout:
         found, _ = self.locator.at(depth, middle[None], self.camera)
         return float(found.max(initial=0.0))
 
-    def look(self, depth: NDArray[np.float32], followed: Array, time: float) -> Array | None:
-        """The middle (3,) in mm of what may be a hand, apart from those that are followed (H, 3); mostly None."""
+    def look(self, depth: NDArray[np.float32], followed: Array, arms: Array, time: float) -> Array | None:
+        """The middle (3,) in mm of what may be a hand; mostly None.
+
+        followed, arms  (H, 3), (A, 3) mm: the middles of hands that are followed, and places on their arms
+        """
         seconds, self._last = time - self._last, time
         if seconds > ROUND:  # places of long ago
             self._left = self._left[:0]
@@ -75,19 +78,17 @@ class Scout:
         count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
         count = int(min(max(np.ceil(count), 1), len(self._left)))
         some, self._left = self._left[:count], self._left[count:]
-        if len(followed) and len(some):
-            some = some[np.linalg.norm(some[:, None] - followed, axis=2).min(axis=1) > APART_MM]
+        some = some[_apart(some, followed, APART_MM)]
         chance, middle = self.locator.at(depth, some, self.camera)
         for _ in range(TIMES):
             likely = chance > LIKELY
             likeliest = middle[likely][np.argsort(-chance[likely])][:4]
             chance, middle = self.locator.at(depth, likeliest, self.camera)
         good = chance > LIKELY
-        for rejected in self._rejected if len(followed) else []:
-            if time < rejected.until:
-                good &= np.linalg.norm(middle - rejected.place, axis=1) > REJECTED_MM
-        if len(followed) and good.any():
-            good &= np.linalg.norm(middle[:, None] - followed, axis=2).min(axis=1) > APART_MM
+        if len(followed):
+            rejected = np.array([r.place for r in self._rejected if time < r.until]).reshape(-1, 3)
+            for places, apart in ((followed, APART_MM), (arms, ARM_MM), (rejected, REJECTED_MM)):
+                good &= _apart(middle, places, apart)
         if not good.any():
             return None
         return np.asarray(middle[good][np.argmax(odds_of(chance[good], middle[good]))])
@@ -96,3 +97,9 @@ class Scout:
         """All places, the nearest first: a hand is held towards the camera."""
         places = surface_places(depth, self.camera)
         return places[np.argsort(places[:, 2], kind="stable")]
+
+
+def _apart(places: Array, others: Array, least_mm: float) -> NDArray[np.bool_]:
+    """Which places (N, 3) are farther than so much from all others (M, 3)."""
+    distance = np.linalg.norm(places[:, None] - others, axis=2)
+    return np.asarray(distance.min(axis=1, initial=np.inf) > least_mm)

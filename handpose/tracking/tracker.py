@@ -39,7 +39,7 @@ from netlib.errors import DataError, NetlibError
 
 MOST_HANDS = 100  # beyond which a number of hands is a mistake
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-STRANGE_NEW_MM, STRANGE_MM = 140.0, 150.0  # a new hand is no stranger than this, one that is followed than that
+STRANGE_NEW_MM, STRANGE_MM = 115.0, 135.0  # a new hand is no stranger than this, one that is followed than that
 CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
 STRIKES = 2  # ... of which so many in a row end it
 
@@ -197,7 +197,8 @@ class Tracker:
     def _scout(self, depth: NDArray[np.float32], time: float) -> None:
         """Look for a hand that nobody follows."""
         middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
-        place = self.scout.look(depth, middles, time)
+        arms = [self.looker.arm(follower.best.sight) for follower in self.followers]
+        place = self.scout.look(depth, middles, np.concatenate([*arms, np.zeros((0, 3))]), time)
         if place is None:
             return
         seen = self._hands_at(depth, place)
