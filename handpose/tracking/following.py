@@ -26,6 +26,7 @@ NEW = 0.6  # how much of a speed is that of the last two frames
 COMPARE = 0.1  # s between looks that compare left and right, until it is decided
 DECIDED = 3.0  # logarithm of the ratio of doubts, summed up over such looks, that decides between left and right
 MOST = 1.2  # of it that one look may say
+SETTLED = 6.0  # the most that later looks may say for the side that was decided: so much longer it stays
 LOOKS = 6  # after so many the sum decides, whatever it is
 
 
@@ -188,10 +189,10 @@ class Follower:
             self._evidence = 0.0
 
     def _reconsider(self, says: float, sights: Sequence[Sight]) -> None:
-        """Sum up what speaks for the other hand; whatever speaks for this one ends that."""
+        """Sum up what speaks for the other hand, less what speaks for this one."""
         side = self.hand
         against = -says if side == "right" else says
-        self._evidence = self._evidence + against if against > 0 else 0.0
+        self._evidence = max(self._evidence + against, -SETTLED)
         if self._evidence > DECIDED:
             self.sides = {sight.aim.side: Seen(sight, self.time) for sight in sights if sight.aim.side != side}
             self._evidence = 0.0

@@ -41,6 +41,7 @@ MOST_HANDS = 100  # beyond which a number of hands is a mistake
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
 STRANGE_NEW_MM, STRANGE_MM = 115.0, 135.0  # a new hand is no stranger than this, one that is followed than that
 CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
+RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a hand that is found is one that was lost
 STRIKES = 2  # ... of which so many in a row end it
 
 
@@ -58,6 +59,7 @@ class Known:
     reason: str
     sizes: SizeKeeper
     size: float | None
+    place: Array | None = None  # (3,) mm, where it was seen last as a hand whose side was decided
 
 
 class Tracker:
@@ -127,6 +129,8 @@ class Tracker:
             if follower.time == time:
                 self._measure(follower, time)
                 self.known[follower.id].since = time
+                if follower.is_decided:
+                    self.known[follower.id].place = self._middle(follower)
                 hands.append(told(follower, self.looker, smooth=self.smooth, flesh=self.flesh))
         lost = tuple(
             LostHand(id, known.hand, known.since, known.reason)
@@ -205,6 +209,8 @@ class Tracker:
         if not seen:
             self.scout.reject(place, time)
             return
+        returned = self._just_lost(place, time)
+        seen = [sight for sight in seen if sight.aim.side in returned] or seen
         follower = Follower(-1, self.looker, seen, time, self.size, self._leaning(time))
         follower.id = self._id_of(follower.hand, time)
         known = self.known.setdefault(follower.id, Known(follower.hand, time, "", SizeKeeper(self.looker), self.size))
@@ -228,6 +234,15 @@ class Tracker:
         """The hands that are known and not seen in this frame."""
         seen = {follower.id for follower in self.followers if follower.time == time}
         return [id for id in self.known if id not in seen]
+
+    def _just_lost(self, place: Array, time: float) -> set[Side]:
+        """The sides of hands that were lost a moment ago near a place (3,) in mm: a hand does not change its side."""
+        known = [self.known[id] for id in self._missing(time)]
+        return {
+            one.hand
+            for one in known
+            if one.place is not None and time - one.since < RETURN and np.linalg.norm(one.place - place) < RETURN_MM
+        }
 
     def _leaning(self, time: float) -> float:
         """What speaks for a right hand (1) or a left one (-1): hands that were lost return."""
