@@ -23,7 +23,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from scipy.sparse import csc_array
+import scipy
 
 from fast.tiles import FastBlob, SparseTiles, tile_of
 from fast.twin import Twin
@@ -122,7 +122,7 @@ class WindowTiles:
         # Column a of dY holds O numbers, in the rows (winner, o).
         rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
         columns = np.arange(0, O * A + 1, O, dtype=np.int32)
-        dY = csc_array((found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A))
+        dY = scipy.sparse.csc_array((found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A))
         dM = (dY @ X).reshape(T, T, O, S, S)
         for p, q in np.ndindex(T, T):
             dw[:, 0] += dM[p, q, :, p : p + k, q : q + k]

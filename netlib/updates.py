@@ -26,7 +26,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from netlib.blob import Array
 from netlib.errors import DivergenceError
@@ -175,7 +175,7 @@ POLICIES: dict[str, Callable[[SolverParameter, int], float]] = {
     "inv": lambda p, i: p.base_lr * (1 + p.gamma * i) ** -p.power,
     "multistep": lambda p, i: p.base_lr * p.gamma ** steps_taken(p, i),
     "poly": lambda p, i: p.base_lr * (1 - min(i, p.max_iter) / p.max_iter) ** p.power,
-    "sigmoid": lambda p, i: p.base_lr * float(expit(p.gamma * (i - p.stepsize))),
+    "sigmoid": lambda p, i: p.base_lr * float(scipy.special.expit(p.gamma * (i - p.stepsize))),
 }
 
 

@@ -148,7 +148,7 @@ class Sitting:
         with on_missing_data():
             found = setting.files("train")
         if data is None and not is_real_nyu(setting):
-            raise DataError(f"{setting.folder}: holds frames that tools/prepare_nyu.py did not make; expected NYU "
+            raise DataError(f"{setting.folder}: holds frames that prepare_nyu did not make; expected NYU "
                             f"itself, or --setting {ONE_HAND.name}")  # fmt: skip
         return found
 

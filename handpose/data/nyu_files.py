@@ -218,7 +218,7 @@ def _no_split(root: Path, split: str) -> str:
     held = recognise(root)
     if held == "the NYU hand pose data set":
         return f"{root}: no folder {split!r}; the data set has train and test"
-    advice = "; use tools/prepare_icvl.py" if held and "ICVL" in held else ""
+    advice = "; use the command prepare_icvl" if held and "ICVL" in held else ""
     told = f"looks like {held}{advice}" if held else "does not look like any data set known here"
     return f"{root}: no folder {split!r} with NYU frames; it {told}"
 

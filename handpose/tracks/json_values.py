@@ -68,7 +68,7 @@ def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
 def header_of(fields: Fields) -> TrackHeader:
     """The header from its object. Raises DataError, PrototxtError."""
     if "format" not in fields or fields.text("format") != FORMAT:
-        raise DataError(f"{fields.where}: not a track; expected one as tools/track.py --json writes it")
+        raise DataError(f"{fields.where}: not a track; expected a file that track --json has written")
     if fields.whole("version") != VERSION:
         raise DataError(f"{fields.where}: a track of version {fields.whole('version')}; this program reads {VERSION}")
     of, body = fields.part("camera"), fields.part("skeleton")

@@ -12,7 +12,7 @@ Kept for backward: ``slope`` = dy/dx, because in place x is gone by then.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -28,7 +28,7 @@ class BNLL(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
-        self.slope = expit(x)
+        self.slope = scipy.special.expit(x)
         top[0].data[...] = np.logaddexp(x, 0)  # without overflow
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.special import expit
+import scipy
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -36,7 +36,7 @@ class Sigmoid(Layer):
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        expit(bottom[0].data, out=top[0].data)
+        scipy.special.expit(bottom[0].data, out=top[0].data)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

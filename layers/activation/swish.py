@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.special import expit
+import scipy
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -38,7 +38,7 @@ class Swish(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, beta = bottom[0].data, self.param.beta
-        s = expit(beta * x)
+        s = scipy.special.expit(beta * x)
         y = x * s
         self.slope = beta * y + s * (1 - beta * y)
         top[0].data[...] = y

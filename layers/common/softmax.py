@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -39,7 +39,7 @@ class Softmax(Layer):
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = softmax(bottom[0].data, axis=self.axis)
+        top[0].data[...] = scipy.special.softmax(bottom[0].data, axis=self.axis)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

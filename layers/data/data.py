@@ -61,7 +61,7 @@ class Data(Reader):
         self.batch_size = self.batch_of(p.batch_size)
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, cannot be read; convert the database to LMDB (with "
-                            "tools/convert_imageset.py, from its images) and say backend: LMDB", "backend")  # fmt: skip
+                            "convert_imageset, from its images) and set backend: LMDB", "backend")  # fmt: skip
         self.transformer = Transformer(self)
         self.path = find(p.source, self.source)
         database = Database(self.path)

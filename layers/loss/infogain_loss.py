@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from layers.loss import labels as labels_of
 from netlib.blob import Array, Blobs
@@ -80,7 +80,7 @@ class InfogainLoss(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         labels, counts = labels_of.read(self, bottom, self.classes, self.loss_param.ignore_label)
         H = self._matrix(bottom)[1].reshape(self.classes, self.classes)
-        self.p = softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
+        self.p = scipy.special.softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
         self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for a label that is ignored
         self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)
         top[0].data[...] = -(self.rows * np.log(np.maximum(self.p, labels_of.LEAST))).sum() / self.divisor

@@ -18,7 +18,7 @@ Kept for backward: ``counts``, which targets are not ignored.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from layers.loss import labels as labels_of
 from layers.loss.labels import items_and_values
@@ -59,5 +59,5 @@ class SigmoidCrossEntropyLoss(Layer):
             raise self.fail("has no gradient for its targets; set propagate_down: false for them")
         if propagate_down[0]:
             x, target = (blob.data.reshape(self.shape) for blob in bottom)
-            dx = (expit(x) - target) * self.counts * (top[0].diff / self.divisor)
+            dx = (scipy.special.expit(x) - target) * self.counts * (top[0].diff / self.divisor)
             bottom[0].diff[...] = dx.reshape(bottom[0].shape)

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from layers.loss import labels as labels_of
 from netlib.blob import Array, Blobs
@@ -71,7 +71,7 @@ class SoftmaxWithLoss(Layer):
         return labels, counts
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        self.p = softmax(bottom[0].data, axis=self.axis)
+        self.p = scipy.special.softmax(bottom[0].data, axis=self.axis)
         labels, counts = self._labels(bottom)
         chosen = np.take_along_axis(self.p, labels, self.axis)
         tiny = np.finfo(np.float32).tiny  # as Caffe: the logarithm never sees a zero

@@ -23,7 +23,7 @@ Kept for backward: ``gate``, (i, f, o, g).
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
@@ -70,7 +70,7 @@ class LSTMUnit(Layer):
 def step(c_before: Array, x: Array, cont: Array) -> tuple[Array, Array, Array]:
     """c, h (N, D) and the gates i, f, o, g (4, N, D) from c_before (N, D), x (N, 4 D) and cont (N, 1)."""
     i, f, o, g = np.split(x, 4, axis=1)
-    i, f, o, g = expit(i), cont * expit(f), expit(o), np.tanh(g)
+    i, f, o, g = scipy.special.expit(i), cont * scipy.special.expit(f), scipy.special.expit(o), np.tanh(g)
     c = f * c_before + i * g
     return c, o * np.tanh(c), np.stack((i, f, o, g))
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import zoom
 
 from netlib import files
 from netlib.blob import Array
@@ -275,12 +275,12 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
         )
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
-        return zoom(im, factors, order=interp_order).astype(np.float32)
+        return scipy.ndimage.zoom(im, factors, order=interp_order).astype(np.float32)
     least, most = im.min(), im.max()
     if not most > least:
         return np.full((height, width, im.shape[2]), least, np.float32)
     scaled = (im - least) / (most - least)
-    scaled = zoom(scaled, factors, order=interp_order, mode="grid-constant", cval=0, grid_mode=True)
+    scaled = scipy.ndimage.zoom(scaled, factors, order=interp_order, mode="grid-constant", cval=0, grid_mode=True)
     np.clip(scaled, 0, 1, out=scaled)  # orders above 1 overshoot
     return (scaled * (most - least) + least).astype(np.float32)
 

@@ -18,12 +18,15 @@ import os
 import random
 import re
 import shutil
+import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import netlib  # before NumPy: it chooses the BLAS threads
 
@@ -671,9 +674,33 @@ def make_nyu() -> list[str]:
 
 def read_nyu(path: Path) -> Any:
     """Its joints."""
+    from handpose.data import matlab_file
     from handpose.data.nyu_files import read_annotation
 
-    read_annotation(path)
+    with mock.patch.object(matlab_file.subprocess, "run", _matlab_worker_forked):
+        read_annotation(path)
+
+
+def _matlab_worker_forked(command: list[str], **options: Any) -> subprocess.CompletedProcess[bytes]:
+    """What matlab_worker.py does, in a forked process: a new one would import SciPy again for every case.
+
+    tests/handpose/data/test_matlab_file.py tests the program itself, its crash and its time limit.
+    """
+    from handpose.data import matlab_worker
+
+    with tempfile.TemporaryFile() as out:
+        child = os.fork()
+        if child == 0:
+            status = 99
+            try:
+                matlab_worker.main(command[3], command[4].split(","), out)
+                out.flush()
+                status = 0
+            finally:  # whatever happens, a child never goes on as its parent
+                os._exit(status)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        out.seek(0)
+        return subprocess.CompletedProcess(command, status, out.read())
 
 
 def make_icvl() -> list[str]:

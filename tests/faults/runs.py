@@ -371,8 +371,9 @@ def undisturbed(name: str) -> Undisturbed:
         result, *modules = answer.split()
         netlib.layer_type_list()
         for module in modules:  # imported here once, not in every child again
-            if module.split(".")[0] in ("netlib", "layers", "fast", "handpose", "tools"):
-                importlib.import_module(module)
+            if module not in sys.modules:
+                with contextlib.suppress(ImportError):  # a name that a package has put there itself
+                    importlib.import_module(module)
         return Undisturbed(run, folder, result, names())
 
 

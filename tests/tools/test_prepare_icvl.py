@@ -148,7 +148,7 @@ def test_check(root, capsys):
 
 @pytest.mark.parametrize(
     ("name", "told"),
-    [("train/joint_data.mat", "NYU hand pose data set; use tools/prepare_nyu.py"), ("P0/1/joint.txt", "MSRA15"),
+    [("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"), ("P0/1/joint.txt", "MSRA15"),
      ("test_groundtruth_uvd.txt", "only text files"), ("Training.tar.gz", "not unpacked")],
 )  # fmt: skip
 def test_check_wrong_archive(tmp_path, capsys, name, told):

@@ -373,7 +373,7 @@ def test_check_missing_subject(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("files", "told"),
     [
-        (["Training/labels.txt", "Training/Depth/a/image_0000.png"], "the ICVL data set; use tools/prepare_icvl.py"),
+        (["Training/labels.txt", "Training/Depth/a/image_0000.png"], "the ICVL data set; use the command prepare_icvl"),
         (["P0/1/000000_depth.bin", "P1/1/joint.txt"], "looks like the MSRA15 data set"),
         (["test_groundtruth_uvd.txt", "predictions.txt"], "looks like only text files"),
         (["nyu_hand_dataset_v2.zip"], "an archive that is not unpacked (nyu_hand_dataset_v2.zip)"),

@@ -289,7 +289,7 @@ def test_other_frames_are_not_nyu(made, small_data):
         (made / f"data/nyu/{split}.txt").write_text(f"{small_data}/{split}_000.h5\n")
     status, _, err = run("--setting", "nyu")
     assert status == 1 and err.splitlines()[-1] == (
-        "data/nyu: holds frames that tools/prepare_nyu.py did not make; expected NYU itself, or --setting one_hand"
+        "data/nyu: holds frames that prepare_nyu did not make; expected NYU itself, or --setting one_hand"
     )
     assert not (made / "data/nyu_angles").exists() and not (made / "work").exists()
 

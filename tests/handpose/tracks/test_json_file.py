@@ -175,7 +175,7 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"handpose track"', '"something"', "a.json: not a track; expected one as tools/track.py --json writes it"),
+        ('"handpose track"', '"something"', "a.json: not a track; expected a file that track --json has written"),
         ('"version":1', '"version":2', "a.json: a track of version 2; this program reads 1"),
         ('"fx":588.03', '"fx":-3', "a.json: 'camera': 'fx' is -3, expected a number above 0"),
         ('"time_s":0.0', '"time_s":NaN', "a.json: 'frames' 0: 'time_s' is nan, expected a number"),

@@ -169,7 +169,7 @@ def test_the_package_is_not_needed(database, net_of, monkeypatch):
 def test_leveldb(database, net_of, options):
     """Caffe's default backend: how to convert it."""
     with pytest.raises(
-        netlib.LayerError, match="backend LEVELDB, Caffe's default, cannot be read; convert the database"
+        netlib.LayerError, match=r"backend LEVELDB.*convert the database to LMDB \(with convert_imageset,"
     ):
         net_of(text(database, f"batch_size: 1 {options}").replace("backend: LMDB", ""))
 
