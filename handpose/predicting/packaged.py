@@ -24,6 +24,7 @@ from netlib.errors import NetlibError, WeightsError
 from netlib.files.paths import ROOT
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
+PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book
 HAND_LOCATOR = ROOT / "models" / "hand_locator"
 KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
 

@@ -33,7 +33,6 @@ class Sensor:
     Of two numbers each frame draws its own between them, uniformly.
     """
 
-    spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface covers what is behind its edges
     pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: a pixel looks so far beside itself (deviation)
     block_shift: tuple[float, float] = (0.2, 0.7)  # px of the crop: the same for 4 x 4 pixels together
     baseline: float = 75.0  # mm between projector and camera
@@ -45,10 +44,13 @@ class Sensor:
     edge: float = 15.0  # mm between neighbours that make an edge
     dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
+    spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface covers what is behind its edges
 
     def settled(self, rng: np.random.Generator) -> Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
         bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        if not self.spread[1]:
+            del bounds["spread"]  # nothing to draw: recordings of sensors without it stay as they were
         drawn = {name: (float(rng.uniform(*two)),) * 2 for name, two in bounds.items() if isinstance(two, tuple)}
         return replace(self, **{**bounds, **drawn})
 

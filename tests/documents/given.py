@@ -67,7 +67,7 @@ def crop(folder: Path) -> Names:
 def weights(folder: Path) -> Names:
     """snapshots/nyu_iter_1000.caffemodel.h5: the packaged weights, of the same network."""
     (folder / "snapshots").mkdir(exist_ok=True)
-    packaged = ROOT / "models" / "synthetic_hand" / "synthetic_hand.caffemodel.h5"
+    packaged = ROOT / "models" / "paper_hand" / "paper_hand.caffemodel.h5"
     shutil.copyfile(packaged, folder / "snapshots" / "nyu_iter_1000.caffemodel.h5")
     return {}
 

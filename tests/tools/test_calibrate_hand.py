@@ -184,7 +184,9 @@ def test_size_from_depth(tmp_path, monkeypatch, capsys):
     options = ["--from-depth", "--camera", "kinect2", "--out", "me.prototxt"]
     assert calibrate_hand.main([*images, *options]) == 0
     out = capsys.readouterr().out
-    assert re.match(r"A right hand of 0\.\d+ \+- 0\.\d+ times the size of nyu, its flesh \d\.\d+ times as thick", out)
+    assert re.match(
+        r"A right hand of 0\.\d+ \+- 0\.\d+ times the size of people, its flesh \d\.\d+ times as thick", out
+    )
     me = skeletons.load("me.prototxt")
     assert np.median(me.bones[me.bones != 0] / HAND.bones[HAND.bones != 0]) == pytest.approx(0.9, abs=0.03)
     assert "from the depth of 8 frames" in (tmp_path / "me.prototxt").read_text()

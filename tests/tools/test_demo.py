@@ -28,7 +28,7 @@ def test_demo(tmp_path, capsys, monkeypatch):
     assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
     assert cv2.imread("my frames ö/hands.png").shape[1] > 6 * 256
     hands = json.loads(Path("my frames ö/hands.json").read_text())
-    assert len(hands) == 2 and all(hand["true_error_mm"] < 15 and "palm" in hand["joints_mm"] for hand in hands)
+    assert len(hands) == 2 and all(hand["true_error_mm"] < 20 and "palm" in hand["joints_mm"] for hand in hands)
 
 
 def test_nowhere_to_write(tmp_path, capsys):

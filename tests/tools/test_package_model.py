@@ -24,7 +24,7 @@ def test_packaging(tmp_path, monkeypatch, capsys):
     arguments = ["big.caffemodel.h5", "--model", DEPLOY, "--out", "small.caffemodel.h5", "--bits", "6"]
     assert package_model.main([*arguments, "--frames", "48"]) == 0
     out = capsys.readouterr().out
-    assert "48 frames of the recipe cameras: network " in out and "with 6 bits " in out
+    assert "48 frames of the recipe people: network " in out and "with 6 bits " in out
     small = (tmp_path / "small.caffemodel.h5").read_bytes()
     assert hashlib.sha256(small).hexdigest() in out
     assert len(small) < 0.5 * (tmp_path / "big.caffemodel.h5").stat().st_size

@@ -82,10 +82,12 @@ def test_mistakes(work, snapshot, capsys):
 
 def test_fit(work, small_data, capsys):
     """--fit adds what is left after the fit to the depth; the picture then shows the fitted hands."""
-    model = (ROOT / "prototxt" / "synthetic_train_test.prototxt").read_text().replace("data/nyu", str(small_data))
+    model = (SYNTHETIC_HAND / "train_test.prototxt").read_text().replace("data/people", str(small_data))
+    model = model.replace("../../prototxt", str(ROOT / "prototxt"))
     (work / "own.prototxt").write_text(model.replace("batch_size: 250", "batch_size: 10"))
     weights = str(read_card(SYNTHETIC_HAND).weights)
-    arguments = ["--model", "own.prototxt", weights, "--fit", "fast"]
+    deploy = str(SYNTHETIC_HAND / "deploy.prototxt")
+    arguments = ["--model", "own.prototxt", "--deploy", deploy, weights, "--fit", "fast"]
     assert test.main([*arguments, "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["snapshots"]
     assert row["fit_error_14_mm"] < 0.7 * row["error_14_mm"] and row["fit_within_40_mm"] >= row["within_40_mm"]

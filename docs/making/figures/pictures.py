@@ -10,7 +10,7 @@ import numpy as np
 
 import netlib
 from docs.making.figures.drawn import new_figure
-from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from handpose.predicting.packaged import PAPER_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
 from netlib.files.paths import ROOT
@@ -108,8 +108,8 @@ def _drawn_as(shape: tuple[int, ...]) -> tuple[int, float, float]:
 @functools.cache
 def first_maps() -> tuple[Array, Array, Array]:
     """A rendered hand (128, 128), the packaged network's first kernels (8, 5, 5), its first maps (8, 124, 124)."""
-    weights = checked_weights(read_card(SYNTHETIC_HAND))
-    net = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", weights, netlib.TEST, engine="plain")
+    weights = checked_weights(read_card(PAPER_HAND))
+    net = netlib.Net(PAPER_HAND / "deploy.prototxt", weights, netlib.TEST, engine="plain")
     hand = Generator(seed=0, split="test").block(0).depth[0]
     net.forward(end="ReLUconvL1", depth=hand.reshape(1, 1, 128, 128))
     return hand.reshape(128, 128), net.params["convL1"][0].data[:, 0], net.blobs["convL1"].data[0]

@@ -14,7 +14,7 @@ from handpose.drawing.hands import bones, colours
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM
 from handpose.predicting.nets import skeleton_to_fit, trained
-from handpose.predicting.packaged import SYNTHETIC_HAND
+from handpose.predicting.packaged import PAPER_HAND
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -43,7 +43,7 @@ def seen() -> Seen:
     generator = Generator(seed=0, split="test")
     frames = [generator.block(number) for number in range(BLOCKS)]
     depth = np.concatenate([f.depth for f in frames])
-    net = trained(SYNTHETIC_HAND / "deploy.prototxt", SYNTHETIC_HAND / "synthetic_hand.caffemodel.h5")
+    net = trained(PAPER_HAND / "deploy.prototxt", PAPER_HAND / "paper_hand.caffemodel.h5")
     net.blobs["depth"].reshape(*depth.shape)
     joints = net.forward(depth=depth)["pred"].reshape(-1, 31, 3).copy()
     return Seen(

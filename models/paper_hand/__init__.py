@@ -1,0 +1,1 @@
+"""A hand of synthetic frames: the net, its weights, what they are worth."""
