@@ -105,7 +105,7 @@ class Follower:
         return self.is_decided and self.best.sight.confidence >= SURE
 
     def aims(self, time: float) -> list[Aim]:
-        """Where to look for it in a frame; while all is well, the network is asked only now and then, which is noted."""
+        """Where to look for it in a frame; while all is well, the network is asked at intervals, which is noted."""
         troubled = self._missed or self.best.sight.badness > TROUBLE * self._usual
         asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked

@@ -25,6 +25,9 @@ TIMES = 2  # that a likely place is looked at again, from where the hand was sai
 REJECTED_MM, PAUSE, LONGEST_PAUSE = 100.0, 0.5, 4.0
 
 
+NOWHERE = np.zeros((0, 3))
+
+
 class Rejected(NamedTuple):
     """A place (3,) in mm that was no hand, for how long it is passed over, and until when, both in s."""
 
@@ -61,7 +64,7 @@ class Scout:
         found, _ = self.locator.at(depth, middle[None], self.camera)
         return float(found.max(initial=0.0))
 
-    def look(self, depth: NDArray[np.float32], followed: Array, arms: Array, time: float) -> Array | None:
+    def look(self, depth: NDArray[np.float32], followed: Array, time: float, arms: Array = NOWHERE) -> Array | None:
         """The middle (3,) in mm of what may be a hand; mostly None.
 
         followed, arms  (H, 3), (A, 3) mm: the middles of hands that are followed, and places on their arms

@@ -30,7 +30,7 @@ from handpose.recordings.recording import DepthFrame
 from handpose.tracking.following import COAST, ENOUGH, Follower
 from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
 from handpose.tracking.reasons import NO_HAND, reason
-from handpose.tracking.scouting import Scout
+from handpose.tracking.scouting import NOWHERE, Scout
 from handpose.tracking.sizing import SizeKeeper, checked
 from handpose.tracking.telling import told
 from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader
@@ -202,7 +202,7 @@ class Tracker:
         """Look for a hand that nobody follows."""
         middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
         arms = [self.looker.arm(follower.best.sight) for follower in self.followers]
-        place = self.scout.look(depth, middles, np.concatenate([*arms, np.zeros((0, 3))]), time)
+        place = self.scout.look(depth, middles, time, np.concatenate([*arms, NOWHERE]))
         if place is None:
             return
         seen = self._hands_at(depth, place)

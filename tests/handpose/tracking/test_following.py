@@ -139,6 +139,22 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
     assert not one.is_decided
 
 
+def test_a_side_that_was_right_for_long() -> None:
+    """The more looks spoke for it, the more it takes to change it."""
+    needed = []
+    for looks in (0, 2, 20):
+        one = Follower(0, LOOKER, both(left=9), 0.0, None)
+        compared(one, [both(left=9)] * 3)
+        assert one.is_decided and one.hand == "right"
+        compared(one, [both(left=9)] * looks, 4)
+        n = 0
+        while one.hand == "right":
+            n += 1
+            compared(one, [both(right=9)], 100 + n)
+        needed.append(n)
+    assert needed[0] < needed[1] < needed[2] < 12
+
+
 def test_only_one_side_is_looked_for() -> None:
     """Then there is nothing to be decided."""
     one = Follower(3, LOOKER, [sight("left")], 0.0, 1.1)
@@ -162,7 +178,7 @@ def test_where_to_look_next() -> None:
 
 
 def test_the_network_is_asked_now_and_then() -> None:
-    """While the hand is sure; otherwise always. In between the last one's answer counts."""
+    """While all is well, sure or not; always while the hand is in trouble. In between the last one's answer counts."""
     one = Follower(0, LOOKER, [sight()], 0.0, None)
     asked = []
     for n in range(1, 31):
@@ -172,7 +188,7 @@ def test_the_network_is_asked_now_and_then() -> None:
         followed(one, [[sight()]], n)
     assert 0 < sum(asked) < 15
     for n in range(31, 40):
-        followed(one, [[sight(confidence=0.7)]], n)
+        followed(one, [[sight(confidence=0.7, error=30)]], n)
         assert not one.is_sure and one.aims((n + 1) * FRAME)[0].moved_mm is None
     undecided = Follower(0, LOOKER, both(), 0.0, None)
     assert all(aim.moved_mm is None for n in range(1, 9) for aim in undecided.aims(n * FRAME))

@@ -139,3 +139,35 @@ def test_the_chance_of_a_place() -> None:
     assert one.chance(depth, middle(*LEFT_BLOCK)) == pytest.approx(0.9)
     assert one.chance(depth, np.array([300.0, 0, 1500])) == 0
     assert one.chance(depth, np.array([0.0, 0, -500])) == one.chance(depth, np.array([9e4, 0, 700])) == 0
+
+
+def test_nothing_is_looked_for_on_an_arm() -> None:
+    """A block beside a hand is found, unless the hand's arm passes there."""
+    left, right = (200, 240, 700.0), (440, 240, 700.0)
+    depth, followed = room(left, right), middle(*left)[None]
+    for arms, found in ((middle(*right)[None] + (30, 0, 0), False), (middle(*right)[None] + (0, 300, 0), True)):
+        one, _ = scout()
+        places = [one.look(depth, followed, n * FRAME, arms) for n in range(45)]
+        assert any(place is not None for place in places) == found
+
+
+def test_a_place_that_was_no_hand() -> None:
+    """Is passed over for half a second, then for a second, while a hand is followed; where none is, it is not."""
+    left, right = (200, 240, 700.0), (440, 240, 700.0)
+    depth, followed = room(left, right), middle(*left)[None]
+    one, _ = scout()
+    found = []
+    for n in range(100):
+        place = one.look(depth, followed, n * FRAME)
+        if place is not None:
+            one.reject(place, n * FRAME)
+            found.append(n * FRAME)
+    pauses = np.diff(found)
+    assert len(pauses) >= 2 and pauses[0] >= 0.5 and pauses[1] >= 1.0
+    alone, _ = scout()
+    for n in range(45):
+        place = alone.look(room(right), NOBODY, n * FRAME)
+        if place is not None:
+            alone.reject(place, n * FRAME)
+            found.append(n)
+    assert np.diff([n for n in found if isinstance(n, int)]).min() * FRAME < 0.5
