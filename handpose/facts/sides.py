@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from handpose.facts.cameras import Array, Camera
+from handpose.facts.cameras import Array
 
 Side = Literal["right", "left"]
 SoughtSide = Literal["right", "left", "either"]  # "either" is for who finds a hand to tell
@@ -49,13 +49,3 @@ def mirror_of(side: Side) -> Array:
 def as_right(images: NDArray[T], side: Side) -> NDArray[T]:
     """Images (..., height, width) of a hand of this side, as of a right one: a view."""
     return images[..., ::-1] if is_mirrored(side) else images
-
-
-def seen_as_right(
-    crops: NDArray[T], center_uvd: ArrayLike, camera: Camera, side: Side
-) -> tuple[NDArray[T], Array, Camera]:
-    """Crops (N, S, S) of hands of this side, their centres (N, 3) in px, px, mm and their camera, as of right hands."""
-    uvd = np.asarray(center_uvd, dtype=np.float64)
-    if not is_mirrored(side):
-        return crops, uvd, camera
-    return as_right(crops, side), np.array([camera.width - 1, 0, 0]) + uvd * MIRROR, camera.mirrored()

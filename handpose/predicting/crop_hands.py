@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.facts.sides import SIDES, Side, as_right, mirror_of, seen_as_right
+from handpose.facts.sides import SIDES, Side, as_right, mirror_of
 from handpose.fitting.depth.body import GIRTH
 from handpose.fitting.depth.fit import DepthFitter
 from handpose.fitting.depth.strangeness import strangeness
@@ -74,7 +74,7 @@ class CropHands:
         fit = fit_crops(self.net, self.fitter, crops, uvd, camera, plan, side=side)
         flesh = model.capsules(fit.x, np.zeros((len(places), 3)))
         whole, girth = model.whole_inputs_of(fit.x), np.exp(fit.x[:, GIRTH])
-        strange = strangeness(model, fit, *seen_as_right(crops, uvd, camera, side))
+        strange = strangeness(model, fit, crops, uvd, camera, side)
         hands = []
         for n, place in enumerate(places):
             capsules = flesh.frames(slice(n, n + 1)).mirrored(mirror)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from handpose.data.flying_pixels import clear_crop
 from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side, is_mirrored, mirror_of, seen_as_right
+from handpose.facts.sides import Side, is_mirrored, mirror_of
 from handpose.fitting.depth.fit import DepthFit
 from handpose.fitting.depth.observation import observe
 from handpose.fitting.depth.search import PLANS
@@ -143,8 +143,8 @@ class Looker:
 
     def strangeness(self, sight: Sight) -> float:
         """How little there is a hand, in mm."""
-        seen = seen_as_right(sight.crop[None], sight.aim.center_uvd[None], self.camera, sight.aim.side)
-        return float(strangeness(self.fitter.model, sight.fit, *seen)[0])
+        crop, center = sight.crop[None], sight.aim.center_uvd[None]
+        return float(strangeness(self.fitter.model, sight.fit, crop, center, self.camera, sight.aim.side)[0])
 
     def arm(self, sight: Sight) -> Array:
         """Places (A, 3) in mm, camera axes, along the axes of what only the flesh has: of a hand its forearm."""

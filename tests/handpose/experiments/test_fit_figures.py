@@ -8,8 +8,8 @@ import pytest
 from handpose.experiments.fit_figures import auc, frames_of, measure, roll_of
 from handpose.fitting.depth.body import FleshModel
 from handpose.fitting.depth.fit import DepthFitter
-from handpose.predicting.nets import hand_inputs
 from handpose.predicting.packaged import load_predictor
+from handpose.predicting.starts import fit_starts
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
@@ -55,7 +55,7 @@ def test_crops_of_another_cube() -> None:
     found = measure(predictor.net, fitter_of, iter([*blocks, blocks[1]]), ())
     assert made == [150, 130.5]
     own = FleshModel(skeleton, 130.5)
-    x = own.variables_of(hand_inputs(predictor.net, blocks[1].crops))
+    (x,) = fit_starts(predictor.net, own, blocks[1].crops, (0,))
     assert found.network[64:65] == pytest.approx(mean_errors_14(own.joints(x), blocks[1].joints))
 
 

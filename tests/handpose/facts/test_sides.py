@@ -7,7 +7,6 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from handpose.facts.cameras import KINECT2
 from handpose.facts.sides import (
     MIRROR,
     SIDES,
@@ -18,7 +17,6 @@ from handpose.facts.sides import (
     is_mirrored,
     mirror_of,
     other_side,
-    seen_as_right,
     side_of,
 )
 
@@ -60,17 +58,3 @@ def test_images(shape: tuple[int, ...]) -> None:
     images = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
     np.testing.assert_array_equal(as_right(images, "right"), images)
     np.testing.assert_array_equal(as_right(images, "left"), np.flip(images, -1))
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_what_is_seen(side: Side) -> None:
-    """A place that is seen in the mirror is the mirror image of the place; what is seen so twice is as it was."""
-    xyz = np.array([[30.0, -20.0, 700.0], [-80.0, 10.0, 900.0]])
-    crops = np.random.default_rng(0).uniform(-1, 1, (2, 5, 5))
-    shown, uvd, camera = seen_as_right(crops, KINECT2.project(xyz), KINECT2, side)
-    np.testing.assert_array_equal(shown, as_right(crops, side))
-    np.testing.assert_allclose(camera.unproject(uvd), xyz * mirror_of(side), atol=1e-9)
-    again, back, own = seen_as_right(shown, uvd, camera, side)
-    np.testing.assert_array_equal(again, crops)
-    np.testing.assert_allclose(back, KINECT2.project(xyz))
-    assert own.u0 == pytest.approx(KINECT2.u0)

@@ -37,7 +37,7 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> No
     part, strange = frame[:, 150:400], []
     for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
         camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
-        predictor = load_predictor(camera, fit="fast", hand=hand)  # type: ignore[arg-type]
+        predictor = load_predictor(camera, fit="accurate", hand=hand)  # type: ignore[arg-type]
         center = camera.project(np.array([30.0, -20, 700]) * mirror_of(hand))
         found = predictor.in_frame(np.ascontiguousarray(depth), center)
         assert found.fit is not None and found.camera == camera

@@ -32,7 +32,7 @@ def test_the_packaged_model() -> None:
     """Small, whole, with the network's errors measured for every plan; its net takes all of it."""
     card = read_card(SYNTHETIC_HAND)
     weights = checked_weights(card)
-    assert card.license == "MIT" and weights.stat().st_size < 5 * MEGABYTE
+    assert card.license == "MIT" and weights.stat().st_size < 12 * MEGABYTE
     errors = read_errors(weights, FleshModel(skeleton.load(), 150.0))
     assert set(errors.tables) == set(PLANS)
     assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5

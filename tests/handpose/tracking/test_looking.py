@@ -112,7 +112,7 @@ def test_from_the_pose_before(
     """Also about another centre; without asking the network, if its last answer is given, which counts as before."""
     (first,) = looker.look(depth, [Aim(center, "right")])
     assert first is not None
-    monkeypatch.setattr(looking, "turned_inputs", None)  # whoever calls it fails
+    monkeypatch.setattr(looking, "fit_starts", None)  # whoever calls it fails
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     aims = [Aim(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))]
     near, far, aside = looker.look(depth, aims)
