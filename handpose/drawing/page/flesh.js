@@ -1,5 +1,6 @@
 /* The flesh of a skeleton: capsules, which are round cones between two joints, as handpose/flesh/flesh.py has them.
 
+   A wedge is drawn as its three edges, which are capsules; the facets between them are left out.
    Where a capsule ends beside its joint j, the offset o_j says how far, along axes that turn with a joint f:
    E_j = X_j + size R_f o_j */
 
@@ -14,20 +15,23 @@ export class Flesh {
      offsets   {joint, axes: joints of the whole body, vector} */
   constructor(skeleton, whole) {
     const { flesh } = skeleton.param, joint = (owner, field) => indexOf(whole.joints, owner, field, "joint");
-    if (!flesh.capsule.length) throw new PrototxtError(placeOf(flesh), "no capsule and no wedge in the flesh");
-    for (const [many, what] of [[flesh.capsule, "capsules"], [flesh.offset, "offsets"]]) {
+    if (!flesh.capsule.length && !flesh.wedge.length) {
+      throw new PrototxtError(placeOf(flesh), "no capsule and no wedge in the flesh");
+    }
+    for (const [many, what] of [[flesh.capsule, "capsules"], [flesh.wedge, "wedges"], [flesh.offset, "offsets"]]) {
       if (many.length > MOST) {
         throw new PrototxtError(placeOf(many[MOST]), `${many.length} ${what}; this page shows at most ${MOST}`);
       }
     }
-    this.capsules = flesh.capsule.map((c) => {
+    const own = skeleton.joints.length, capsules = flesh.capsule.map((c) => {
       const [from, to, radii] = [joint(c, "from"), joint(c, "to"), c.radius];
       if (![1, 2].includes(radii.length) || !radii.every((r) => r > 0 && r <= LONGEST)) {
         const found = `radius ${radii.map(said).join(", ")}`;
         throw new PrototxtError(placeOf(c), `${found}; expected one or two > 0, in ${LENGTHS}`);
       }
-      return { from, to, radii: [...radii, ...radii].slice(0, 2), limb: to >= skeleton.joints.length };
+      return { from, to, radii: [...radii, ...radii].slice(0, 2), limb: to >= own };
     });
+    this.capsules = [...edges(flesh.wedge, whole.joints, own), ...capsules];
     for (const o of flesh.offset) {
       if (![o.x, o.y, o.z].every((length) => Math.abs(length) <= LONGEST)) {
         const found = `offset ${[o.x, o.y, o.z].map(said).join(", ")}`;
@@ -49,4 +53,30 @@ export class Flesh {
       { a: ends[from], b: ends[to], ra: radii[0] * size * girth, rb: radii[1] * size * girth, from, to, limb }
     ));
   }
+}
+
+/* The edges of wedges as capsules, each once. */
+function edges(wedges, joints, own) {
+  const found = new Map();
+  for (const w of wedges) {
+    const radii = w.radius.length === 1 ? [w.radius[0], w.radius[0], w.radius[0]] : w.radius;
+    if (radii.length !== 3 || !radii.every((r) => r > 0 && r <= LONGEST)) {
+      const text = `radius ${w.radius.map(said).join(", ")}`;
+      throw new PrototxtError(placeOf(w), `${text}; expected one or three > 0, in ${LENGTHS}`);
+    }
+    if (w.joint.length !== 3 || new Set(w.joint).size !== 3) {
+      throw new PrototxtError(placeOf(w), `joints ${w.joint.join(", ")}; expected three different ones`);
+    }
+    const corners = w.joint.map((name) => joints.indexOf(name));
+    if (corners.includes(-1)) {
+      throw new PrototxtError(placeOf(w), `unknown joint '${w.joint[corners.indexOf(-1)]}'`);
+    }
+    for (const [i, j] of [[0, 1], [0, 2], [1, 2]]) {
+      const ends = [[corners[i], radii[i]], [corners[j], radii[j]]];
+      const key = ends.map(String).sort().join(" ");
+      const [[from, ra], [to, rb]] = ends;
+      if (!found.has(key)) found.set(key, { from, to, radii: [ra, rb], limb: to >= own });
+    }
+  }
+  return [...found.values()];
 }

@@ -35,7 +35,14 @@ const MESSAGES = {
     from: required("string"), to: required("string"), radius: { ...repeated("number"), required: true },
     part: optional("string", ""),
   },
-  flesh: { dof: repeated("dof"), joint: repeated("joint"), offset: repeated("offset"), capsule: repeated("capsule") },
+  wedge: {
+    joint: { ...repeated("string"), required: true }, radius: { ...repeated("number"), required: true },
+    part: optional("string", ""),
+  },
+  flesh: {
+    dof: repeated("dof"), joint: repeated("joint"), offset: repeated("offset"), capsule: repeated("capsule"),
+    wedge: repeated("wedge"),
+  },
   skeleton: {
     name: optional("string", ""), dof: repeated("dof"), joint: repeated("joint"), flesh: optional("flesh", null),
   },

@@ -22,7 +22,7 @@ from netlib.errors import PrototxtError
 from tests.handpose.drawing.page.conftest import ARM, any_body, ask, body_of
 
 HAND = str(skeletons.NYU_HAND.read_text(encoding="utf-8"))
-NETLIB = Path(__file__).parents[3] / "netlib"
+NETLIB = Path(__file__).parents[3] / "netlib" / "proto"
 MM = 150.0
 
 # Bodies that nobody looks at: their poses, and what forces do to them.
@@ -112,6 +112,17 @@ def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
     for n, (ends, depth) in enumerate(drawn(tab, HAND, bodies)):
         np.testing.assert_allclose(ends, _rows(capsules, n), atol=0.01)  # the model is in float32
         check_depth(depth, expected[n])
+
+
+def test_the_edges_of_wedges(tab: Any) -> None:
+    """Are capsules, in the order of the fit's."""
+    people = skeletons.NYU_HAND.with_name("people.prototxt")
+    model, uvd = FleshModel(skeletons.load(people), 150.0), np.array([[300.0, 250, 700]])
+    x = model.variables_of(np.random.default_rng(0).normal(0, 0.2, (1, 47)))
+    inputs = model.whole_inputs_of(x)[0].tolist()
+    bodies = [[{"inputs": inputs, "size": 1, "girth": 1}, vars(NYU), uvd[0].tolist(), 300.0]]
+    ((ends, _),) = drawn(tab, people.read_text(encoding="utf-8"), bodies)
+    np.testing.assert_allclose(ends, _rows(model.capsules(x, NYU.unproject(uvd)), 0), atol=0.01)
 
 
 @pytest.mark.parametrize("seed", range(3))
