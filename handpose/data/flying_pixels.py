@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.crops import crop
 from handpose.facts.cameras import Camera
 
-STEP_MM = 8.0  # between neighbours that is no surface ...
-STEP_PX = 5.0  # ... or so many times the width of a pixel, where pixels are wide: a slope of 79 degrees
+STEP_MM = 8.0  # smallest depth step between neighbours that ends a surface
+STEP_PX = 5.0  # the same in pixel widths, for wide pixels: a slope of 79 degrees
 _AROUND = np.ones((3, 3), np.uint8)
 
 

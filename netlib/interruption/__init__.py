@@ -1,1 +1,1 @@
-"""Stop a training at any time without loss: requests, undo of a cut iteration, reserved snapshots."""
+"""Stop training at any time without loss: requests, undo of a cut iteration, reserved snapshots."""

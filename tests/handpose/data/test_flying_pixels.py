@@ -30,7 +30,7 @@ def test_flying_pixels() -> None:
 
 
 def test_between_two_surfaces() -> None:
-    """A row between bar and plate at a depth of neither goes, and the rows beside it stay."""
+    """A row at a depth between bar and plate is removed; its neighbours stay."""
     crop = plate()
     crop[60, 20:110] = (crop[59, 20:110] + crop[61, 20:110]) / 2
     found = without_flying_pixels(crop, 150.0, 1.5)
