@@ -12,7 +12,7 @@ Lens distortion is not modelled: the data sets publish undistorted frames.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,10 +46,6 @@ class Camera:
         """Points (..., 3) x, y, z in mm to (..., 3) u, v in pixels and d in mm."""
         x, y, z = np.moveaxis(np.asarray(xyz, dtype=np.float64), -1, 0)
         return np.stack([self.u0 + self.fx * x / z, self.v0 - self.fy * y / z, z], axis=-1)
-
-    def mirrored(self) -> Camera:
-        """The camera that sees what a mirror along x shows."""
-        return replace(self, u0=self.width - 1 - self.u0)
 
     def unproject(self, uvd: ArrayLike) -> Array:
         """The inverse of ``project``."""
