@@ -1,4 +1,4 @@
-"""docs/hand.html: the packaged hand as a page for the browser, with the gestures that have a name."""
+"""docs/hand.html: the packaged hand as a page for the browser, with the gestures that have a name, and other bodies."""
 
 from __future__ import annotations
 
@@ -6,12 +6,24 @@ from collections.abc import Iterator
 
 from docs.making.made import Made
 from handpose.drawing.page.assembly import page
-from handpose.drawing.page.content import content
+from handpose.drawing.page.content import body, content
 from handpose.synthetic.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
+from layers.hand import skeleton as skeletons
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter
 from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
 
 PLACE = ROOT / "docs" / "hand.html"
+PERSON_UNIT_MM = 1200.0
+# The arm of chapters 6 and 7: two bones in a plane, in numbers for pencil and paper.
+ARM = """name: "arm"
+dof { name: "shoulder" }
+dof { name: "elbow" lower: 0 upper: 2.6 }
+joint { name: "elbow" rotate { axis: Z dof: "shoulder" } bone { axis: X length: 5 } }
+joint { name: "wrist" parent: "elbow" rotate { axis: Z dof: "elbow" } bone { axis: X length: 2 } }
+"""
 
 
 def made() -> Iterator[Made]:
@@ -21,4 +33,10 @@ def made() -> Iterator[Made]:
 
 def _page() -> bytes:
     sampler = BodySampler()
-    return page("The hand", content(sampler.skeleton, poses=poses(sampler))).encode()
+    data = content(sampler.skeleton, poses=poses(sampler))
+    arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
+    person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
+    data["bodies"] = [
+        body("hand", sampler.skeleton), body("arm", arm), body("person", person, PERSON_UNIT_MM),
+    ]  # fmt: skip
+    return page("The hand", data).encode()

@@ -124,19 +124,49 @@ export class Body {
   }
 
   /* Where the bone of a joint begins, mm: at its parent, of a root where its motions put it; null without a bone. */
-  startOf(joint) {
+  startOf(joint, pose = this.pose) {
     const parent = this.skeleton.parents[joint];
-    if (parent >= 0) return this.joints[parent];
-    return this.skeleton.boneAxes[joint] < 0 ? null : this.place(this.pose.starts[joint]);
+    if (parent >= 0) return this.place(pose.joints[parent]);
+    return this.skeleton.boneAxes[joint] < 0 ? null : this.place(pose.starts[joint]);
   }
 
-  /* The middle of all joints, mm, and how far the farthest one is from it. */
+  /* The bones of the initial pose at the present place, mm: [from, to] each. */
+  get initialBones() {
+    const pose = forward(this.whole, this.inputs.map((value, d) => (this.isPlace(d) ? value : 0)), this.size);
+    const bones = this.skeleton.joints.map((_, j) => [this.startOf(j, pose), this.place(pose.joints[j])]);
+    return bones.filter(([from]) => from);
+  }
+
+  /* The middle of where the joints can be, mm, and how far the farthest place is from it: the present pose, and poses
+     spread over the limits. The place of the whole body (a root without limits for where it is) is the present one. */
   get bounds() {
-    const ends = this.skeleton.joints.flatMap((_, j) => [this.joints[j], this.startOf(j)]).filter(Boolean);
-    const low = [0, 1, 2].map((i) => Math.min(...ends.map((p) => p[i])));
-    const high = [0, 1, 2].map((i) => Math.max(...ends.map((p) => p[i])));
+    const { skeleton, whole, size } = this, ends = skeleton.joints.map((_, j) => this.startOf(j)).filter(Boolean);
+    const open = (d) => (whole.turns[d] ? Math.PI : 1), clamp = (value, most) => Math.min(Math.max(value, -most), most);
+    const ranges = whole.dofs.map((_, d) => this.isPlace(d) ? null : whole.limits(d).map((at) => clamp(at, open(d))));
+    for (const share of spread(POSES, whole.dofs.length)) {
+      const inputs = ranges.map((range, d) => range ? range[0] + share[d] * (range[1] - range[0]) : this.inputs[d]);
+      ends.push(...forward(whole, inputs, size).joints.slice(0, skeleton.joints.length).map((p) => this.place(p)));
+    }
+    ends.push(...this.joints.slice(0, skeleton.joints.length));
+    const low = [0, 1, 2].map((i) => ends.reduce((least, p) => Math.min(least, p[i]), Infinity));
+    const high = [0, 1, 2].map((i) => ends.reduce((most, p) => Math.max(most, p[i]), -Infinity));
     const middle = times(add(low, high), 0.5);
-    const reach = Math.max(...ends.map((p) => length(minus(p, middle))), 1);
+    const reach = ends.reduce((most, p) => Math.max(most, length(minus(p, middle))), 1);
     return { middle, reach };
   }
+
+  /* Whether a DoF moves the body as a whole: it is one of a root that is free to be anywhere. */
+  isPlace(d) {
+    const { whole } = this, free = ({ turns, dof }) => !turns && !whole.fixed[dof] && whole.limits(dof)[1] === Infinity;
+    return whole.motions.some((own, j) => whole.parents[j] < 0 && own.some(free) && own.some(({ dof }) => dof === d));
+  }
+}
+
+const POSES = 200; // that are looked at to see how far a body reaches
+
+/* So many points of the unit cube, the same each time. */
+function spread(count, size) {
+  let state = 1;
+  const next = () => (state = (state * 16807) % 2147483647) / 2147483647;
+  return Array.from({ length: count }, () => Array.from({ length: size }, next));
 }

@@ -4,6 +4,7 @@ skeleton  source (a name), text (the prototxt)
 place     where the skeleton is: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
 cameras   those to choose from: name, fx, fy, u0, v0, width, height
 poses     by name: inputs by DoF
+bodies    others to choose from: name, skeleton and place as above
 hands     those to choose from, all of this skeleton, shown instead of it:
     name, words      of the frame; what is said of the hand
     place            as above
@@ -49,7 +50,14 @@ def content(
         "skeleton": {"source": source, "text": str(schema.to_tree(skeleton.param))},
         "place": _place(NYU, middle, 2 * unit_mm),
         "cameras": [vars(camera) for camera in CAMERAS.values()], "poses": dict(poses or {}), "hands": list(hands),
+        "bodies": [],
     }  # fmt: skip
+
+
+def body(name: str, skeleton: Skeleton, unit_mm: float = CUBE_MM / 2) -> dict[str, Any]:
+    """Another body that a page offers."""
+    made = content(skeleton, unit_mm=unit_mm)
+    return {"name": name, "skeleton": made["skeleton"], "place": made["place"]}
 
 
 def hand(

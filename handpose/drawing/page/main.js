@@ -14,7 +14,7 @@ const LARGEST_FILE = 5e6; // bytes of a skeleton file
 const data = JSON.parse(byId("data").textContent);
 const { skeleton: packaged } = data;
 const body = new Body(packaged.text, packaged.source, data.place);
-const boxes = ["flesh", "skeleton", "points", "names", "all"].map((name) => [name, byId(`show-${name}`)]);
+const boxes = ["flesh", "skeleton", "points", "names", "initial", "all"].map((name) => [name, byId(`show-${name}`)]);
 const shows = Object.fromEntries(boxes);
 const chooseForced = showForces(body);
 const stage = new Stage(byId("stage"), body, shows, (joint) => {
@@ -82,16 +82,17 @@ byId("copy").addEventListener("click", async () => {
 
 /* ------------------------------------------------------------------------------------------------ skeletons, hands */
 
-const told = byId("fault"), hands = byId("hands");
+const told = byId("fault"), hands = byId("hands"), bodies = byId("bodies");
 
-function openText(text, source) {
+function openText(text, source, place = data.place) {
   try {
     body.open(text, source);
-    const { camera, center_uvd: uvd, cube_mm: cube, unit_mm: unit } = data.place;
+    const { camera, center_uvd: uvd, cube_mm: cube, unit_mm: unit } = place;
     Object.assign(body, { camera, uvd, cube, unit, seen: null });
+    shows.initial.checked = !body.flesh; // lines alone say less of what has moved
     body.changed("skeleton");
     told.textContent = "";
-    hands.value = "";
+    hands.value = bodies.value = "";
   } catch (error) {
     told.textContent = error.message;
   }
@@ -102,6 +103,33 @@ async function openFile(file) {
   if (file.size > LARGEST_FILE) told.textContent = `${file.name}: ${file.size} bytes; expected a skeleton file`;
   else openText(await file.text(), file.name);
 }
+
+/* One of the page's own bodies. */
+function showBody(name) {
+  const { skeleton, place } = data.bodies.find((one) => one.name === name) ?? data;
+  openText(skeleton.text, skeleton.source, place);
+  bodies.value = name;
+}
+
+/* What the address asks for, as a book links to it: #body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0
+   Angles are in degrees and lengths in mm, as at the sliders; forces in N. What is unknown is passed by. */
+function showAddress() {
+  const asked = new URLSearchParams(location.hash.slice(1)), name = asked.get("body");
+  if (data.bodies.some((one) => one.name === name)) showBody(name);
+  const { dofs } = body.skeleton, known = [...asked].filter(([key, value]) => dofs.includes(key) && isNumber(value));
+  body.move(Object.fromEntries(known.map(([key, value]) => {
+    const d = dofs.indexOf(key);
+    return [d, Number(value) / sliders.scale(d)];
+  })));
+  for (const text of asked.getAll("force")) {
+    const [joint, ...force] = text.split(","), j = body.skeleton.joints.indexOf(joint);
+    if (j < 0 || force.length !== 3 || !force.every(isNumber)) continue;
+    body.push(j, force.map(Number));
+    chooseForced(j);
+  }
+}
+
+const isNumber = (text) => text !== "" && Math.abs(Number(text)) < 1e6;
 
 /* A hand that was predicted, with what the camera saw of it. */
 function showHand(hand) {
@@ -125,7 +153,9 @@ byId("file").addEventListener("change", (event) => {
   openFile(event.target.files[0]);
   event.target.value = ""; // so that the same file can be opened again
 });
-byId("packaged").addEventListener("click", () => openText(packaged.text, packaged.source));
+byId("packaged").addEventListener("click", () => showBody(""));
+bodies.addEventListener("change", () => showBody(bodies.value));
+addEventListener("hashchange", showAddress);
 for (const name of ["dragover", "drop"]) document.addEventListener(name, (event) => event.preventDefault());
 document.addEventListener("drop", (event) => openFile(event.dataTransfer.files[0]));
 byId("show-fixed").addEventListener("change", (event) => sliders.showFixed(event.target.checked));
@@ -147,11 +177,16 @@ body.listeners.push((what) => {
 });
 hands.append(...data.hands.map((hand, i) => element("option", { value: i }, hand.name)));
 byId("hands-label").hidden = !data.hands.length;
+bodies.append(...data.bodies.map(({ name }) => element("option", { value: name }, name)));
+byId("bodies-label").hidden = !data.bodies.length;
+byId("packaged").hidden = data.bodies.length > 0; // it is one of them
 if (data.hands.length) {
   hands.value = 0;
   showHand(data.hands[0]);
 } else {
   body.changed("skeleton");
+  bodies.value = data.bodies[0]?.name ?? "";
+  showAddress();
 }
 
 // For the console, and for tests.

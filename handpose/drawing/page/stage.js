@@ -2,7 +2,7 @@
 
 import { Viewer } from "./viewer.js";
 import { colourOf, GREY, paintFlesh, paintPoints } from "./shading.js";
-import { add, length, times } from "./vectors.js";
+import { add, apply, length, times } from "./vectors.js";
 
 const AIM = 16; // px about a joint that are the joint
 const FAST = 25; // ms that a picture may take while something moves
@@ -10,11 +10,13 @@ const REST = 160; // ms without movement, after which the picture is drawn finel
 const FINE = 2; // samples per px then, along each side
 const POINT = 1.25; // px, side of a point
 const ARROW = 1 / 32; // length of a newton's arrow, in reaches of the body: 4 mm at the hand
+const GHOST = "rgb(128 138 155 / 0.45)"; // the initial pose
+const AXES = [["x", "#d62839"], ["y", "#2e8b57"], ["z", "#2563c9"]], AXIS = 26; // px
 const STEPS = { ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], ArrowDown: [0, 12] };
 
 export class Stage {
   /* canvas   that is drawn on
-     shows    checkboxes by name: flesh, skeleton, points, names, all (forces on any joint)
+     shows    checkboxes by name: flesh, skeleton, points, names, initial (pose), all (forces on any joint)
      tell     is given a line on what is under the pointer */
   constructor(canvas, body, shows, tell) {
     Object.assign(this, { canvas, body, shows, tell, viewer: new Viewer(), pointers: new Map() });
@@ -26,6 +28,7 @@ export class Stage {
         this.pointers.clear();
         this.reset();
       }
+      this.tell(this.hovered);
       this.stir();
     });
     for (const box of Object.values(shows)) box.addEventListener("change", () => this.stir());
@@ -61,9 +64,11 @@ export class Stage {
     Object.assign(viewer, { width, height });
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    if (shows.initial.checked) this.drawInitial(pen);
     this.drawSurfaces(pen, Math.round(width * samples), Math.round(height * samples));
     if (shows.skeleton.checked) this.drawSkeleton(pen);
     this.drawForces(pen);
+    this.drawScale(pen);
     if (shows.names.checked) body.skeleton.joints.forEach((_, j) => this.drawName(pen, j));
     else if (this.hovered !== null) this.drawName(pen, this.hovered);
   }
@@ -98,6 +103,35 @@ export class Stage {
         disc(pen, u, v, (tips.has(j) ? 4.5 : 3) + wide / 2);
       }
     }
+  }
+
+  drawInitial(pen) {
+    pen.strokeStyle = GHOST;
+    pen.lineWidth = 5;
+    pen.lineCap = "round";
+    for (const [from, to] of this.body.initialBones) line(pen, this.viewer.pixel(from), this.viewer.pixel(to));
+  }
+
+  /* In the lower left corner the directions of the axes, and a length as it appears at the body's middle. */
+  drawScale(pen) {
+    const { viewer, body } = this, ink = getComputedStyle(this.canvas).color;
+    const origin = [16 + AXIS, viewer.height - 34 - AXIS];
+    pen.font = "12px system-ui, sans-serif";
+    pen.lineWidth = 2;
+    AXES.forEach(([name, colour], i) => {
+      const [x, y] = apply(viewer.turned, [0, 1, 2].map((k) => Number(k === i))), end = [x * AXIS, -y * AXIS];
+      pen.strokeStyle = pen.fillStyle = colour;
+      line(pen, origin, [origin[0] + end[0], origin[1] + end[1]]);
+      pen.fillText(name, origin[0] + 1.3 * end[0] - 3, origin[1] + 1.3 * end[1] + 4);
+    });
+    const large = viewer.reach > 3 * body.unit, unit = large ? body.unit : 1; // half-cubes of what is large, else mm
+    const px = viewer.focal / viewer.distance, size = rounded((viewer.width * 0.2) / px / unit);
+    pen.strokeStyle = pen.fillStyle = ink;
+    pen.lineWidth = 1.5;
+    const y = viewer.height - 10, right = 12 + size * unit * px;
+    line(pen, [12, y], [right, y]);
+    for (const x of [12, right]) line(pen, [x, y - 4], [x, y + 4]);
+    pen.fillText(large ? `${size} half-cubes, ${size * unit} mm` : `${size} mm`, right + 8, y + 4);
   }
 
   drawForces(pen) {
@@ -196,6 +230,12 @@ export class Stage {
     this.tell(joint);
     this.stir();
   }
+}
+
+/* The largest of 1, 2, 5, 10, 20 ... (0.1, 0.2, 0.5 ...) that is not above the number. */
+function rounded(number) {
+  const power = 10 ** Math.floor(Math.log10(number)), digit = number / power;
+  return (digit >= 5 ? 5 : digit >= 2 ? 2 : 1) * power;
 }
 
 function line(pen, [x, y], [u, v]) {

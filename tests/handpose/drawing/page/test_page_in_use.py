@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from docs.making.hand_page import PLACE
 from layers.hand.kinematics import Kinematics
 from tests.handpose.drawing.page.page_reading import HAND, colours, inputs_in, joints_in, joints_of, slider, tip
 
@@ -140,10 +141,46 @@ def test_the_flesh_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     tab.get_by_label("flesh", exact=True).uncheck()
     assert 0.001 < (colours(tab)[:, 3] == 255).mean() < 0.03
     tab.get_by_label("skeleton", exact=True).uncheck()
-    assert not colours(tab)[:, 3].any()
+    bare_picture = (colours(tab)[:, 3] > 0).sum()  # axes and scale alone
+    assert 0 < bare_picture < 4000
     tab.mouse.move(*tip(tab, HAND.joint_names.index("index_tip")))
     assert re.fullmatch(r"index_tip: 69\.2, 125\.4, 643\.2 mm", tab.locator("#under").inner_text())
-    assert colours(tab)[:, 3].any()  # its name
+    assert (colours(tab)[:, 3] > 0).sum() > bare_picture + 1000  # its name
+    slider(tab, "index_pip_rot_x").fill("-45")
+    assert not tab.locator("#under").inner_text().startswith("index_tip: 69.2, 125.4")  # the tip has moved
+    tab.evaluate("hand.body.open(hand.data.skeleton.text, 'again')")
+    assert tab.locator("#under").inner_text() == ""
+
+
+def test_the_whole_reach_is_in_the_picture(visit: Visit) -> None:
+    """In no pose within the limits a joint leaves the picture, neither of the hand nor of the book's arm."""
+    outside = """() => {
+      const { body, stage: { viewer } } = hand, { lower, upper } = body.whole;
+      const draw = (d) => body.whole.limits(d).every(Number.isFinite) ? lower[d] + Math.random() * (upper[d] - lower[d])
+        : body.isPlace(d) ? 0 : (2 * Math.random() - 1) * Math.PI;
+      let most = 0;
+      for (let n = 0; n < 300; n++) {
+        body.move(Object.fromEntries([...body.whole.dofs.keys()].map((d) => [d, draw(d)])));
+        for (const joint of body.joints.slice(0, body.skeleton.joints.length)) {
+          const [u, v] = viewer.pixel(joint);
+          most = Math.max(most, Math.abs(2 * u / viewer.width - 1), Math.abs(2 * v / viewer.height - 1));
+        }
+      }
+      return most;
+    }"""
+    for name in ("hand", "arm"):
+        tab = visit(PLACE, fragment=f"body={name}")
+        assert 0.4 < tab.evaluate(outside) < 1
+
+
+def test_an_address_sets_body_pose_and_force(visit: Visit) -> None:
+    """As chapters 6 and 7 link to the page: their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
+    tab = visit(PLACE, fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2")
+    np.testing.assert_allclose(joints_in(tab)[:, 3:], [[3, 4, 0], [3, 6, 0]], atol=1e-4)
+    assert tab.locator(".torque").all_inner_texts() == ["0.0 N mm", "-300 N mm"]
+    assert tab.locator("#bodies").input_value() == "arm"
+    tab.locator("#bodies").select_option("hand")
+    assert joints_in(tab).shape == (31, 6)
 
 
 def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
