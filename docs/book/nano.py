@@ -1,0 +1,199 @@
+"""Model-based Deep Hand Pose Estimation (Zhou, Wan, Zhang, Xue, Wei; IJCAI 2016): the whole paper, on NumPy alone.
+
+python docs/book/nano.py            train on 64 rendered frames and print the losses
+python docs/book/nano.py --check    compare the losses of 20 updates with netlib's: float64, no dropout
+
+A layer is a function that reads x and writes y. It returns y and a second function, ``backward``, which turns dy into
+dx and a list of the gradients of the layer's parameters. dv is dL/dv, the gradient of the loss L with respect to v.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
+FRAMES = Path(__file__).with_name("frames.npz")  # 64 rendered crops of 128 x 128 pixels, and their joints
+
+# ------------------------------------------------------------------------------------- the layers: chapters 1 to 5
+
+
+def relu(x):
+    return np.maximum(x, 0), lambda dy: (dy * (x > 0), [])
+
+
+def inner_product(x, w, b):
+    """y[n, o] = b[o] + the sum over i of w[o, i] x[n, i]"""
+    items = x.reshape(len(x), -1)
+    return items @ w.T + b, lambda dy: ((dy @ w).reshape(x.shape), [dy.T @ items, dy.sum(axis=0)])
+
+
+def convolution(x, w, b):
+    """y[n, o, h, w] = b[o] + the sum over c, i, j of w[o, c, i, j] x[n, c, h + i, w + j]"""
+    (N, _, H, W), (O, _, *kernel) = x.shape, w.shape
+    rows, columns = H - kernel[0] + 1, W - kernel[1] + 1
+    y = np.zeros((N, O, rows, columns)) + b[:, None, None]
+    for i, j in np.ndindex(*kernel):
+        y += np.einsum("oc,nchw->nohw", w[:, :, i, j], x[:, :, i : i + rows, j : j + columns])
+
+    def backward(dy):
+        dx, dw = np.zeros_like(x), np.zeros_like(w)
+        for i, j in np.ndindex(*kernel):
+            dw[:, :, i, j] = np.einsum("nohw,nchw->oc", dy, x[:, :, i : i + rows, j : j + columns])
+            dx[:, :, i : i + rows, j : j + columns] += np.einsum("oc,nohw->nchw", w[:, :, i, j], dy)
+        return dx, [dw, dy.sum(axis=(0, 2, 3))]
+
+    return y, backward
+
+
+def max_pool(x, k):
+    """The maximum of each window of k x k; a last window may reach beyond the edge of the map."""
+    elements = [(slice(None), slice(None), slice(i, None, k), slice(j, None, k)) for i, j in np.ndindex(k, k)]
+    padded = np.pad(x, [(0, 0), (0, 0), *((0, -size % k) for size in x.shape[2:])], constant_values=-np.inf)
+    values = np.stack([padded[element] for element in elements])  # (k k, N, C, rows, columns)
+    winner = values.argmax(axis=0)  # the first of equal values
+
+    def backward(dy):
+        dx = np.zeros_like(padded)
+        for number, element in enumerate(elements):
+            dx[element] = dy * (winner == number)
+        return dx[:, :, : x.shape[2], : x.shape[3]], []
+
+    return values.max(axis=0), backward
+
+
+def dropout(x, p, rng):
+    """Zero each value with probability p and scale up the others, so that the mean stays."""
+    mask = (rng.random(x.shape) >= p) / (1 - p)
+    return x * mask, lambda dy: (dy * mask, [])
+
+
+# ------------------------------------------------------------------------------------ the hand: chapters 6, 7 and 8
+
+
+class Skeleton:
+    """The file of a hand as arrays: its degrees of freedom (DoFs), and for each joint parent, motions and bone."""
+
+    def __init__(self, path):
+        text = re.sub(r'#.*|"', "", path.read_text(encoding="utf-8"))
+        dofs = [dict(re.findall(r"(\w+): (\S+)", dof)) for dof in re.findall(r"^dof {(.*)}", text, re.M)]
+        self.initial = np.array([float(dof["initial"]) for dof in dofs])
+        self.lower = np.array([float(dof.get("lower", "-inf")) for dof in dofs])
+        self.upper = np.array([float(dof.get("upper", "inf")) for dof in dofs])
+        self.free = np.array(["fixed" not in dof for dof in dofs])
+        dof_names = [dof["name"] for dof in dofs]
+        joints = re.findall(r"^joint {(.*?)^}", text, re.M | re.S)
+        names = [re.search(r"name: (\w+)", joint)[1] for joint in joints]
+        self.parent, self.motions, self.bone = [], [], []
+        for joint in joints:
+            parent = re.search(r"parent: (\w+)", joint)
+            self.parent.append(names.index(parent[1]) if parent else -1)  # -1 is the world
+            motions = re.findall(r"(translate|rotate) {.*axis: (\w+) dof: (\w+)", joint)
+            self.motions.append([(kind, unit(axis), dof_names.index(dof)) for kind, axis, dof in motions])
+            bone = re.search(r"bone {.*axis: (\w+) length: (\S+)", joint)
+            self.bone.append(unit(bone[1]) * float(bone[2]) if bone else np.zeros(3))
+        self.order = sorted(range(len(joints)), key=self.depth)  # from the root outwards
+
+    def depth(self, j):
+        return 0 if j < 0 else 1 + self.depth(self.parent[j])
+
+
+def unit(axis):
+    return np.eye(3)["XYZ".index(axis[-1])] * (-1 if "NEG" in axis else 1)
+
+
+def rotation(axis, angle):
+    """Rotations (N, 3, 3) about a unit vector, by Rodrigues' formula."""
+    K, angle = np.cross(np.eye(3), axis), angle[:, None, None]  # K v is the cross product axis x v
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+def hand_model(x, hand):
+    """Forward kinematics: from the DoFs x (N, 47) to the positions of the joints (N, 31, 3); backward by torques."""
+    theta, N, K = np.where(hand.free, x, 0) + hand.initial, len(x), len(hand.parent)
+    X, frames, axes = np.zeros((N, K + 1, 3)), np.zeros((N, K + 1, 3, 3)) + np.eye(3), {}  # the last is the world
+    for j in hand.order:
+        p, F = X[:, hand.parent[j]], frames[:, hand.parent[j]]
+        for m, (kind, axis, d) in enumerate(hand.motions[j]):
+            axes[j, m] = a, _ = F @ axis, p
+            if kind == "translate":
+                p = p + a * theta[:, d, None]
+            else:
+                F = F @ rotation(axis, theta[:, d])
+        X[:, j], frames[:, j] = p + F @ hand.bone[j], F
+
+    def backward(dX):
+        dx, force, torque = np.zeros_like(x), np.zeros_like(X), np.zeros_like(X)
+        force[:, :K] = dX
+        for j in reversed(hand.order):  # from the tips inwards
+            for m, (kind, _, d) in enumerate(hand.motions[j]):
+                a, p = axes[j, m]
+                torque_about_p = torque[:, j] + np.cross(X[:, j] - p, force[:, j])
+                dx[:, d] += (a * (force[:, j] if kind == "translate" else torque_about_p)).sum(axis=1)
+            parent = hand.parent[j]
+            force[:, parent] += force[:, j]
+            torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
+        return dx * hand.free
+
+    return X[:, :K], backward
+
+
+# ------------------------------------------------------------------- the network and its training: chapters 4, 5, 8
+
+
+def new_network(rng, p):
+    """Each layer with its arguments: parameters (w, b), a size, or a probability."""
+
+    def parameters(*shape, std=None):
+        return rng.normal(0, std or np.prod(shape[1:]) ** -0.5, shape), np.zeros(shape[0])
+
+    return [
+        (convolution, *parameters(8, 1, 5, 5)), (relu,), (max_pool, 4),  # 128 x 128 pixels -> 8 x 31 x 31
+        (convolution, *parameters(8, 8, 5, 5)), (relu,), (max_pool, 2),  # 8 x 14 x 14
+        (convolution, *parameters(8, 8, 3, 3)), (relu,),  # 8 x 12 x 12
+        (inner_product, *parameters(1024, 1152)), (relu,), (dropout, p, rng),
+        (inner_product, *parameters(1024, 1024, std=0.001)), (relu,), (dropout, p, rng),
+        (inner_product, *parameters(47, 1024, std=0.001)),  # the DoFs of the hand
+    ]  # fmt: skip
+
+
+def loss_and_gradients(network, hand, depth, joints):
+    """One pass forwards and one backwards. The loss is Eq. 3 with lambda = 1."""
+    x, N, backwards, gradients = depth, len(depth), [], []
+    for layer, *arguments in network:
+        x, backward = layer(x, *arguments)
+        backwards.append(backward)
+    X, hand_backward = hand_model(x, hand)
+    beyond = np.where(hand.free, np.maximum(x - hand.upper, 0) - np.maximum(hand.lower - x, 0), 0)
+    loss = ((X - joints) ** 2).sum() / (2 * N) + abs(beyond).sum() / N
+    dx = hand_backward((X - joints) / N) + np.sign(beyond) / N  # x is read twice, so two gradients add
+    for backward in reversed(backwards):
+        dx, of_parameters = backward(dx)
+        gradients.insert(0, of_parameters)
+    return loss, gradients
+
+
+def train(network, hand, depth, joints, updates, batch=16, rate=0.003, momentum=0.9):
+    """Stochastic gradient descent with momentum. Yields the loss before each update."""
+    history = [[0, 0] for _ in network]
+    for t in range(updates):
+        rows = np.arange(t * batch, (t + 1) * batch) % len(depth)
+        loss, gradients = loss_and_gradients(network, hand, depth[rows], joints[rows])
+        yield loss
+        for (_, *parameters), of_layer, h in zip(network, gradients, history):
+            for i, (w, dw) in enumerate(zip(parameters, of_layer)):
+                h[i] = momentum * h[i] + rate * dw
+                w -= h[i]
+
+
+if __name__ == "__main__":
+    frames, hand = np.load(FRAMES), Skeleton(HAND)
+    if "--check" in sys.argv:
+        import check_nano  # the only part that needs netlib
+
+        check_nano.report(frames, hand)
+    else:
+        network = new_network(np.random.default_rng(1), p=0.3)
+        for t, loss in enumerate(train(network, hand, frames["depth"] / 127, frames["joints"], updates=60)):
+            print(f"update {t:2}   loss {loss:.3f}")

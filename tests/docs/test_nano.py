@@ -1,0 +1,94 @@
+"""docs/book/nano.py: the paper in one file computes what netlib computes."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs.making import frames
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import load
+
+BOOK = Path(__file__).resolve().parents[2] / "docs" / "book"
+sys.path.insert(0, str(BOOK))
+
+import nano  # noqa: E402
+
+COMMAND = [sys.executable, str(BOOK / "nano.py")]
+
+
+@pytest.fixture(scope="module")
+def hand() -> nano.Skeleton:
+    return nano.Skeleton(nano.HAND)
+
+
+def test_it_is_short_and_needs_numpy_alone() -> None:
+    """At most 200 lines; it imports the standard library and NumPy."""
+    text = (BOOK / "nano.py").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 200
+    imported = {
+        alias.name for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import) for alias in node.names
+    }
+    assert imported - {"check_nano", "numpy"} <= sys.stdlib_module_names
+    assert not any(isinstance(node, ast.ImportFrom) and node.module != "pathlib" for node in ast.walk(ast.parse(text)))
+
+
+def test_the_hand_is_that_of_the_layer(hand) -> None:
+    """Joints and gradients of random poses."""
+    rng = np.random.default_rng(0)
+    inputs, dX = rng.normal(size=(3, 47)), rng.normal(size=(3, 31, 3))
+    X, backward = nano.hand_model(inputs, hand)
+    layer = Kinematics(load())
+    pose = layer.forward(inputs)
+    np.testing.assert_allclose(X, pose.joints, atol=1e-13)
+    np.testing.assert_allclose(backward(dX), layer.backward(pose, dX), atol=1e-12)
+
+
+def test_max_pool_rounds_up_and_gives_the_gradient_to_the_first_winner() -> None:
+    """5 columns in windows of 2: the third window has one."""
+    x = np.array([[[[1.0, 3, 2, 2, 5], [0, 3, 1, 2, 4]]]])
+    y, backward = nano.max_pool(x, 2)
+    np.testing.assert_array_equal(y, [[[[3, 2, 5]]]])
+    np.testing.assert_array_equal(backward(np.array([[[[1.0, 2, 3]]]]))[0], [[[[0, 1, 2, 0, 3], [0, 0, 0, 0, 0]]]])
+
+
+def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
+    """Zeros and 1 / (1 - p)."""
+    y, backward = nano.dropout(np.ones((100, 10)), 0.25, np.random.default_rng(0))
+    assert set(np.unique(y)) == {0, 1 / 0.75}
+    np.testing.assert_array_equal(backward(np.ones((100, 10)))[0], y)
+
+
+def test_training_lowers_the_loss(hand) -> None:
+    """Twelve updates, with dropout, on the first 16 frames."""
+    with np.load(nano.FRAMES) as data:
+        depth, joints = data["depth"][:16] / 127, data["joints"][:16]
+    losses = list(nano.train(nano.new_network(np.random.default_rng(1), p=0.3), hand, depth, joints, updates=12))
+    assert losses[-1] < losses[0]
+
+
+def test_losses_are_those_of_netlib() -> None:
+    """``--check``: over 20 updates in float64 without dropout, the largest relative difference is at most 1e-10."""
+    done = subprocess.run([*COMMAND, "--check"], capture_output=True, text=True, check=True)
+    assert float(done.stdout.split()[-1]) <= 1e-10 and done.stdout.count("\n") == 1 and not done.stderr
+
+
+def test_it_prints_losses() -> None:
+    """A line for each update; the first loss is that of the hand's initial pose, whatever the seed."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(COMMAND, stdout=subprocess.PIPE, text=True, env=environment) as running:
+        assert running.stdout is not None
+        first = running.stdout.readline().split()
+        running.kill()
+    assert first[:3] == ["update", "0", "loss"] and 8 < float(first[3]) < 9
+
+
+def test_frames_are_the_renderers() -> None:
+    """The file is what the generator draws now."""
+    assert all(made.is_current() for made in frames.made())
