@@ -1,22 +1,23 @@
 # Write what raises NotImplementedError, then: python tools/exercise.py joint_transform
-r"""Forward kinematics of a skeleton, and its gradient by torques (the paper's Sec. 3.2).
+r"""Forward kinematics of a skeleton (the paper's Sec. 3.1 and Appendix), and its gradient by torques.
 
-Down the table, parents first, each joint j starts from its parent's position p and frame F = world_from_parent, a 3 x 3
-rotation, and in order
+From the root outwards, parents before children, each joint j starts from its parent's position p and frame
+F = world_from_parent, a 3 x 3 rotation, and in order
 
     translates   p <- p + F e_axis theta          for each ``translate``
     turns        F <- F R_axis(theta)             for each ``rotate``: F is world_from_joint then
     moves        X_j = p + F e_axis length        by its ``bone``
 
-which is the product of 4 x 4 transforms of the paper, root to tip.
+which is the product of 4 x 4 transforms in the paper's Eq. 4, root to tip. theta is the input plus a constant, so the
+gradient at the input is dL/dtheta.
 
 The gradient needs no derivative of a matrix. A joint at X that turns about the unit axis a through the pivot P moves
 with velocity a x (X - P). With the gradient f_k = dL/dX_k of every joint as a force on it,
 
     dL/dtheta = sum_k  f_k . (a x (X_k - P))  =  a . sum_k (X_k - P) x f_k        over the joints k that hang on j
 
-is the torque about the axis. So forces and torques are summed up the table, from the tips to the roots, as in a robot's
-arm:
+is the torque about the axis. So forces and torques are summed from the tips inwards, children before parents, as for a
+robot's arm:
 
     force_j   = f_j + sum of force_c                                over the children c of j
     torque_j  = sum of (torque_c + (X_c - X_j) x force_c)           about X_j

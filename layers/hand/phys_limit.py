@@ -1,4 +1,4 @@
-"""PhysLimit: a loss on joint angles that no hand can take (the paper's Sec. 3.3).
+"""PhysLimit: a loss on joint angles that no hand can take (the paper's Sec. 3.2).
 
 bottom[0]  x  (N, D)   inputs of the skeleton's DoFs, as HandModel reads them
 top[0]     L  scalar
@@ -6,7 +6,7 @@ top[0]     L  scalar
 v  = max(lower - x, 0) + max(x - upper, 0)    how far beyond its limit; 0 for fixed and unlimited DoFs
 L  = 1 / N sum of v        norm L1, the paper's Eq. 2
      1 / N sum of v²       norm L2, the released system (type "DeepHandModelDofConstraintLoss")
-dx = dL / N · (±1 or ±2v), + above the upper limit, - below the lower one
+dx = dL / N · (±1 or ±2v), + above the upper limit, - below the lower one; 0 at a limit itself
 
 Kept for backward: ``beyond`` = max(x - upper, 0) - max(lower - x, 0).
 """

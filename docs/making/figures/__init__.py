@@ -26,7 +26,6 @@ FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/boo
     "crop": whole.crop,
     "six_hands": whole.six_hands,
     "joint_errors": whole.joint_errors,
-    "filters": whole.filters,
 }
 
 

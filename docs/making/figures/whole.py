@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
-from docs.making.figures.pictures import first_maps
 from handpose.data.crops import crop_pixels, restore_joints
 from handpose.drawing.hands import bones, colours
 from handpose.facts.cameras import NYU
@@ -147,17 +146,4 @@ def joint_errors() -> Any:
     bent.set_ylabel("predicted, rad")
     bent.set_title(FLEXION)
     bent.grid(alpha=0.3)
-    return figure
-
-
-def filters() -> Any:
-    """The eight filters of convL1, and what they make of the first frame."""
-    _, kernels, maps = first_maps()
-    figure = new_figure(8.5, 2.6)
-    largest = float(np.abs(kernels).max())
-    for n, (above, below) in enumerate(figure.subplots(2, 8).T):
-        above.imshow(kernels[n], cmap="PuOr", vmin=-largest, vmax=largest)
-        below.imshow(maps[n][::2, ::2], cmap="gray")
-        above.set_axis_off()
-        below.set_axis_off()
     return figure
