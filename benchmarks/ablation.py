@@ -42,9 +42,9 @@ from netlib.errors import PrototxtError
 from netlib.files import atomic
 from netlib.proto import prototxt, schema
 from netlib.proto.prototxt import Message
-from tools import training
-from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, guarded
+from tools.common import training
+from tools.common.arguments import natural, parser_of, positive
+from tools.common.console import DONE, guarded
 
 NET = (ROOT / "prototxt" / "synthetic_train_test.prototxt").read_text(encoding="utf-8")
 SOLVER = (ROOT / "prototxt" / "synthetic_solver.prototxt").read_text(encoding="utf-8")

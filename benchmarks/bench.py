@@ -37,17 +37,18 @@ import numpy as np
 
 import netlib
 from benchmarks.paper import WEIGHTS, Paper, add_batch, small
+from export.onnx.net import onnx_image
 from layers.hand.skeleton import load
 from netlib.errors import NetlibError
 from netlib.net import Net
-from tools.arguments import parser_of, positive, positive_number
-from tools.console import DONE, guarded
+from tools.common.arguments import parser_of, positive, positive_number
+from tools.common.console import DONE, guarded
 
 try:
     import onnxruntime
     import torch
 
-    from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet, onnx_model
+    from benchmarks.peers import TorchHand, TorchHandByJoint, TorchNet
 except ModuleNotFoundError as error:
     MISSING: str | None = error.name
 else:
@@ -125,9 +126,9 @@ class Bench:
         peer = TorchNet(net, self.skeleton).eval()
         with torch.inference_mode():
             self._agree("PyTorch joints", ours, peer(torch.from_numpy(x)).numpy())
-        session = onnxruntime.InferenceSession(onnx_model(net, len(x)), providers=["CPUExecutionProvider"])
+        session = self._session(net, len(x), 1)
         self._agree("onnxruntime angles", angles, session.run(None, {"depth": x})[0])
-        self._agree("OpenCV angles", angles, self._opencv(net, len(x))(x))
+        self._agree("OpenCV angles", angles, self._opencv(net)(x))
         train = self.solver(self.small)
         train.net.copy_from(net)
         for layer in train.net.layers:
@@ -150,9 +151,9 @@ class Bench:
         if not error < 1e-3:
             sys.exit(f"{what}: differs from ours by {error:.2g} of the largest value; nothing was timed")
 
-    def _opencv(self, net: Net, batch: int) -> Callable[[np.ndarray], np.ndarray]:
+    def _opencv(self, net: Net) -> Callable[[np.ndarray], np.ndarray]:
         path = self.folder / "net.onnx"
-        path.write_bytes(onnx_model(net, batch))
+        path.write_bytes(self._onnx(net))
         peer = cv2.dnn.readNetFromONNX(str(path))
 
         def run(x: np.ndarray) -> np.ndarray:
@@ -254,7 +255,7 @@ class Bench:
         x = self.depth[: self.small]
         jobs: dict[str, Job] = {}
         if not self.alone:
-            peer = self._opencv(net, self.small)
+            peer = self._opencv(net)
             jobs["OpenCV dnn (no hand)"] = lambda: peer(x)
         self.compare(f"forward, batch {self.small}", lambda: net.forward(depth=x), jobs, (2.0,))
 
@@ -284,15 +285,22 @@ class Bench:
 
         return job
 
-    def _without_hand(self) -> Net:
+    def _without_hand(self, engine: str | None = None) -> Net:
         text = (ROOT / "prototxt" / "nyu_deploy.prototxt").read_text()
         (self.folder / "bare.prototxt").write_text(text[: text.index("# Joint angles")])
-        return Net(self.folder / "bare.prototxt", netlib.TEST, seed=1)
+        return Net(self.folder / "bare.prototxt", netlib.TEST, seed=1, engine=engine)
+
+    def _onnx(self, net: Net) -> bytes:
+        """The network up to the angles, with a net's weights, as an ONNX file."""
+        bare = self._without_hand("plain")
+        bare.copy_from(net)
+        return onnx_image(bare)
 
     def _session(self, net: Net, batch: int, threads: int) -> Any:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
-        return onnxruntime.InferenceSession(onnx_model(net, batch), options, providers=["CPUExecutionProvider"])
+        options.add_free_dimension_override_by_name("N", batch)
+        return onnxruntime.InferenceSession(self._onnx(net), options, providers=["CPUExecutionProvider"])
 
     def hand(self) -> None:
         """HandModel forward and backward against the same with autograd."""

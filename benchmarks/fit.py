@@ -31,8 +31,8 @@ from handpose.predicting.nets import hand_inputs
 from handpose.predicting.packaged import load_predictor
 from handpose.synthetic.generator import Generator
 from netlib import engine
-from tools.arguments import parser_of, positive
-from tools.console import DONE, aligned, guarded
+from tools.common.arguments import parser_of, positive
+from tools.common.console import DONE, aligned, guarded
 
 
 def main(argv: list[str] | None = None) -> int:

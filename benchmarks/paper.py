@@ -12,7 +12,7 @@ import netlib
 from netlib.files.paths import ROOT
 from netlib.net import Net
 from netlib.solver import Solver
-from tools.arguments import positive
+from tools.common.arguments import positive
 
 WEIGHTS = ("convL1", "convL2", "convL3", "FC1", "FC2", "DoF")
 

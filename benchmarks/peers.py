@@ -1,11 +1,9 @@
-"""The paper's network in other frameworks, with the same weights: PyTorch, ONNX (for onnxruntime and OpenCV)."""
+"""The paper's network in PyTorch, with the same weights."""
 
 from __future__ import annotations
 
 import numpy as np
-import onnx
 import torch
-from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
 from benchmarks.paper import WEIGHTS
@@ -162,43 +160,3 @@ class TorchNet(nn.Module):
         x = self.angles(depth)
         hinge = torch.relu(x - self.upper).sum() + torch.relu(self.lower - x).sum()
         return ((self.hand(x) - joint) ** 2).sum() / (2 * len(depth)) + hinge / len(depth)
-
-
-def onnx_model(net: Net, batch: int) -> bytes:
-    """The network up to the angles as ONNX."""
-    nodes, constants = [], []
-    previous = "depth"
-
-    def constant(name: str, array: np.ndarray) -> str:
-        constants.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
-        return name
-
-    for i, pool in ((1, 4), (2, 2), (3, None)):
-        w, b = (blob.data for blob in net.params[f"convL{i}"])
-        nodes.append(helper.make_node("Conv", [previous, constant(f"w{i}", w), constant(f"b{i}", b)], [f"c{i}"]))
-        nodes.append(helper.make_node("Relu", [f"c{i}"], [f"r{i}"]))
-        previous = f"r{i}"
-        if pool:
-            window = {"kernel_shape": [pool, pool], "strides": [pool, pool], "ceil_mode": 1}
-            nodes.append(helper.make_node("MaxPool", [previous], [f"p{i}"], **window))
-            previous = f"p{i}"
-    nodes.append(helper.make_node("Flatten", [previous], ["f"]))
-    previous = "f"
-    for name in ("FC1", "FC2", "DoF"):
-        w, b = (blob.data for blob in net.params[name])
-        inputs = [previous, constant(f"w{name}", w), constant(f"b{name}", b)]
-        nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
-        previous = name
-        if name != "DoF":
-            nodes.append(helper.make_node("Relu", [name], [f"r{name}"]))
-            previous = f"r{name}"
-    graph = helper.make_graph(
-        nodes,
-        "hand",
-        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, [batch, 1, 128, 128])],
-        [helper.make_tensor_value_info("DoF", TensorProto.FLOAT, [batch, 47])],
-        constants,
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
-    onnx.checker.check_model(model)
-    return model.SerializeToString()

@@ -47,9 +47,9 @@ from netlib.engine.plain import Passed
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 from netlib.net import Net
-from tools.arguments import parser_of, positive
-from tools.console import DONE, aligned, guarded
-from tools.ranks import world
+from tools.common.arguments import parser_of, positive
+from tools.common.console import DONE, aligned, guarded
+from tools.common.ranks import world
 
 RANKS = (2, 4, 8, 16, 32, 64, 128, 256)
 PARTS = 3  # of the gradients of the paper's network

@@ -43,8 +43,8 @@ from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
 from netlib.updates import RULES
-from tools.arguments import parser_of, positive, positive_number
-from tools.console import DONE, guarded
+from tools.common.arguments import parser_of, positive, positive_number
+from tools.common.console import DONE, guarded
 
 Off = Callable[[], contextlib.AbstractContextManager[Any]]
 

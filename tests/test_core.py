@@ -15,7 +15,7 @@ from netlib.layer import Layer
 from netlib.solver import Solver
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("netlib", "layers", "fast", "handpose", "tools", "docs")
+PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "docs")
 CORE = sorted((ROOT / "netlib").glob("*.py"))
 DEPENDENCIES = {"numpy", "scipy", "cv2", "h5py"}
 EXTRAS = {"netlib/distributed/mpi.py": {"mpi4py"}}  # of an extra, imported where it is used

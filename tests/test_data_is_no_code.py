@@ -12,7 +12,7 @@ from source_imports import offenders, parsed
 from netlib import engine
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("netlib", "layers", "fast", "handpose", "tools")
+PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools")
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 # What runs text or bytes as code, by the name that a program calls it by.
@@ -30,9 +30,9 @@ ALLOWED = {
     "netlib/system/aliases.py": "names of modules that stand in this project",
     "netlib/engine/choice.py": "the folder fast/",
     "netlib/caffe/draw.py": "runs Graphviz's program dot, without a shell",
-    "tools/exercises/process.py": "starts itself, without a shell",
-    "tools/exercises/reading.py": "runs the solution of an exercise, which the command line names and is code",
-    "tools/onnx_export/graph.py": "the packages onnx and onnxruntime",
+    "exercises/process.py": "starts itself, without a shell",
+    "exercises/reading.py": "runs the solution of an exercise, which the command line names and is code",
+    "export/onnx/graph.py": "the packages onnx and onnxruntime",
     "fast/blas.py": "asks NumPy's own BLAS library how many threads it has",
 }
 

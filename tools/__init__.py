@@ -1,8 +1,4 @@
-"""The command-line tools: one file per command, and modules that several of them share. No command imports another.
-
-All share arguments, console, progress, stopper and advice. Trainings share training and caffe_log, importers of data
-sets preparing. Pictures and plots are in pictures and plots, what a net costs is in costs. The exercises of
-docs/exercises and nets as ONNX are packages of their own.
+"""The command-line tools: one file per command, and in tools/common what they share. No command imports another.
 
 A command calls ``begin`` before it imports anything large, and runs in console.guarded.
 """
@@ -10,7 +6,6 @@ A command calls ``begin`` before it imports anything large, and runs in console.
 from __future__ import annotations
 
 import contextlib
-import faulthandler
 import importlib
 import io
 import os
@@ -29,7 +24,7 @@ def begin(name: str) -> None:
         _is_program = True
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # during the imports, Ctrl-C ends it without a traceback
-        _keep_stderr_to_ourselves()
+        _prepare_streams()
         if not sys.warnoptions:  # python -W default shows NumPy's; what matters of them is said in the tool's words
             warnings.simplefilter("ignore")
     importlib.import_module("netlib")  # before NumPy: it chooses BLAS kernels
@@ -48,21 +43,13 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _keep_stderr_to_ourselves() -> None:
-    """Give sys.stderr a descriptor of its own, and lead descriptor 2, on which C libraries write, to nowhere.
-
-    What cannot be encoded is then written as an escape, on both streams.
-    """
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    while nowhere <= 2:  # a standard stream is closed: no file that is opened later may take its number
-        nowhere = os.open(os.devnull, os.O_RDWR)
-    encoding = getattr(sys.stderr, "encoding", "utf-8")
-    own = os.dup(2)
-    os.dup2(nowhere, 2)
-    os.close(nowhere)
-    sys.stderr = os.fdopen(own, "w", 1, encoding=encoding, errors="backslashreplace")
-    sys.__stderr__ = sys.stderr  # type: ignore[misc]  # is Final to others
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
-    if faulthandler.is_enabled():
-        faulthandler.enable(sys.stderr)
+def _prepare_streams() -> None:
+    """Open standard streams that are closed on the null device, and escape what the others cannot encode."""
+    while (null := os.open(os.devnull, os.O_RDWR)) <= 2:  # else a file that is opened later takes the number
+        pass
+    os.close(null)
+    if sys.stderr is None:  # print(file=None) would write to stdout
+        sys.stderr = os.fdopen(2, "w", 1, encoding="utf-8")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")

@@ -30,13 +30,13 @@ from netlib.distributed.ranks import ALONE, Ranks
 from netlib.net import Net
 from netlib.proto import schema
 from netlib.training import solver_parameter
-from tools import training
-from tools.advice import on_missing_data
-from tools.arguments import caffes_flags, parser_of, positive
-from tools.caffe_log import BarHandler
-from tools.caffe_reports import report_test, report_time
-from tools.console import DONE, guarded
-from tools.ranks import first_speaks, world
+from tools.common import training
+from tools.common.advice import on_missing_data
+from tools.common.arguments import caffes_flags, parser_of, positive
+from tools.common.caffe_log import BarHandler
+from tools.common.caffe_reports import report_test, report_time
+from tools.common.console import DONE, guarded
+from tools.common.ranks import first_speaks, world
 
 log = logging.getLogger("netlib")
 

@@ -45,12 +45,12 @@ from handpose.predicting.packaged import load_predictor
 from handpose.predicting.person import hand_of
 from layers.hand import skeleton as skeletons
 from netlib import files
-from tools import outputs
-from tools.advice import command
-from tools.arguments import camera, half_cube, natural, parser_of, positive, positive_number, refuse_given
-from tools.console import DONE, duration, guarded, say
-from tools.progress import ProgressBar
-from tools.skeletons import check_out, write_skeleton
+from netlib.files.paths import command
+from tools.common import outputs
+from tools.common.arguments import camera, half_cube, natural, parser_of, positive, positive_number, refuse_given
+from tools.common.console import DONE, duration, guarded, say
+from tools.common.outputs import check_skeleton, write_skeleton
+from tools.common.progress import ProgressBar
 
 OF_ANNOTATIONS, OF_DEPTH = ("template", "frames", "joints", "half_cube", "percentile", "seed"), ("unit", "hand")
 UNSURE = 0.03  # deviation of a size
@@ -101,7 +101,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate as the parsed arguments say. Raises NetlibError."""
-    check_out(args.out, args.force, args.annotations)
+    check_skeleton(args.out, args.force, args.annotations)
     template = skeletons.load(args.template) if args.template else skeletons.load()
     (annotations,) = args.annotations
     with files.noted() as read:
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
 
 def run_on_depth(args: argparse.Namespace) -> int:
     """Find size and girth as the parsed arguments say. Raises NetlibError."""
-    check_out(args.out, args.force, args.annotations)
+    check_skeleton(args.out, args.force, args.annotations)
     begun = time.perf_counter()
     predictor = load_predictor(args.camera, hand=args.hand)
     frames = [(image, read_frame(image, args.camera, args.unit)) for image in args.annotations]

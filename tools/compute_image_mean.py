@@ -23,10 +23,10 @@ import numpy as np
 from layers.data.datum import decode_datum
 from netlib.errors import DataError
 from netlib.proto.binaryproto import write_blob
-from tools import databases, outputs
-from tools.arguments import caffes_flags, parser_of
-from tools.console import DONE, guarded, say
-from tools.progress import ProgressBar
+from tools.common import databases, outputs
+from tools.common.arguments import caffes_flags, parser_of
+from tools.common.console import DONE, guarded, say
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:

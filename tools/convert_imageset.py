@@ -29,10 +29,10 @@ from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto.messages import Datum
-from tools import databases
-from tools.arguments import caffes_flags, natural, parser_of
-from tools.console import guarded, say
-from tools.progress import ProgressBar
+from tools.common import databases
+from tools.common.arguments import caffes_flags, natural, parser_of
+from tools.common.console import guarded, say
+from tools.common.progress import ProgressBar
 
 SWITCHES = ("gray", "shuffle", "check_size", "encoded")
 

@@ -34,10 +34,10 @@ from handpose.predicting.packaged import load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic
-from tools import findings, pictures
-from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, guarded, say
-from tools.progress import ProgressBar
+from tools.common import findings, pictures
+from tools.common.arguments import natural, parser_of, positive
+from tools.common.console import DONE, guarded, say
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -22,8 +22,8 @@ from netlib.caffe import draw
 from netlib.caffe.proto import caffe_pb2
 from netlib.proto import prototxt
 from netlib.proto.upgrade import upgraded
-from tools.arguments import parser_of
-from tools.console import DONE, guarded, say
+from tools.common.arguments import parser_of
+from tools.common.console import DONE, guarded, say
 
 PHASES = {"TRAIN": caffe_pb2.TRAIN, "TEST": caffe_pb2.TEST, "ALL": None}
 

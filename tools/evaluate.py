@@ -37,10 +37,10 @@ from handpose.scoring.metrics import joint_errors
 from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, Benchmark, Score
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
-from tools import outputs, plots
-from tools.arguments import named_file, parser_of
-from tools.console import DONE, aligned, guarded, say
-from tools.progress import ProgressBar
+from tools.common import outputs, plots
+from tools.common.arguments import named_file, parser_of
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
 WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have every mm

@@ -25,19 +25,18 @@ import tools
 
 tools.begin(__name__)
 
+from exercises import process
+from exercises.checking import Step
+from exercises.exercise import Exercise
+from exercises.reading import ExerciseError
+from exercises.stubs import stub
+from exercises.table import EXERCISES
 from netlib.errors import did_you_mean
 from netlib.files import atomic
-from netlib.files.paths import ROOT, exists
-from tools.advice import command
-from tools.arguments import natural, parser_of, positive_number
-from tools.console import DONE, FAILED, guarded, say
-from tools.exercises import process
-from tools.exercises.checking import Step
-from tools.exercises.exercise import Exercise
-from tools.exercises.reading import ExerciseError
-from tools.exercises.stubs import stub
-from tools.exercises.table import EXERCISES
-from tools.progress import ProgressBar
+from netlib.files.paths import ROOT, command, exists
+from tools.common.arguments import natural, parser_of, positive_number
+from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:

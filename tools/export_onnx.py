@@ -24,13 +24,13 @@ import tools
 
 tools.begin(__name__)
 
+from export.onnx.net import differences, load, onnx_image
 from handpose.facts.nyu import CUBE_MM
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
-from tools import outputs
-from tools.arguments import cube, parser_of
-from tools.console import DONE, FAILED, guarded, say
-from tools.onnx_export.net import differences, load, onnx_image
+from tools.common import outputs
+from tools.common.arguments import cube, parser_of
+from tools.common.console import DONE, FAILED, guarded, say
 
 BATCHES = (1, 3)  # of --check
 TOLERANCE = 1e-5

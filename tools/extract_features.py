@@ -26,11 +26,11 @@ import netlib
 from netlib.errors import NetlibError, did_you_mean
 from netlib.net import Net
 from netlib.proto.messages import Datum
-from tools import databases
-from tools.advice import on_missing_data
-from tools.arguments import add_engine, parser_of, positive
-from tools.console import guarded
-from tools.progress import ProgressBar
+from tools.common import databases
+from tools.common.advice import on_missing_data
+from tools.common.arguments import add_engine, parser_of, positive
+from tools.common.console import guarded
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:

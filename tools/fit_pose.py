@@ -41,10 +41,10 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.files.hdf5 import read_list
-from tools import outputs
-from tools.arguments import parser_of, positive, refuse_given, weight
-from tools.console import DONE, duration, guarded, say
-from tools.progress import ProgressBar
+from tools.common import outputs
+from tools.common.arguments import parser_of, positive, refuse_given, weight
+from tools.common.console import DONE, duration, guarded, say
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -44,11 +44,11 @@ from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracks.json_file import JsonWriter
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
-from tools.arguments import camera, natural, parser_of, positive_number
-from tools.console import DONE, guarded, say
-from tools.progress import ProgressBar
-from tools.sources import rate
-from tools.stopper import StoppedError, Stopper
+from tools.common.arguments import camera, natural, parser_of, positive_number
+from tools.common.console import DONE, guarded, say
+from tools.common.progress import ProgressBar
+from tools.common.sources import rate
+from tools.common.stopper import StoppedError, Stopper
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -53,9 +53,9 @@ from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
 from netlib.errors import NetlibError
-from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, duration, guarded, say
-from tools.stopper import fill_folder
+from tools.common.arguments import natural, parser_of, positive
+from tools.common.console import DONE, duration, guarded, say
+from tools.common.stopper import fill_folder
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -32,9 +32,9 @@ from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import KINDS, draw_scenes
 from netlib.blob import Array
 from netlib.errors import DataError
-from tools.arguments import add_engine, natural, parser_of, positive
-from tools.console import DONE, aligned, guarded, say
-from tools.progress import ProgressBar
+from tools.common.arguments import add_engine, natural, parser_of, positive
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar
 
 FOUND_MM = 30.0
 

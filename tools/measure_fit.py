@@ -42,9 +42,9 @@ from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_c
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import MOST_SEED, Generator
 from netlib.blob import Array
-from tools.arguments import add_engine, natural, parser_of, positive
-from tools.console import DONE, aligned, guarded, say
-from tools.progress import ProgressBar
+from tools.common.arguments import add_engine, natural, parser_of, positive
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar
 
 TERMS = {  # what is left out -> the weights without it
     "nothing": Weights(),

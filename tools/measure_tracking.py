@@ -37,10 +37,10 @@ from handpose.predicting.packaged import load_predictor
 from handpose.synthetic.recordings import SyntheticRecording
 from handpose.synthetic.scripts import SCRIPTS
 from handpose.tracking.tracker import Tracker
-from tools.arguments import add_engine, natural, parser_of, positive, positive_number
-from tools.console import DONE, aligned, guarded, say
-from tools.progress import ProgressBar
-from tools.sources import rate
+from tools.common.arguments import add_engine, natural, parser_of, positive, positive_number
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar
+from tools.common.sources import rate
 
 Row = dict[str, str | float | None]
 TITLES = {  # of the columns, and how they are written

@@ -37,10 +37,10 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import MOST_SEED, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
-from tools import outputs
-from tools.arguments import natural, parser_of, positive
-from tools.console import DONE, guarded, say
-from tools.progress import ProgressBar
+from tools.common import outputs
+from tools.common.arguments import natural, parser_of, positive
+from tools.common.console import DONE, guarded, say
+from tools.common.progress import ProgressBar
 
 
 def main(argv: list[str] | None = None) -> int:

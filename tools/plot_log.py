@@ -25,9 +25,9 @@ tools.begin(__name__)
 
 from netlib import files
 from netlib.errors import DataError, printable
-from tools import outputs, pictures
-from tools.arguments import parser_of
-from tools.console import DONE, guarded, say
+from tools.common import outputs, pictures
+from tools.common.arguments import parser_of
+from tools.common.console import DONE, guarded, say
 
 _NUMBER = r"([-+]?(?:\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|nan|inf))"
 _ITERATION = re.compile(r"Iteration (\d{1,18})(?!\d)")

@@ -55,10 +55,10 @@ from handpose.predicting.prediction import FramePrediction
 from handpose.predicting.predictor import Predictor
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools import findings, hand_pages, outputs, pictures
-from tools.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number, refuse_given
-from tools.console import DONE, guarded, say
-from tools.sources import say_doubts
+from tools.common import findings, hand_pages, outputs, pictures
+from tools.common.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number, refuse_given
+from tools.common.console import DONE, guarded, say
+from tools.common.sources import say_doubts
 
 
 def main(argv: list[str] | None = None) -> int:

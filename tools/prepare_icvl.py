@@ -28,9 +28,9 @@ import tools
 tools.begin(__name__)
 
 from handpose.data import icvl_files
-from tools import preparing
-from tools.console import guarded
-from tools.preparing import Importer
+from tools.common import preparing
+from tools.common.console import guarded
+from tools.common.preparing import Importer
 
 ICVL = Importer(
     root="ICVL_ROOT",

@@ -29,9 +29,9 @@ tools.begin(__name__)
 
 from handpose.data import nyu_files
 from handpose.facts.nyu import CENTER_JOINT
-from tools import preparing
-from tools.console import guarded
-from tools.preparing import Importer
+from tools.common import preparing
+from tools.common.console import guarded
+from tools.common.preparing import Importer
 
 NYU = Importer(
     root="NYU_ROOT",

@@ -29,12 +29,12 @@ from handpose.recordings.first_look import look
 from handpose.recordings.recording import Recording
 from handpose.recordings.writing import RecordingWriter
 from netlib.errors import NetlibError
-from tools import outputs
-from tools.arguments import parser_of, positive, positive_number
-from tools.console import DONE, guarded, say
-from tools.progress import ProgressBar
-from tools.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
-from tools.stopper import StoppedError, Stopper
+from tools.common import outputs
+from tools.common.arguments import parser_of, positive, positive_number
+from tools.common.console import DONE, guarded, say
+from tools.common.progress import ProgressBar
+from tools.common.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
+from tools.common.stopper import StoppedError, Stopper
 
 COARSEST_MM = 1.0  # unit of what is written, unless --out-unit says another: sources in metres have fractions
 MOST_MM = 10.0  # of --out-unit: hands are lost in what is rounded to more

@@ -30,9 +30,9 @@ from handpose.drawing import hands, sheets
 from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError
-from tools import outputs, pictures
-from tools.arguments import name_in, parser_of, positive
-from tools.console import DONE, guarded, say
+from tools.common import outputs, pictures
+from tools.common.arguments import name_in, parser_of, positive
+from tools.common.console import DONE, guarded, say
 
 LARGEST_PX = 65000  # of a JPEG, nearly
 LARGEST = 1 << 28  # pixels in all, which take a GB of memory

@@ -38,13 +38,12 @@ from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS, 
 from layers.hand import skeleton as skeletons
 from netlib.errors import NetlibError
 from netlib.files import atomic
-from netlib.files.paths import ROOT
-from tools.advice import IS_CLONE, command
-from tools.arguments import natural, parser_of, positive, weight
-from tools.console import DONE, aligned, guarded, say
-from tools.pictures import make_folder
-from tools.sitting import Sitting
-from tools.table1_pictures import write_pictures
+from netlib.files.paths import IS_CLONE, ROOT, command
+from tools.common.arguments import natural, parser_of, positive, weight
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.pictures import make_folder
+from tools.common.sitting import Sitting
+from tools.common.table1_pictures import write_pictures
 
 RESULTS = ROOT / "docs" / "results" if IS_CLONE else Path("results")
 

@@ -41,11 +41,11 @@ from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.files.paths import ROOT
 from netlib.net import Net
-from tools import pictures
-from tools.advice import on_missing_data
-from tools.arguments import add_engine, name_in, parser_of, refuse_given
-from tools.console import DONE, aligned, guarded, say
-from tools.progress import ProgressBar
+from tools.common import pictures
+from tools.common.advice import on_missing_data
+from tools.common.arguments import add_engine, name_in, parser_of, refuse_given
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar
 
 DRAWN = 12  # frames in a picture
 COLUMNS = {  # figure -> heading, format

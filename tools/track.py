@@ -46,13 +46,13 @@ from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import Tracker
 from handpose.tracks.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError
-from tools import findings, pictures
-from tools.arguments import add_engine, parser_of, positive, positive_number
-from tools.console import DONE, aligned, guarded, say
-from tools.progress import ProgressBar
-from tools.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
-from tools.stopper import StoppedError, Stopper
-from tools.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
+from tools.common import findings, pictures
+from tools.common.arguments import add_engine, parser_of, positive, positive_number
+from tools.common.console import DONE, aligned, guarded, say
+from tools.common.progress import ProgressBar
+from tools.common.sources import add_source_options, opened, say_first_look, say_found_on_the_way, total_of
+from tools.common.stopper import StoppedError, Stopper
+from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
 
 def main(argv: list[str] | None = None) -> int:

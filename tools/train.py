@@ -24,10 +24,10 @@ import tools
 
 tools.begin(__name__)
 
-from tools import training
-from tools.arguments import add_engine, natural, parser_of, positive, positive_number
-from tools.console import guarded
-from tools.ranks import first_speaks, world
+from tools.common import training
+from tools.common.arguments import add_engine, natural, parser_of, positive, positive_number
+from tools.common.console import guarded
+from tools.common.ranks import first_speaks, world
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -31,8 +31,8 @@ from netlib.proto.net_parameter import input_layer
 from netlib.proto.prototxt import Field, Message, Scalar
 from netlib.proto.upgrade import AnyNetParameter, upgraded
 from netlib.training.solver_parameter import OLD_TYPES
-from tools.arguments import parser_of
-from tools.console import DONE, guarded, say
+from tools.common.arguments import parser_of
+from tools.common.console import DONE, guarded, say
 
 INPUTS = ("input", "input_shape", "input_dim")
 

@@ -13,7 +13,7 @@ from docs.making import documents, exercises, figures, frames, hand_page, pictur
 from docs.making.made import Made
 from netlib.errors import NetlibError
 from netlib.files.paths import ROOT
-from tools.arguments import parser_of
+from tools.common.arguments import parser_of
 
 PIECES: dict[str, Callable[[], Iterator[Made]]] = {
     "documents": documents.made, "figures": figures.made, "pictures": pictures.made, "exercises": exercises.made,

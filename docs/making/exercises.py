@@ -13,12 +13,12 @@ from pathlib import Path
 
 from docs.making.made import Made, place_of
 from docs.making.markdown import title_of
+from exercises.checking import steps
+from exercises.exercise import Exercise
+from exercises.relu import OneAtZero
+from exercises.stubs import stub
+from exercises.table import EXERCISES
 from netlib.files.paths import ROOT
-from tools.exercises.checking import steps
-from tools.exercises.exercise import Exercise
-from tools.exercises.relu import OneAtZero
-from tools.exercises.stubs import stub
-from tools.exercises.table import EXERCISES
 
 FOLDER = ROOT / "docs" / "exercises"
 MARK = re.compile(r"^<!-- exercises: (\w+) -->\n(?:.*?^(<!-- end -->)\n)?", re.MULTILINE | re.DOTALL)

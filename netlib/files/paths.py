@@ -14,7 +14,13 @@ from netlib.system.one_thread import lock
 
 ROOT = Path(__file__).resolve().parents[2]  # of this project: where netlib/, layers/ and fast/ lie
 OWN_FOLDERS = ("prototxt", "models")  # that are installed, too
+IS_CLONE = (ROOT / "setup.cfg").exists()  # False in an installed package
 _loading = lock()
+
+
+def command(name: str) -> str:
+    """The command line that starts a tool of this project: a file of a clone, a module of an installed package."""
+    return f"python tools/{name}.py" if IS_CLONE else f"python -m tools.{name}"
 
 
 def find(name: str, source: str | None) -> Path:

@@ -23,7 +23,7 @@ F = "```"
         ("<!-- code: tests/caffe.d/x.py -->\n", "x.md:1: cannot read tests/caffe.d/x.py: No such file or directory"),
         ("<!-- code: ../../etc/x.conf -->\n", "x.md:1: ../../etc/x.conf is no file of this project"),
         ("<!-- code: /etc/x.conf -->\n", "x.md:1: /etc/x.conf is no file of this project"),
-        ("<!-- code: tools/exercises/recorded.npz -->\n", "x.md:1: cannot read tools/exercises/recorded.npz: not"),
+        ("<!-- code: exercises/recorded.npz -->\n", "x.md:1: cannot read exercises/recorded.npz: not"),
         ("<!-- code: prototxt/nyu_deploy.prototxt FC1 -->\n", "x.md:1: prototxt/nyu_deploy.prototxt has no names"),
         (f"{RELU}{F}python\nold\n\nmore text\n", "x.md:1: the block under this mark has no end"),
         (f"{RELU}{F}python\nold\n\nmore\n\n{F}python\nx\n{F}\n", "x.md:1: the block under this mark has no end before"),

@@ -196,7 +196,19 @@ def test_commands_in_running_text_parse() -> None:
 
 def test_commands_in_help_texts_and_messages_parse() -> None:
     """Of every file that is no test."""
-    tops = ("netlib", "layers", "fast", "handpose", "tools", "benchmarks", "docs", "tests/faults", "tests/support")
+    tops = (
+        "netlib",
+        "layers",
+        "fast",
+        "handpose",
+        "exercises",
+        "export",
+        "tools",
+        "benchmarks",
+        "docs",
+        "tests/faults",
+        "tests/support",
+    )
     found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
     bench = found[ROOT / "benchmarks" / "bench.py"]
     assert {"make bench", "python benchmarks/bench.py --json speed.json"} <= set(bench)
@@ -226,7 +238,7 @@ def test_every_program_is_run_by_its_tests() -> None:
     """Each imports the program, and calls its ``main``."""
     programs = {path.stem for path in ROOT.glob("tools/*.py") if "def main(" in path.read_text(encoding="utf-8")}
     tested = set()
-    for path in (ROOT / "tests" / "tools").rglob("test_*.py"):
+    for path in (ROOT / "tests").rglob("test_*.py"):
         text = path.read_text(encoding="utf-8")
         if path.stem not in ("test_tools", "test_begin") and re.search(r"\bmain\(", text):
             tested |= {name.split(".")[1] for name in imports(path) if name.startswith("tools.")}

@@ -557,7 +557,7 @@ def read_datum(path: Path) -> Any:
 
 def read_database(path: Path) -> Any:
     """By the layer, and entry by entry as the tools do."""
-    from tools import databases
+    from tools.common import databases
 
     read_batches(path)
     list(databases.read_database("db")[1])

@@ -137,7 +137,7 @@ def write_texts(word: str = "new") -> Any:
     from handpose.experiments.model_file import write_model
     from handpose.fitting.absolute_joints import AbsoluteFit, write_fit
     from netlib.proto.binaryproto import write_blob
-    from tools import pictures
+    from tools.common import pictures
 
     value = {"old": 1, "new": 2}[word]
     atomic.replace_text(Path("text.txt"), word * 1000)
@@ -166,7 +166,7 @@ def make_database() -> None:
 
 def write_database() -> Any:
     """Of the pictures, as tools/convert_imageset.py does; a database is never replaced."""
-    from tools import databases
+    from tools.common import databases
 
     if not Path("new_db").exists():
         readers.read_imageset(Path("list.txt"))
@@ -205,7 +205,7 @@ def write_tracks(frames: int = 2) -> Any:
     from made_tracks import any_track, header_of
 
     from layers.hand import skeleton
-    from tools.track_outputs import Outputs, add_output_options
+    from tools.common.track_outputs import Outputs, add_output_options
 
     parser = argparse.ArgumentParser()
     add_output_options(parser)
@@ -448,7 +448,7 @@ def _answered(function: Callable[[], Any]) -> tuple[int, str | list[str] | None]
         answer = function()
     except NetlibError as error:
         return 1, ["refused", str(error)]
-    except OSError as error:  # what tools/console.py makes of it, if there is a name to say
+    except OSError as error:  # what tools/common/console.py makes of it, if there is a name to say
         kind = "refused" if error.filename else "UNCLEAR"
         return 1, [kind, f"{error.filename}: {error.strerror}" if error.filename else f"{error} without a name"]
     except BaseException as error:

@@ -12,7 +12,9 @@ from tests.faults.readers import READERS
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
-    path for package in ("netlib", "layers", "fast", "handpose", "tools") for path in (ROOT / package).rglob("*.py")
+    path
+    for package in ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools")
+    for path in (ROOT / package).rglob("*.py")
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
@@ -24,14 +26,14 @@ NO_READERS = {
     "netlib/files/reading.py": "opens for all others what a user names",
     "netlib/files/locks.py": "opens a file to lock it, and reads the number of the process that has it",
     "netlib/building/python_layer.py": "reads the text of a Python layer, which is code",
-    "tools/databases.py": "opens the database that it makes",
-    "tools/exercises/network.py": "reads the net that comes with the project",
-    "tools/exercises/reading.py": "reads the text of a solution, which is code",
-    "tools/exercises/recorded.py": "reads numbers that come with the project",
-    "tools/exercises/stubs.py": "reads the project's own source",
+    "tools/common/databases.py": "opens the database that it makes",
+    "exercises/network.py": "reads the net that comes with the project",
+    "exercises/reading.py": "reads the text of a solution, which is code",
+    "exercises/recorded.py": "reads numbers that come with the project",
+    "exercises/stubs.py": "reads the project's own source",
     "tools/export_onnx.py": "reads back what it has just written",
     "tools/record.py": "opens recordings by handpose.recordings.opening",
-    "tools/sitting.py": "asks netlib/files/hdf5.py how many rows there are",
+    "tools/common/sitting.py": "asks netlib/files/hdf5.py how many rows there are",
     "tools/track.py": "opens recordings by handpose.recordings.opening",
     "tools/package_model.py": "reads back what it has just written",
 }

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from export.onnx.net import differences, load, onnx_image
+from export.onnx.table import LAYERS
 from netlib.files.paths import ROOT
 from netlib.proto.options import layer_types
-from tools.onnx_export.net import differences, load, onnx_image
-from tools.onnx_export.table import LAYERS
 
 NYU = ROOT / "prototxt" / "nyu_deploy.prototxt"
 SYNTHETIC = ROOT / "models" / "synthetic_hand"

@@ -13,7 +13,8 @@ import pytest
 
 from netlib.snapshots import binary_format, snapshot
 from tests.caffe.recorded import COMPARED, check_same_log, log_lines, said, solver_text, texts
-from tools import caffe, training
+from tools import caffe
+from tools.common import training
 
 FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = ")
 

@@ -10,8 +10,8 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.messages import Datum
+from tools.common.databases import write_databases
 from tools.compute_image_mean import main
-from tools.databases import write_databases
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import netlib
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import Datum
 from tools import convert_imageset
+from tools.common.databases import read_database
 from tools.convert_imageset import main
-from tools.databases import read_database
 
 NET = """layer {{ name: "d" type: "Data" top: "x" top: "t"
          data_param {{ source: "{0}" batch_size: {1} backend: LMDB }} transform_param {{ {2} }} }}"""

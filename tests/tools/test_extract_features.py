@@ -9,7 +9,7 @@ import netlib
 from layers.data.datum import decode_datum
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import Datum
-from tools.databases import read_database
+from tools.common.databases import read_database
 from tools.extract_features import main
 
 ENGINES = pytest.mark.parametrize("engine", ["plain", "fast"] if netlib.engine.has_fast() else ["plain"])

@@ -15,7 +15,7 @@ from tests.tools.conftest import ROOT
 from tools import demo, make_recording, plot_log, predict
 
 LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
-PACKAGES = ("netlib", "layers", "fast", "handpose", "tools", "prototxt", "models")
+PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "models")
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ODD = os.fsdecode(b"odd\xe9")  # in UTF-8 there is no such name
 

@@ -1,5 +1,4 @@
-"""tools/table1.py, tools/sitting.py, tools/table1_pictures.py, handpose/experiments/trainings.py: a few frames and
-iterations, narrow networks."""
+"""tools/table1.py with its parts in tools/common/ and handpose/experiments/: few frames, narrow networks."""
 
 from __future__ import annotations
 
@@ -25,9 +24,10 @@ from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL
 from handpose.experiments.trainings import Training, data_name
 from netlib.errors import DataError
 from netlib.training.solver_parameter import read
-from tools import sitting as sittings
-from tools import table1, training
-from tools.sitting import Sitting
+from tools import table1
+from tools.common import sitting as sittings
+from tools.common import training
+from tools.common.sitting import Sitting
 
 pytest.importorskip("matplotlib")
 

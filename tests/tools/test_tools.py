@@ -15,15 +15,8 @@ from source_imports import imports
 from netlib import engine
 from tests.tools.conftest import ROOT
 
-# Modules that tools and other programs may import; all other files in tools/ are commands, which nobody imports.
-SHARED = {
-    "advice", "arguments", "caffe_log", "caffe_reports", "console", "costs", "databases", "findings", "hand_pages",
-    "outputs", "pictures", "plots", "preparing", "progress", "ranks", "sitting", "skeletons", "sources", "stopper",
-    "table1_pictures", "track_outputs", "training",
-}  # fmt: skip
-PACKAGES = {"exercises", "onnx_export"}  # the same: folders in tools/
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
-COMMANDS = [path.stem for path in FILES if path.stem not in SHARED]
+COMMANDS = [path.stem for path in FILES]
 LONGEST = 160  # lines; what is longer has logic that belongs elsewhere
 WITH_ENGINE = ["extract_features", "measure_fit", "predict", "test", "time", "train"]
 
@@ -42,15 +35,14 @@ def examples(doc: str, name: str) -> list[list[str]]:
 
 def test_the_commands_are_found() -> None:
     """Else the other tests would look at nothing."""
-    assert {path.stem for path in FILES} >= SHARED
     assert {"train", "test", "predict", "table1", "make_synthetic"} <= set(COMMANDS)
 
 
-@pytest.mark.parametrize("folder", ["tools", "benchmarks", "handpose", "docs"])
+@pytest.mark.parametrize("folder", ["tools", "benchmarks", "handpose", "exercises", "export", "docs"])
 def test_no_program_imports_a_command(folder: str) -> None:
-    """What two of them need is in a shared module, or in handpose/."""
+    """What two of them need is in tools/common/, or in handpose/."""
     for path in (ROOT / folder).rglob("*.py"):
-        assert imported_from_tools(path) <= SHARED | PACKAGES, path
+        assert imported_from_tools(path) <= {"common"}, path
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -102,14 +94,18 @@ def test_engine(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def reached(path: Path) -> set[str]:
-    """All that a file imports, and what the modules of tools/ and handpose/ import that it does."""
+    """All that a file imports, and what the modules outside the engine import that it does."""
     found: set[str] = set()
     todo = {path}
     while todo:
         for name in imports(todo.pop()) - found:
             found.add(name)
             files = [ROOT.joinpath(*part.split(".")).with_suffix(".py") for part in (name, name.rpartition(".")[0])]
-            todo |= {file for file in files if name.startswith(("handpose.", "tools.")) and file.is_file()}
+            todo |= {
+                file
+                for file in files
+                if name.startswith(("handpose.", "tools.", "exercises.", "export.")) and file.is_file()
+            }
     return found
 
 

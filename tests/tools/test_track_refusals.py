@@ -117,7 +117,7 @@ def test_of_two_failures_the_first_is_told(
     def refused(*anything: object) -> None:
         raise NetlibError("a.png: cannot write the picture")
 
-    monkeypatch.setattr("tools.pictures.write_image", refused)
+    monkeypatch.setattr("tools.common.pictures.write_image", refused)
     assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
     assert capsys.readouterr().err.endswith("a.png: cannot write the picture\n")
     monkeypatch.setattr(ContactSheet, "page", lambda self: None)

@@ -19,7 +19,8 @@ from netlib import engine
 from netlib.files import locks
 from netlib.snapshots import snapshot
 from tests.tools.conftest import ROOT
-from tools import train, training
+from tools import train
+from tools.common import training
 
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 

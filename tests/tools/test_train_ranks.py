@@ -14,7 +14,7 @@ import ranks_started
 from ranks_started import CAFFE, PROGRAMS, TRAIN, needs_mpi, ours
 
 import netlib
-from tools import training
+from tools.common import training
 
 pytestmark = needs_mpi
 

@@ -10,7 +10,7 @@ from typing import Any
 from docs.making import markdown
 from docs.making.site.published import Published
 
-CODE = ("layers", "netlib", "handpose", "fast", "tools", "prototxt")
+CODE = ("layers", "netlib", "handpose", "fast", "exercises", "export", "tools", "prototxt")
 HAND = "docs/hand.html"
 
 

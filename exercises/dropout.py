@@ -1,0 +1,183 @@
+"""The exercise dropout: a layer that is another one in training."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exercises.exercise import known
+from exercises.layer_examples import Example, Letters, numbers
+from exercises.layers import layer_exercise
+from layers.common.dropout import Dropout
+from netlib.blob import Array, Blobs
+from netlib.layer import TEST, TRAIN
+
+
+class _Drawn(Dropout):
+    """A forward in pieces, one of which is wrong."""
+
+    def draw(self, shape: tuple[int, ...]) -> Array:
+        return self.rng.integers(0, 1 << 16, shape, dtype=np.uint16)
+
+    def kept(self, drawn: Array) -> Array:
+        return np.asarray(drawn >= min(round(self.param.dropout_ratio * (1 << 16)), (1 << 16) - 1))
+
+    def scale(self) -> float:
+        return float(self.in_training)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        self.factor = self.in_test
+        if self.active:
+            self.factor = (self.kept(self.draw(bottom[0].shape)) * self.scale()).astype(self.dtype)
+        top[0].data[...] = bottom[0].data * self.factor
+
+
+class NeverScales(_Drawn):
+    """What is kept is not scaled: in TRAIN it is x / (1 - p), so that the mean stays the same and TEST needs no
+    scale.
+    """
+
+    def scale(self) -> float:
+        return 1.0
+
+
+class ScalesByP(_Drawn):
+    """What is kept is divided by p. It is kept with probability 1 - p, and divided by that."""
+
+    def scale(self) -> float:
+        return float(1 / self.param.dropout_ratio) if self.param.scale_train else 1.0
+
+
+class KeepsTheDropped(_Drawn):
+    """It is the other way round: p, the dropout_ratio, is the part that is dropped, so a value is kept where drawn >=
+    least.
+    """
+
+    def kept(self, drawn: Array) -> Array:
+        return ~super().kept(drawn)
+
+
+class DrawsOtherwise(_Drawn):
+    """The random numbers are drawn in another way. That is no mistake, but then nothing can be compared: draw them as
+    the comment in the stub says.
+    """
+
+    def kept(self, drawn: Array) -> Array:
+        return np.asarray(self.rng.random(drawn.shape) >= self.param.dropout_ratio)
+
+    def draw(self, shape: tuple[int, ...]) -> Array:
+        return np.empty(shape)
+
+
+class OneMaskForAll(_Drawn):
+    """All items of the batch lose the same units. Each value has its own draw: the mask has the whole shape of x."""
+
+    def draw(self, shape: tuple[int, ...]) -> Array:
+        return np.broadcast_to(super().draw(shape[1:]), shape)
+
+
+class DrawsOnce(_Drawn):
+    """The mask is drawn only once. Each forward draws a new one; only backward uses the old one."""
+
+    def draw(self, shape: tuple[int, ...]) -> Array:
+        if not hasattr(self, "first"):
+            self.first = super().draw(shape)
+        return self.first
+
+
+class DropsInTest(_Drawn):
+    """In phase TEST nothing is dropped: y = x. self.active says whether to draw."""
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        super().setup(bottom, top)
+        self.active = True
+
+
+class ScalesInTest(Dropout):
+    """In phase TEST nothing is scaled: TRAIN has done that already, with 1 / (1 - p)."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        super().forward(bottom, top)
+        if self.phase == TEST and self.param.scale_train:
+            top[0].data[...] = bottom[0].data * (1 - self.param.dropout_ratio)
+
+
+class IgnoresScaleTrain(Dropout):
+    """The option scale_train is left out: with false, TRAIN does not scale and TEST does. self.in_training and
+    self.in_test have the right factors.
+    """
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        super().setup(bottom, top)
+        self.in_training = self.dtype.type(1 / (1 - self.param.dropout_ratio))
+        self.in_test = self.dtype.type(1)
+
+
+class PassesAll(Dropout):
+    """backward passes the gradient of what was dropped. It has no influence on the loss: dx = dy factor."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        bottom[0].diff[...] = top[0].diff
+
+
+class NoScaleBackward(Dropout):
+    """backward does not scale what was kept: y = x / (1 - p), so dx = dy / (1 - p)."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        bottom[0].diff[...] = top[0].diff * (self.factor != 0)
+
+
+class DrawsAgain(_Drawn):
+    """backward draws a new mask. It has to use that of the last forward, kept in self.factor."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if self.phase == TRAIN:
+            self.factor = (self.kept(self.draw(bottom[0].shape)) * self.scale()).astype(self.dtype)
+        super().backward(top, propagate_down, bottom)
+
+
+def _options(p: float, more: str = "") -> str:
+    return f"dropout_param {{ dropout_ratio: {p}{more} }}"
+
+
+EXERCISE = layer_exercise(
+    "dropout",
+    "Dropout",
+    title="Dropout: a random part of the values is set to zero",
+    chapter=5,
+    file="layers/common/dropout.py",
+    to_do={
+        "reshape": "Give top[0] the shape of bottom[0].",
+        "forward": "Write top[0].data: y = x factor, and keep self.factor for backward. If not self.active it is "
+        "self.in_test, else (drawn >= least) * self.in_training, with a new draw each time:\n"
+        "drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16), least = round(p 65536), p = "
+        "self.param.dropout_ratio. Draw it like that, so that your numbers can be compared.",
+        "backward": "If propagate_down[0], write bottom[0].diff: dx = dy factor, with the factor of the last forward.",
+    },
+    letters=Letters(("x",), ("y",), axes={"x": "ni", "y": "ni"}),
+    examples=[
+        Example(_options(0.3), (numbers(4, 5),)),
+        Example(_options(0.3), (numbers(4, 5, seed=3),), forwards=2, gradient=False, note="the second forward"),
+        Example(_options(0.3), (numbers(4, 5, seed=1),), phase="TEST"),
+        Example(_options(0.3, " scale_train: false"), (numbers(4, 5, seed=2),)),
+        Example(_options(0.3, " scale_train: false"), (numbers(4, 5, seed=4),), phase="TEST"),
+        Example(_options(0.7), (numbers(4, 5, seed=5),), in_place=True),
+    ],
+    from_caffe={
+        "dropout_test": Example(_options(0.3), (), phase="TEST"),
+        "dropout_train_ratio0": Example(_options(0), ()),
+    },
+    mistakes=known(
+        NeverScales,
+        ScalesByP,
+        KeepsTheDropped,
+        DrawsOtherwise,
+        OneMaskForAll,
+        DrawsOnce,
+        DropsInTest,
+        ScalesInTest,
+        IgnoresScaleTrain,
+        PassesAll,
+        NoScaleBackward,
+        DrawsAgain,
+    ),
+)  # fmt: skip

@@ -1,0 +1,179 @@
+"""The exercise inner_product: a layer with parameters."""
+
+from __future__ import annotations
+
+from exercises.exercise import known
+from exercises.layer_examples import Example, Letters, numbers
+from exercises.layers import layer_exercise
+from layers.common.inner_product import InnerProduct
+from netlib.blob import Array, Blobs
+
+
+class KeepsAxes(InnerProduct):
+    """Only the last axis was replaced. All axes from self.axis on are one item's inputs, and one axis of num_output
+    comes in the place of all of them.
+    """
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(*bottom[0].shape[:-1], self.param.num_output)
+
+
+class FlattensAll(InnerProduct):
+    """The option axis is left out: every axis before self.axis counts items, not only the first."""
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape[0], self.param.num_output)
+
+
+class TakesColumns(InnerProduct):
+    """w has one row for each output, (O, I), so it is y = x wᵀ and not x w."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
+        y[...] = x @ w
+        if self.param.bias_term:
+            y += self.blobs[1].data
+
+
+class IgnoresTranspose(InnerProduct):
+    """With transpose: true the parameter is stored as (I, O). self.output_first() turns it."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y = self.rows(bottom[0].data), self.rows(top[0].data)
+        y[...] = x @ self.blobs[0].data.T
+        if self.param.bias_term:
+            y += self.blobs[1].data
+
+
+class NoBias(InnerProduct):
+    """The bias is missing: y = x wᵀ + b, if self.param.bias_term."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
+        y[...] = x @ w.T
+
+
+class BiasPerItem(InnerProduct):
+    """b has one number for each output, which is the last axis of y; yours is added along the items. y += b is all it
+    takes.
+    """
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.blobs[0].data)
+        y[...] = x @ w.T
+        if self.param.bias_term:
+            y += self.blobs[1].data[:, None]
+
+
+class TransposedInBackward(InnerProduct):
+    """dx = dy w, without a transpose: y = x wᵀ has it already, and its own is w again."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, [False], bottom)
+        if propagate_down[0]:
+            self.rows(bottom[0].diff)[...] = self.rows(top[0].diff) @ self.output_first(self.blobs[0].data).T
+
+
+class IgnoresTransposeBackward(InnerProduct):
+    """backward takes the parameter as (O, I) in any case. With transpose: true it is stored as (I, O), and so is its
+    diff: self.output_first() turns both.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = self.blobs[0].diff.copy()
+        super().backward(top, [False], bottom)
+        dy = self.rows(top[0].diff)
+        self.blobs[0].diff[...] = kept + dy.T @ self.rows(bottom[0].data)
+        if propagate_down[0]:
+            self.rows(bottom[0].diff)[...] = dy @ self.blobs[0].data
+
+
+class WeightGradientTransposed(InnerProduct):
+    """dw has the shape of w, (O, I): dyᵀ x, and not xᵀ dy."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = self.blobs[0].diff.copy()
+        super().backward(top, propagate_down, bottom)
+        self.blobs[0].diff[...] = kept + self.rows(bottom[0].data).T @ self.rows(top[0].diff)
+
+
+class Means(InnerProduct):
+    """A gradient of the parameters is divided by the number of items. dw and db are sums over the items: whoever wants
+    a mean, as a loss, divides in its own gradient.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        before = [blob.diff.copy() for blob in self.blobs]
+        super().backward(top, propagate_down, bottom)
+        items = len(self.rows(top[0].diff))
+        for blob, kept in zip(self.blobs, before):
+            blob.diff[...] = kept + (blob.diff - kept) / items
+
+
+class BiasOverOutputs(InnerProduct):
+    """db is summed over the outputs. Each b[o] is in y[n, o] for all items n, so the sum goes over the items:
+    axis 0.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept: Array | None = self.blobs[1].diff.copy() if self.param.bias_term else None
+        super().backward(top, propagate_down, bottom)
+        if kept is not None:
+            self.blobs[1].diff[...] = kept + self.rows(top[0].diff).sum(axis=1)
+
+
+class ForgetsBiasGradient(InnerProduct):
+    """db was not added: self.blobs[1].diff is as it was before."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = [blob.diff.copy() for blob in self.blobs[1:]]
+        super().backward(top, propagate_down, bottom)
+        for blob, diff in zip(self.blobs[1:], kept):
+            blob.diff[...] = diff
+
+
+def _options(more: str = "", outputs: int = 3) -> str:
+    return f"inner_product_param {{ num_output: {outputs}{' ' if more else ''}{more} }}"
+
+
+EXERCISE = layer_exercise(
+    "inner_product",
+    "InnerProduct",
+    title="InnerProduct: a weighted sum of all inputs",
+    chapter=2,
+    file="layers/common/inner_product.py",
+    to_do={
+        "reshape": "top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours "
+        "also says what is wrong if the number of inputs is no longer self.inputs.)",
+        "forward": "Write top[0].data: y = x wᵀ + b. w is self.blobs[0].data, b is self.blobs[1].data, if "
+        "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
+        "backward": "Add to self.blobs[0].diff and self.blobs[1].diff, with +=: dw = dyᵀ x, db = sum of dy over the "
+        "items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
+    },
+    letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),
+    examples=[
+        Example(_options(), (numbers(3, 3),)),
+        Example(_options("transpose: true"), (numbers(3, 3, seed=1),)),
+        Example(_options("bias_term: false", 2), (numbers(2, 3, seed=2),)),
+        Example(_options("axis: 2"), (numbers(2, 2, 2, 2, seed=3),)),
+        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=4),)),
+    ],
+    from_caffe={
+        "ip_4d": Example("inner_product_param { num_output: 7 }", ()),
+        "ip_axis2": Example("inner_product_param { num_output: 7 axis: 2 }", ()),
+    },
+    mistakes=known(
+        KeepsAxes,
+        FlattensAll,
+        TakesColumns,
+        IgnoresTranspose,
+        NoBias,
+        BiasPerItem,
+        TransposedInBackward,
+        IgnoresTransposeBackward,
+        WeightGradientTransposed,
+        Means,
+        BiasOverOutputs,
+        ForgetsBiasGradient,
+    ),
+)  # fmt: skip

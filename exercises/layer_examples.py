@@ -1,0 +1,139 @@
+"""A layer on an example: its blobs filled, and what its methods make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from exercises.exercise import Values
+from netlib import gradcheck
+from netlib.blob import Array, Blob, Blobs
+from netlib.building.create import create
+from netlib.layer import Layer
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter
+from netlib.proto.schema import Phase
+
+AGAIN = np.random.SFC64  # the source of a layer's random numbers, as in a net
+
+
+@dataclass(frozen=True)
+class Letters:
+    """What the docstring of a layer calls its blobs, and the axes of each."""
+
+    bottoms: tuple[str, ...]
+    tops: tuple[str, ...]
+    params: tuple[str, ...] = ()
+    axes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def all_axes(self) -> dict[str, Sequence[str]]:
+        """Of each blob's data and diff."""
+        after = {f"{name} (after forward)": axes for name, axes in self.axes.items()}
+        return {f"{d}{name}": axes for name, axes in self.axes.items() for d in ("", "d")} | after
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A layer, and what it is given: numbers that lie off the kinks.
+
+    options   the inside of its ``layer { ... }`` besides the type
+    wanted    which bottoms get a gradient; by default all
+    gradient  is it checked by differences
+    """
+
+    options: str
+    bottoms: tuple[Array, ...]
+    tops: int = 1
+    phase: Phase = "TRAIN"
+    in_place: bool = False
+    wanted: tuple[bool, ...] | None = None
+    gradient: bool = True
+    params: tuple[Array, ...] = ()
+    note: str = ""
+    forwards: int = 1
+
+    @property
+    def title(self) -> str:
+        """For a message."""
+        bottoms = " and ".join(str(array.shape) for array in self.bottoms)
+        how = [f"bottom {bottoms}"] + ["in place"] * self.in_place + ["in phase TEST"] * (self.phase == "TEST")
+        return "; ".join([part for part in (self.options, self.note) if part] + how)
+
+
+def numbers(*shape: int, seed: int = 0) -> Array:
+    """Numbers between 0.2 and 1, of both signs: away from 0."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(rng.choice([-1.0, 1.0], shape) * rng.uniform(0.2, 1, shape))
+
+
+@dataclass
+class Run:
+    """A layer that was set up and shaped for an example, with its blobs."""
+
+    layer: Layer
+    bottom: Blobs
+    top: Blobs
+
+
+def built(part: type[Layer], type_name: str, example: Example, dtype: DTypeLike) -> Run:
+    """The layer, with numbers in its bottoms and parameters."""
+    tree = prototxt.parse(f'type: "{type_name}" {example.options}', "<exercise>")
+    spec: Any = schema.read(tree, LayerParameter)
+    tops = tuple(f"top[{i}]" for i in range(example.tops))
+    bottoms = tuple(f"bottom[{i}]" for i in range(len(example.bottoms)))
+    spec = schema.changed(spec, name=type_name, bottom=bottoms, top=bottoms[:1] if example.in_place else tops)
+    rng = np.random.Generator(AGAIN(0))
+    layer = create(spec, example.phase, rng, dtype, lambda cls: part)
+    bottom = Blobs([_filled(array, dtype) for array in example.bottoms], dtype)
+    top = Blobs([bottom[0]] if example.in_place else [Blob((), dtype) for _ in tops], dtype)
+    layer.setup(bottom, top)
+    for i, blob in enumerate(layer.blobs):
+        blob.data[...] = example.params[i] if example.params else numbers(*blob.shape, seed=10 + i)
+    layer.reshape(bottom, top)
+    return Run(layer, bottom, top)
+
+
+def _filled(array: Array, dtype: DTypeLike) -> Blob:
+    blob = Blob(array.shape, dtype)
+    blob.data[...] = array
+    return blob
+
+
+def forward(run: Run, letters: Letters, example: Example) -> Values:
+    """The tops, which begin as NaN; then the bottoms, which no forward may change."""
+    for _ in range(example.forwards):
+        for blob in [] if example.in_place else run.top:
+            blob.data[...] = np.nan
+        run.layer.forward(run.bottom, run.top)
+    found = {name: blob.data.copy() for name, blob in zip(letters.tops, run.top)}
+    bottoms = [] if example.in_place else zip(letters.bottoms, run.bottom)
+    return found | {f"{name} (after forward)": blob.data.copy() for name, blob in bottoms}
+
+
+def backward(run: Run, top_diffs: Sequence[Array], letters: Letters) -> Values:
+    """Bottom diffs begin as NaN, parameter diffs as ones, as in gradcheck."""
+    run.layer.forward(run.bottom, run.top)
+    for blob, diff in zip(run.top, top_diffs):
+        blob.diff[...] = diff
+    for blob in run.bottom:
+        blob.diff[...] = np.nan
+    for blob in run.layer.blobs:
+        blob.diff[...] = 1
+    run.layer.backward(run.top, [True] * len(run.bottom), run.bottom)
+    found = {f"d{name}": blob.diff.copy() for name, blob in zip(letters.bottoms, run.bottom)}
+    return found | {f"d{name}": blob.diff - 1 for name, blob in zip(letters.params, run.layer.blobs)}
+
+
+def gradients_of(
+    part: type[Layer], type_name: str, example: Example, letters: Letters
+) -> Iterator[tuple[str, gradcheck.Gradient]]:
+    """Each diff by name, as backward says it and, when asked, by differences of forward; in float64."""
+    run = built(part, type_name, example, np.float64)
+    found = gradcheck.gradients(run.layer, example.bottoms, example.tops, example.wanted, in_place=example.in_place)
+    for gradient in found:
+        names = letters.bottoms if gradient.kind == "bottom" else letters.params
+        yield f"d{names[gradient.number]}", gradient

@@ -1,0 +1,69 @@
+"""The last step of an exercise: the paper's network, trained for some iterations on frames rendered on the spot."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from exercises.exercise import Tell
+from handpose.synthetic.files import DataSet
+from handpose.synthetic.generator import Generator
+from netlib import files
+from netlib.blob import Array
+from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import SolverParameter
+from netlib.solver import Solver
+
+FRAMES = BATCH = 4  # small, for a reader's layer that loops over every pixel; the same each time, so the loss falls
+SEED = 1
+RATE = 'type: "SGD" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" weight_decay: 0.0005'
+
+
+@contextlib.contextmanager
+def frames() -> Iterator[Path]:
+    """A folder with a few rendered frames as a data set, which is gone afterwards."""
+    with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
+        DataSet(Path(folder), [(Generator(), FRAMES)]).write(1, lambda count: None)
+        yield Path(folder)
+
+
+def net_text(folder: Path) -> str:
+    """prototxt/nyu_train_test.prototxt, reading small batches of these frames."""
+    text = files.read_text(ROOT / "prototxt" / "nyu_train_test.prototxt", "the net")
+    text = text.replace("data/nyu/train.txt", str(folder / "train.txt"))
+    return text.replace("batch_size: 512", f"batch_size: {BATCH}")
+
+
+def solver_of(net: str, options: str = RATE, kind: type[Solver] = Solver, seed: int = SEED) -> Solver:
+    """A solver of a net given as text, on the plain engine: what stands in the layers' files is what runs."""
+    param = schema.read(prototxt.parse(options, "<exercise>"), SolverParameter, "solver")
+    param = schema.changed(param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6)
+    return kind(param, "<exercise>", seed=seed, engine="plain")
+
+
+def losses(iterations: int, tell: Tell = lambda count: None) -> Array:
+    """The loss of each iteration. ``tell`` is called with 1 after each."""
+    with frames() as folder:
+        return trained(solver_of(net_text(folder)), iterations, tell)
+
+
+def trained(solver: Solver, iterations: int, tell: Tell = lambda count: None) -> Array:
+    """Train for so many iterations; returns the loss of each."""
+    found = []
+    for _ in range(iterations):
+        solver.step(1)
+        found.append(solver.net.loss())
+        tell(1)
+    return np.array(found)
+
+
+@functools.cache
+def our_losses(iterations: int) -> tuple[float, ...]:
+    """The same with our own layers."""
+    return tuple(losses(iterations).tolist())

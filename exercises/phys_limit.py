@@ -1,0 +1,168 @@
+"""The exercise phys_limit: a loss on angles that no hand can take."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exercises.exercise import known
+from exercises.layer_examples import Example, Letters
+from exercises.layers import layer_exercise
+from layers.hand.phys_limit import PhysLimit
+from netlib.blob import Array, Blobs
+
+
+class _Forward(PhysLimit):
+    """A forward in pieces, one of which is wrong."""
+
+    def beyond_of(self, x: Array) -> Array:
+        return np.asarray(np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0))
+
+    def total(self, v: Array) -> float:
+        return float(v.sum() if self.param.norm == "L1" else np.vdot(v, v))
+
+    def count(self, x: Array) -> int:
+        return len(x)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data.reshape(-1, len(self.lower))
+        self.beyond = self.beyond_of(x)
+        top[0].data[...] = self.total(np.abs(self.beyond)) / self.count(x)
+
+
+class SquaresAlways(_Forward):
+    """v is squared in any case. With norm L1, the paper's and the default, the loss is the sum of v itself."""
+
+    def total(self, v: Array) -> float:
+        return float(np.vdot(v, v))
+
+
+class SquaresNever(_Forward):
+    """v is never squared. With norm L2, the released system's, the loss is the sum of v²."""
+
+    def total(self, v: Array) -> float:
+        return float(v.sum())
+
+
+class UpperOnly(_Forward):
+    """An angle below its lower limit is out of limits, too: v = max(lower - x, 0) + max(x - upper, 0)."""
+
+    def beyond_of(self, x: Array) -> Array:
+        return np.asarray(np.maximum(x - self.upper, 0))
+
+
+class Cancels(_Forward):
+    """What is below a limit is subtracted from what is above. v counts both as a loss."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data.reshape(-1, len(self.lower))
+        self.beyond = self.beyond_of(x)
+        total = self.beyond.sum() if self.param.norm == "L1" else np.vdot(self.beyond, self.beyond)
+        top[0].data[...] = total / len(x)
+
+
+class NotDivided(_Forward):
+    """The sum is not divided by the number of poses N."""
+
+    def count(self, x: Array) -> int:
+        return 1
+
+
+class MeanOfDofs(_Forward):
+    """The sum is divided by the number of all angles. It is a mean over poses only: 1 / N."""
+
+    def count(self, x: Array) -> int:
+        return x.size
+
+
+class Halved(_Forward):
+    """There is no half in front of the squares, unlike in EuclideanLoss."""
+
+    def total(self, v: Array) -> float:
+        return float(v.sum() if self.param.norm == "L1" else np.vdot(v, v) / 2)
+
+
+class _Backward(PhysLimit):
+    """A backward in pieces, one of which is wrong."""
+
+    def slope(self) -> Array:
+        return np.asarray(np.sign(self.beyond) if self.param.norm == "L1" else 2 * self.beyond)
+
+    def begin(self, dL: Array) -> Array:
+        return dL / len(self.beyond)
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            bottom[0].diff[...] = (self.begin(top[0].diff) * self.slope()).reshape(bottom[0].shape)
+
+
+class BothUp(_Backward):
+    """The gradient below a lower limit is negative: v grows when x gets smaller."""
+
+    def slope(self) -> Array:
+        return np.abs(super().slope())
+
+
+class TwoForgotten(_Backward):
+    """The derivative of v² is 2 v, and not v."""
+
+    def slope(self) -> Array:
+        return np.asarray(np.sign(self.beyond) if self.param.norm == "L1" else self.beyond)
+
+
+class GradientOfSquare(_Backward):
+    """With norm L1 the derivative of v is ±1, and not 2 v."""
+
+    def slope(self) -> Array:
+        return np.asarray(2 * self.beyond)
+
+
+class NoTopDiff(_Backward):
+    """backward does not use top[0].diff, dL: the loss weight of the prototxt."""
+
+    def begin(self, dL: Array) -> Array:
+        return np.asarray(1 / len(self.beyond))
+
+
+class GradientNotDivided(_Backward):
+    """The gradient is not divided by N, as the loss is."""
+
+    def begin(self, dL: Array) -> Array:
+        return dL
+
+
+def _poses(count: int, seed: int) -> Array:
+    return np.asarray(np.random.default_rng(seed).normal(0, 1, (count, 47)))
+
+
+L1, L2 = ("phys_limit_param { norm: %s }" % norm for norm in ("L1", "L2"))  # noqa: UP031
+
+EXERCISE = layer_exercise(
+    "phys_limit",
+    "PhysLimit",
+    title="PhysLimit: a loss on angles that no hand can take",
+    chapter=8,
+    file="layers/hand/phys_limit.py",
+    to_do={
+        "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
+        "and self.upper. self.param.norm is L1 or L2. Keep what backward needs.",
+        "backward": "If propagate_down[0], write every element of bottom[0].diff: dL / N times ±1 (L1) or ±2 v (L2), 0 "
+        "within the limits. dL is top[0].diff.",
+    },
+    letters=Letters(("x",), ("L",), axes={"x": "nd", "L": ""}),
+    examples=[Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
+    from_caffe={"phys_limit": Example(L2, ())},
+    mistakes=known(
+        SquaresAlways,
+        SquaresNever,
+        UpperOnly,
+        Cancels,
+        NotDivided,
+        MeanOfDofs,
+        Halved,
+        BothUp,
+        TwoForgotten,
+        GradientOfSquare,
+        NoTopDiff,
+        GradientNotDivided,
+    ),
+)  # fmt: skip

@@ -1,0 +1,116 @@
+"""The exercise relu: the smallest layer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exercises.exercise import known
+from exercises.layer_examples import Example, Letters, numbers
+from exercises.layers import layer_exercise
+from layers.activation.relu import ReLU
+from netlib.blob import Blobs
+
+
+class ForgetsSlope(ReLU):
+    """negative_slope is left out: a negative x becomes slope * x, with self.slope, and not 0."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = np.maximum(bottom[0].data, 0)
+
+
+class SwapsSides(ReLU):
+    """The two sides are exchanged: g is 1 where x > 0, and the slope elsewhere."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data
+        top[0].data[...] = x * ((x <= 0) + self.slope * (x > 0))
+
+
+class ReadsWhatItWrote(ReLU):
+    """In a net a ReLU runs in place: top[0].data and bottom[0].data are then the same array. A line that reads x after
+    another has written y reads y. Compute all of it in one expression.
+    """
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x, y = bottom[0].data, top[0].data
+        y[...] = np.maximum(x, 0)
+        y += self.slope * np.minimum(x, 0)
+
+
+class ChangesBottom(ReLU):
+    """forward changes bottom[0].data. It belongs to the layer below, which may need it in its own backward; write only
+    into top[0].data.
+    """
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        x = bottom[0].data
+        x[x < 0] *= self.slope
+        top[0].data[...] = x
+
+
+class ForgetsSlopeBackward(ReLU):
+    """backward leaves the slope out: where x <= 0 the gradient is slope * dy, and not 0."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        bottom[0].diff[...] = top[0].diff * (bottom[0].data > 0)
+
+
+class ForgetsTopDiff(ReLU):
+    """backward does not use top[0].diff. By the chain rule dx is dy times g, and not g alone."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        x = bottom[0].data
+        bottom[0].diff[...] = (x > 0) + self.slope * (x <= 0)
+
+
+class OneAtZero(ReLU):
+    """At x = 0 both slopes would do, and Caffe takes that of the negative side: g is 1 only where x > 0, so >= has to
+    be >.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        x = bottom[0].data
+        bottom[0].diff[...] = top[0].diff * ((x >= 0) + self.slope * (x < 0))
+
+
+class LooksAtGradient(ReLU):
+    """backward asks for the sign of dy. What counts is the sign of x: g is 1 where x > 0."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        dy = top[0].diff
+        bottom[0].diff[...] = dy * ((dy > 0) + self.slope * (dy <= 0))
+
+
+LEAKY = "relu_param { negative_slope: 0.1 }"
+
+EXERCISE = layer_exercise(
+    "relu",
+    "ReLU",
+    title="ReLU: cut off what is negative",
+    chapter=1,
+    file="layers/activation/relu.py",
+    to_do={
+        "reshape": "Give top[0] the shape of bottom[0].",
+        "forward": "Read bottom[0].data, write top[0].data: y = g x. Write into the array that is there, "
+        "top[0].data[...] = ..., and do not change bottom[0].data.",
+        "backward": "Read top[0].diff (dy) and bottom[0].data, write every element of bottom[0].diff: dx = g dy. Do it "
+        "only if propagate_down[0]: else nobody wants it.",
+    },
+    letters=Letters(("x",), ("y",), axes={"x": "ncw", "y": "ncw"}),
+    examples=[
+        Example("", (numbers(2, 3, 4),)),
+        Example(LEAKY, (numbers(2, 3, 4, seed=1),)),
+        Example(LEAKY, (numbers(2, 3, 4, seed=2),), in_place=True),
+    ],
+    from_caffe={"relu": Example("", ()), "relu_neg": Example(LEAKY, ())},
+    mistakes=known(
+        ForgetsSlope,
+        SwapsSides,
+        ReadsWhatItWrote,
+        ChangesBottom,
+        ForgetsSlopeBackward,
+        ForgetsTopDiff,
+        OneAtZero,
+        LooksAtGradient,
+    ),
+)  # fmt: skip

@@ -1,0 +1,102 @@
+"""The exercise split: one blob, several readers."""
+
+from __future__ import annotations
+
+from exercises.exercise import known
+from exercises.layer_examples import Example, Letters, numbers
+from exercises.layers import layer_exercise
+from layers.common.split import Split
+from netlib.blob import Blobs
+
+
+class ShapesOne(Split):
+    """Every top needs the shape, not only the first: for y in top."""
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+
+class WritesOne(Split):
+    """Every top gets a copy, not only the first: for y in top."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = bottom[0].data
+
+
+class Divides(Split):
+    """Nothing is divided among the readers: each gets all of x."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        for y in top:
+            y.data[...] = bottom[0].data / len(top)
+
+
+class TakesLast(Split):
+    """dx is the gradient of the last reader alone: every turn of the loop overwrites the one before. L depends on x
+    through all of them, and the chain rule sums.
+    """
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        for y in top:
+            bottom[0].diff[...] = y.diff
+
+
+class TakesFirst(Split):
+    """dx is the gradient of the first reader alone. L depends on x through all of them, and the chain rule sums."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        bottom[0].diff[...] = top[0].diff
+
+
+class Means(Split):
+    """dx is the mean of the gradients. The chain rule sums: nothing is divided."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        bottom[0].diff[...] /= len(top)
+
+
+class CountsFirstTwice(Split):
+    """The gradient of the first reader is counted twice: written first, and then added with the others."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        super().backward(top, propagate_down, bottom)
+        bottom[0].diff[...] += top[0].diff
+
+
+class TwoOnly(Split):
+    """Only two readers are summed; there may be any number: loop over top."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        bottom[0].diff[...] = top[0].diff + top[1].diff
+
+
+EXERCISE = layer_exercise(
+    "split",
+    "Split",
+    title="Split: one blob for several readers",
+    chapter=4,
+    file="layers/common/split.py",
+    to_do={
+        "reshape": "Give every top the shape of bottom[0].",
+        "forward": "Copy bottom[0].data into every top.",
+        "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It holds "
+        "old numbers, so the first of them is written and not added.",
+    },
+    letters=Letters(("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}),
+    examples=[
+        Example("", (numbers(2, 3),), tops=2, note="2 readers"),
+        Example("", (numbers(3, 2, seed=1),), tops=3, note="3 readers"),
+    ],
+    from_caffe={"split_explicit": Example("", (), tops=3)},
+    mistakes=known(
+        ShapesOne,
+        WritesOne,
+        Divides,
+        TakesLast,
+        TakesFirst,
+        Means,
+        CountsFirstTwice,
+        TwoOnly,
+    ),
+)  # fmt: skip

@@ -1,0 +1,100 @@
+"""The stub of an exercise: our own source, with the bodies to be written taken out."""
+
+from __future__ import annotations
+
+import ast
+import re
+import textwrap
+
+from exercises.exercise import Exercise
+from exercises.reading import functions
+from netlib import files
+from netlib.files.paths import ROOT, command
+
+WIDTH = 116  # of a comment, with its indentation
+
+
+def stub(exercise: Exercise) -> str:
+    """The text of the file that a reader begins with. Raises DataError if our source cannot be read."""
+    text = files.read_text(ROOT / exercise.file, "the source")
+    lines, tree = text.splitlines(), ast.parse(text)
+    there = dict(functions(tree))
+    for name in sorted(exercise.to_do, key=lambda name: -there[name].lineno):
+        function = there[name]
+        first, last = _body(function)
+        lines[first - 1 : last] = _instead(exercise.to_do[name], function.body[0].col_offset)
+    text = "\n".join(lines) + "\n"
+    text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
+    return f"# Write what raises NotImplementedError, then: {command('exercise')} {exercise.name}\n{text}"
+
+
+def _body(function: ast.FunctionDef) -> tuple[int, int]:
+    """The lines of a function's body after its docstring."""
+    body = function.body
+    has_docstring = ast.get_docstring(function) is not None
+    first = (body[0].end_lineno or 0) + 1 if has_docstring else body[0].lineno
+    return first, function.end_lineno or first
+
+
+def _instead(task: str, indent: int) -> list[str]:
+    space = " " * indent
+    comment = [
+        line for part in task.split("\n") for line in textwrap.wrap(part, WIDTH - indent, break_long_words=False)
+    ]
+    return [*(f"{space}# {line}" for line in comment), f"{space}raise NotImplementedError"]
+
+
+def _kept(text: str, names: tuple[str, ...]) -> str:
+    """The docstring, what of the imports is needed, and the top-level statements of these names."""
+    tree, lines = ast.parse(text), text.splitlines()
+
+    def source(node: ast.stmt) -> str:
+        return "\n".join(lines[node.lineno - 1 : node.end_lineno])
+
+    kept = [node for node in tree.body if _name(node) in names]
+    used = {node.id for statement in kept for node in ast.walk(statement) if isinstance(node, ast.Name)} | {"np"}
+    imports = [
+        node
+        for node in tree.body
+        if (isinstance(node, ast.ImportFrom) and (node.module == "__future__" or _imported(node) & used))
+        or (isinstance(node, ast.Import) and _imported(node) & used)
+    ]
+    docstring, *_ = tree.body
+    blocks = [source(docstring)] + [source(node) for node in imports if _is_future(node)]
+    outside = [source(node) for node in imports if not _is_future(node)]
+    constants = [source(node) for node in kept if not isinstance(node, (ast.FunctionDef, ast.ClassDef))]
+    functions = [source(node) for node in kept if isinstance(node, (ast.FunctionDef, ast.ClassDef))]
+    head = "\n\n".join([*blocks, _in_groups(outside), *(["\n".join(constants)] if constants else [])])
+    return "\n\n\n".join([head, *functions]) + "\n"
+
+
+def _with_numpy(text: str) -> str:
+    """With ``np``, which a reader may want where we do without."""
+    if "\nimport numpy as np\n" in text:
+        return text
+    return re.sub(r"^(?=from (netlib|layers)\b)", "import numpy as np\n\n", text, count=1, flags=re.MULTILINE)
+
+
+def _in_groups(imports: list[str]) -> str:
+    """Imports of Python's own, of others, of ours: an empty line between the groups."""
+    ours, others = ("netlib", "layers"), ("numpy", "scipy")
+    groups: list[list[str]] = [[], [], []]
+    for line in imports:
+        package = line.split()[1].split(".")[0]
+        groups[2 if package in ours else 1 if package in others else 0].append(line)
+    return "\n\n".join("\n".join(group) for group in groups if group)
+
+
+def _is_future(node: ast.stmt) -> bool:
+    return isinstance(node, ast.ImportFrom) and node.module == "__future__"
+
+
+def _imported(node: ast.Import | ast.ImportFrom) -> set[str]:
+    return {alias.asname or alias.name.split(".")[0] for alias in node.names}
+
+
+def _name(node: ast.stmt) -> str:
+    if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+        return node.name
+    target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+    return target.id if isinstance(target, ast.Name) else ""

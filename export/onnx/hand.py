@@ -1,0 +1,159 @@
+"""HandModel in ONNX: forward kinematics as a few products of 4 x 4 matrices, for all limbs at once.
+
+The transform of a motion by theta (layers/hand/kinematics.py) is a sum of four constant matrices:
+
+    A(theta) = A_1 + A_cos cos theta + A_sin sin theta + A_theta theta
+
+Fixed DoFs and bones are constants as well. Multiplied into the motions behind them, they are gone. What is left is a
+tree of the free motions alone, here called steps:
+
+    world_from_step = world_from_parent @ S(theta)         S = (what is fixed between the two) @ A
+    joint           = world_from_step @ (what is fixed behind the joint's last step) @ (0, 0, 0, 1)
+
+Steps of the same depth in this tree are one product. The NYU hand has 26 free motions, at most 10 one behind the other.
+
+If each body has bones of its own (bottom[1]), what is fixed is a constant plus a constant for each bone times its
+length: the bones only move, one after the other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from export.onnx.graph import Graph, Place, Shape
+from layers.hand.hand_model import HandModel
+from layers.hand.kinematics import rotation
+from layers.hand.skeleton import Motion, Skeleton
+from netlib.blob import Array
+
+PARTS = ("one", "cosine", "sine", "angle")  # what the four matrices of a step are multiplied by
+
+
+@dataclass(frozen=True)
+class Step:
+    """A free motion, and what is fixed between it and its parent.
+
+    parent  the step that carries this one
+    depth   steps between this one and the root
+    dof     which moves it
+    parts   (4, 4, 4) the matrices of 1, cos theta, sin theta, theta
+    """
+
+    parent: int
+    depth: int
+    dof: int
+    parts: Array
+
+
+def hand_model(graph: Graph, at: Place) -> list[str]:
+    """The joints of a pose."""
+    layer = at.layer
+    assert isinstance(layer, HandModel)
+    sk = layer.skeleton
+    of_fixed_size = len(at.values) == 1
+    body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
+    steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
+    x = at.values[0] if len(at.bottom[0]) == 2 else graph.reshaped(at.values[0], ("N", len(sk.dof_names)))
+    dofs = [step.dof for step in steps]
+    moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
+    one, cosine, sine, angle = (graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4))
+    ends_at = graph.constant(offsets[:, None], "offsets")
+    if of_fixed_size:
+        initial = graph.constant(sk.initial[dofs], "initial")
+    else:
+        moved = graph.op("Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free"))
+        initial, bones = _size(graph, at, sk, dofs)
+        units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]  # one bone of length 1
+        by_step = np.array([[long.parts[0] - short.parts[0] for long, short in zip(own, steps)] for own, _, _ in units])
+        by_joint = np.array([own - offsets for _, _, own in units])
+        one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
+        ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
+    theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
+    turned = graph.op(
+        "Add", graph.op("Mul", graph.op("Cos", theta), cosine), graph.op("Mul", graph.op("Sin", theta), sine)
+    )
+    slid = graph.op("Add", one, graph.op("Mul", theta, angle))
+    transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
+    frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
+    terms = graph.op("Mul", frames, ends_at)  # not MatMul: OpenCV 5.0 gets it wrong
+    ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
+    xyz = graph.op("Slice", ends, *(graph.constant([n], what) for n, what in ((0, "start"), (3, "end"), (2, "axis"))))
+    return [graph.reshaped(xyz, at.top[0])]
+
+
+def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:
+    """Where the steps begin, (N, steps) or (steps), and the bone lengths (N, K), of bodies of their own sizes."""
+    sizes = math.prod(at.sizes(at.bottom[1][1:]))
+    b = at.values[1] if len(at.bottom[1]) == 2 else graph.reshaped(at.values[1], ("N", sizes))
+    if sizes > 1:
+        return graph.constant(sk.initial[dofs], "initial"), b
+    still, slid = (graph.constant((sk.initial * which)[dofs], "initial") for which in (~sk.slides, sk.slides))
+    return graph.op("Add", still, graph.op("Mul", b, slid)), graph.op("Mul", b, graph.constant(sk.bones, "bones"))
+
+
+def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
+    """The sum over the bones of their lengths (N, K) times constants (K, ...), in this shape."""
+    flat = graph.constant(by_bone.reshape(len(by_bone), -1), "by_bone")
+    return graph.reshaped(graph.op("MatMul", bones, flat), shape)
+
+
+def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
+    """world_from_step of all steps, (N, steps, 4, 4)."""
+    levels = [[i for i, step in enumerate(steps) if step.depth == d] for d in range(steps[-1].depth + 1)]
+    if len(levels) == 1:
+        return transforms
+    own = graph.ops("Split", len(levels), transforms, graph.constant([len(level) for level in levels], "split"), axis=1)
+    worlds = own[:1]
+    for above, level, step in zip(levels, levels[1:], own[1:]):
+        parents = [above.index(steps[i].parent) for i in level]
+        carried = worlds[-1]
+        if parents != list(range(len(above))):
+            carried = graph.op("Gather", carried, graph.constant(parents, "parents"), axis=1)
+        worlds.append(graph.op("MatMul", carried, step))
+    return graph.op("Concat", *worlds, axis=1)
+
+
+def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
+    """The steps by depth, and of each joint its last step and where it stands in that step's frame, (K, 4), if these
+    are its signed ``bones`` (K,).
+
+    The first step does not move: roots, and all that is fixed to them, hang on it.
+    """
+    steps = [Step(-1, 0, 0, np.stack([np.eye(4), *np.zeros((3, 4, 4))]))]
+    ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}  # joint -> its last step, step_from_joint
+    for j in sk.order:
+        step, fixed = ends[int(sk.parents[j])]
+        for motion in sk.motions[j]:
+            parts = _parts(motion)
+            if motion.row < 0:
+                theta = sk.initial[motion.dof]
+                fixed = fixed @ (parts[0] + np.cos(theta) * parts[1] + np.sin(theta) * parts[2] + theta * parts[3])
+            else:
+                steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
+                step, fixed = len(steps) - 1, np.eye(4)
+        bone = np.eye(4)
+        bone[sk.bone_axes[j], 3] += bones[j]  # without a bone any axis, plus 0
+        ends[j] = step, fixed @ bone
+    order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
+    place = {-1: -1, **{i: new for new, i in enumerate(order)}}
+    sorted_steps = [Step(place[steps[i].parent], steps[i].depth, steps[i].dof, steps[i].parts) for i in order]
+    joints = range(len(sk.joint_names))
+    return sorted_steps, [place[ends[j][0]] for j in joints], np.stack([ends[j][1][:, 3] for j in joints])
+
+
+def _parts(motion: Motion) -> Array:
+    """(4, 4, 4): the matrices of 1, cos theta, sin theta, theta in the transform of a motion."""
+    parts = np.zeros((4, 4, 4))
+    parts[0, 3, 3] = 1
+    if motion.kind == "translate":
+        parts[0] = np.eye(4)
+        parts[3, motion.axis, 3] = motion.sign
+    else:
+        quarter, half = rotation(motion.axis, np.pi / 2), rotation(motion.axis, np.pi)
+        parts[0, :3, :3] += (np.eye(3) + half) / 2  # what stays: the axis
+        parts[1, :3, :3] = (np.eye(3) - half) / 2
+        parts[2, :3, :3] = motion.sign * (quarter - parts[0, :3, :3])
+    return np.round(parts)  # entries are -1, 0, 1; rotation() leaves 1e-16

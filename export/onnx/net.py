@@ -1,0 +1,181 @@
+"""A trained net as an ONNX file, and how far a runtime's outputs are from the net's own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from export.onnx.graph import PRODUCER, Graph, Place, Shape, Translation, package, symbolic
+from export.onnx.table import LAYERS
+from handpose.predicting.nets import cube_of, hand_layer, trained
+from layers.hand.hand_model import HandModel
+from netlib.blob import Array
+from netlib.errors import LayerError, NetlibError, did_you_mean
+from netlib.net import Net
+from netlib.proto.messages import LayerParameter, NetState
+from netlib.proto.net_parameter import load_parameter, select_layers
+from netlib.proto.options import layer_types
+from netlib.proto.schema import position_of
+
+Shapes = list[tuple[list[Shape], list[Shape]]]  # of each layer's bottoms and tops
+
+
+def load(model: str | Path, weights: str | Path) -> Net:
+    """The net in phase TEST, with all its weights. Raises NetlibError, also for a layer type without a form in ONNX."""
+    for spec in select_layers(load_parameter(model), NetState("TEST")):
+        if spec.type in layer_types() or spec.type == "Python":  # others are for the net to complain of
+            _translation(spec)
+    return trained(model, weights, engine="plain")  # the textbook's layers have the options under their own names
+
+
+def _translation(spec: LayerParameter) -> Translation:
+    """What makes operators of a layer. Raises LayerError for a type without a form in ONNX."""
+    if spec.type not in LAYERS:
+        raise LayerError(
+            f"{position_of(spec, 'type')}: error: layer {spec.name!r}: type {spec.type!r} has no form in ONNX "
+            "(docs/onnx.md); a deploy net has no layers for data, labels and losses"
+        )
+    return LAYERS[spec.type]
+
+
+def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None) -> bytes:
+    """The ONNX file of a net in phase TEST, as bytes; the first axis of every input is the batch, N.
+
+    ``also`` names more blobs to give out, ``cube_mm`` is the edge of the cube that crops of its body show; None: NYU's,
+    if that is a hand. Raises NetlibError.
+    """
+    shapes = shapes_of(net)
+    graph = Graph(net.blobs)
+    graph.values = {name: name for name in net.inputs}
+    at_end: dict[str, Shape] = {}
+    hand, pose = hand_layer(net), ""
+    for at, (bottom, top) in zip(net.connections, shapes):
+        graph.layer = at.layer.name
+        values = [graph.values[name] for name in at.layer.spec.bottom]
+        if at.layer is hand:
+            pose = values[0]
+        if not at.layer.is_input:
+            made = _translation(at.layer.spec)(graph, Place(at.layer, values, bottom, top))
+            graph.values.update(zip(at.layer.spec.top, made))
+        at_end.update(zip(at.layer.spec.top, top))
+    outputs = _outputs(net, also)
+    metadata = {"producer": PRODUCER, "net": net.name}
+    if hand:
+        metadata |= _about_hand(hand, cube_of(hand.skeleton, cube_mm), pose in [graph.values[name] for name in outputs])
+    return graph.finish(
+        net.name, {name: at_end[name] for name in net.inputs}, {name: at_end[name] for name in outputs}, metadata
+    )
+
+
+def _outputs(net: Net, also: Sequence[str]) -> list[str]:
+    """The blobs that are given out. Raises NetlibError."""
+    if not net.inputs:
+        raise NetlibError(f"{net.source}: no Input layer; expected a deploy net")
+    outputs = list(dict.fromkeys([*net.outputs, *also]))
+    for name in outputs:
+        if name not in net.blobs:
+            raise NetlibError(f"net {net.name!r} has no blob {name!r}{did_you_mean(name, net.blobs)}")
+        if name in net.inputs:
+            raise NetlibError(f"{net.source}: blob {name!r} is both input and output, which ONNX does not know; "
+                              "let a layer read it, and give its top another name")  # fmt: skip
+    return outputs
+
+
+def _about_hand(hand: HandModel, cube_mm: float, gives_pose: bool) -> dict[str, str]:
+    """What a user of a hand's net must know besides names and shapes."""
+    sk = hand.skeleton
+    about = {
+        "joint_names": json.dumps(sk.joint_names),
+        "unit": "half-cubes",
+        "cube_mm": f"{cube_mm:g}",
+        "axes": "x right, y up, z away",
+        "input_range": "[-1, 1]",
+    }
+    return about | ({"dof_names": json.dumps(sk.dof_names)} if gives_pose else {})
+
+
+def shapes_of(net: Net) -> Shapes:
+    """The shapes of each layer's bottoms and tops for N items, found by shaping the net for 2 and for 3.
+
+    The net is as it was afterwards. Raises LayerError if it cannot be shaped so.
+    """
+    declared = {name: net.blobs[name].shape for name in net.inputs}
+    for name, shape in declared.items():
+        if not shape:
+            raise LayerError(f"{net.source}: input {name!r} has no shape; expected input_param {{ shape {{ ... }} }}")
+    if len({shape[0] for shape in declared.values()}) > 1:
+        raise LayerError(f"{net.source}: inputs of different batches, "
+                         f"{', '.join(f'{name} {shape}' for name, shape in declared.items())}; "
+                         "expected first axes of the same size")  # fmt: skip
+    found = []
+    for batch in (2, 3):
+        for name, shape in declared.items():
+            net.blobs[name].reshape(batch, *shape[1:])
+        try:
+            net.reshape()
+        except LayerError as error:
+            raise LayerError(f"{error}; the net must take any number of items, here it had {batch}") from error
+        found.append([([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections])
+    for name, shape in declared.items():
+        net.blobs[name].reshape(shape)
+    net.reshape()
+    shapes: Shapes = []
+    for at, two, three in zip(net.connections, *found):
+        both = [[symbolic(a, b) for a, b in zip(*sides)] for sides in zip(two, three)]
+        known = [[shape for shape in side if shape is not None] for side in both]
+        if known != both:
+            raise at.layer.fail(f"a shape {two[1]} for 2 items, {three[1]} for 3 has no form in ONNX: expected one "
+                                "axis that counts items")  # fmt: skip
+        shapes.append((known[0], known[1]))
+    return shapes
+
+
+def differences(image: bytes, net: Net, batches: Sequence[int], also: Sequence[str] = ()) -> dict[str, float]:
+    """Per output, the largest difference between onnxruntime and the net, as a part of the output's largest value.
+
+    The inputs are random, in [-1, 1], of these batch sizes. Raises NetlibError.
+    """
+    runtime = package("onnxruntime")
+    options = runtime.SessionOptions()
+    options.log_severity_level = 3  # errors only
+    session = runtime.InferenceSession(image, options, providers=["CPUExecutionProvider"])
+    rng, outputs = np.random.default_rng(0), _outputs(net, also)
+    worst = dict.fromkeys(outputs, 0.0)
+    for batch in batches:
+        inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
+        theirs = session.run(outputs, inputs)
+        ours = net.forward(blobs=outputs, **inputs)
+        for name, y in zip(outputs, theirs):
+            worst[name] = max(worst[name], difference(y, ours[name]))
+    return worst
+
+
+def difference(y: Array, expected: Array) -> float:
+    """The largest difference as a part of the largest finite value expected; infinite if shapes, NaNs or so differ."""
+    if y.shape != expected.shape:
+        return np.inf
+    with np.errstate(invalid="ignore"):
+        error = np.abs(y - expected)
+    error = np.where((y == expected) | (np.isnan(y) & np.isnan(expected)), 0, error)
+    error = np.where(np.isnan(error), np.inf, error)
+    scale = np.abs(expected[np.isfinite(expected)]).max(initial=0)
+    return float(error.max(initial=0) / (scale or 1))
+
+
+def _random(net: Net, name: str, batch: int, rng: np.random.Generator) -> Array:
+    """Values for an input: in [-1, 1], or whole numbers for a layer that counts by them."""
+    shape = (batch, *net.blobs[name].shape[1:])
+    names = {name}
+    for layer in net.layers:
+        spec: Any = layer.spec
+        if layer.type == "Split" and spec.bottom[0] in names:
+            names.update(spec.top)
+        if layer.type == "Embed" and spec.bottom[0] in names:
+            return rng.integers(0, layer.param.input_dim, shape).astype(np.float32)
+        if layer.type == "BatchReindex" and spec.bottom[1] in names:
+            return rng.integers(0, batch, shape).astype(np.float32)
+    return rng.uniform(-1, 1, shape).astype(np.float32)

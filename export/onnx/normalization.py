@@ -1,0 +1,48 @@
+"""Normalizations as ONNX operators, with the numbers of phase TEST."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from export.onnx.graph import Graph, Place
+
+
+def batch_norm(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    if not layer.uses_sums:
+        raise layer.fail("with use_global_stats: false, each item depends on its batch; expected true, or none",
+                         "use_global_stats")  # fmt: skip
+    mean, variance, weight = (blob.data for blob in layer.blobs)
+    factor = 1 / weight[0] if weight[0] else 0.0
+    parts = {
+        "gain": np.ones_like(mean),
+        "bias": np.zeros_like(mean),
+        "mean": factor * mean,
+        "variance": factor * variance,
+    }
+    constants = [graph.constant(values, what) for what, values in parts.items()]
+    return [graph.op("BatchNormalization", at.values[0], *constants, epsilon=layer.param.eps)]
+
+
+def lrn(graph: Graph, at: Place) -> list[str]:
+    p, x = at.layer.param, at.values[0]
+    if p.norm_region == "ACROSS_CHANNELS":
+        return [graph.op("LRN", x, size=p.local_size, alpha=p.alpha, beta=p.beta, bias=p.k)]
+    mean = graph.op("AveragePool", graph.op("Mul", x, x), kernel_shape=[p.local_size] * 2,
+                    pads=[p.local_size // 2] * 4, count_include_pad=1)  # fmt: skip
+    s = graph.affine(mean, p.alpha, 1)
+    return [graph.op("Mul", x, graph.op("Pow", s, graph.constant(-float(p.beta), "power")))]
+
+
+def mvn(graph: Graph, at: Place) -> list[str]:
+    p, x = at.layer.param, at.values[0]
+    if at.bottom[0] != at.top[0]:
+        x = graph.reshaped(x, at.top[0])
+    axes = [1, 2, 3] if p.across_channels else [2, 3]
+    y = graph.op("Sub", x, graph.op("ReduceMean", x, axes=axes))
+    if p.normalize_variance:
+        variance = graph.op("ReduceMean", graph.op("Mul", y, y), axes=axes)
+        y = graph.op("Div", y, graph.affine(graph.op("Sqrt", variance), 1, p.eps))
+    return [y]

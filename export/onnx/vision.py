@@ -1,0 +1,109 @@
+"""Convolutions, windows and crops as ONNX operators."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from export.onnx.graph import Graph, Place
+
+
+def convolution(graph: Graph, at: Place) -> list[str]:
+    return _sliding(graph, at, "Conv")
+
+
+def deconvolution(graph: Graph, at: Place) -> list[str]:
+    return _sliding(graph, at, "ConvTranspose")
+
+
+def _sliding(graph: Graph, at: Place, op: str) -> list[str]:
+    """Conv or ConvTranspose of every bottom, with the same weights."""
+    layer: Any = at.layer
+    w = layer.blobs[0].data
+    kernel = list(layer.kernel) or [1]  # a convolution without spatial axes gets one
+    options: dict[str, Any] = {"kernel_shape": kernel, "group": layer.param.group}
+    if layer.kernel:
+        options |= {"strides": list(layer.stride), "dilations": list(layer.dilation), "pads": [*layer.pad, *layer.pad]}
+    parameters = [graph.constant(w.reshape(*w.shape[:2], *kernel), "weight")]
+    if layer.param.bias_term:
+        parameters.append(graph.constant(layer.blobs[1].data, "bias"))
+    tops = []
+    for value, x, y in zip(at.values, at.bottom, at.top):
+        plain = len(x) == len(kernel) + 2
+        if not plain:  # other axes than (N, C, ...)
+            axis = len(x) - len(layer.kernel) - 1
+            value = graph.reshaped(value, ("N", *at.sizes(x[axis:]), *([] if layer.kernel else [1])))
+        out = graph.op(op, value, *parameters, **options)
+        tops.append(out if plain else graph.reshaped(out, y))
+    return tops
+
+
+def pooling(graph: Graph, at: Place) -> list[str]:
+    """Windows as Caffe places them: as many as the top has, with pads that make room for just these.
+
+    ONNX's ceil_mode would keep windows that Caffe drops, and its mean does not count as Caffe's. So output sizes are
+    rounded down here, the pads at the end are what the last window needs, and where such a window hangs over the
+    padding, which Caffe does not count, the mean of all its places is corrected by a constant. A last window beyond
+    the image (stride > kernel) has no value, and operators refuse it: it is put there afterwards.
+    """
+    layer: Any = at.layer
+    is_max, x = layer.param.pool == "MAX", at.values[0]
+    if layer.param.global_pooling and len(at.top) == 1:
+        return [graph.op("GlobalMaxPool" if is_max else "GlobalAveragePool", x)]
+    axes = list(zip(at.sizes(at.bottom[0][2:]), layer.kernel, layer.stride, layer.pad))
+    outputs = at.sizes(at.top[0][2:])
+    inside = [min(o, -(-(n + p) // s)) for o, (n, _, s, p) in zip(outputs, axes)]
+    after = [max((o - 1) * s + k - n - p, 0) for o, (n, k, s, p) in zip(inside, axes)]
+    options: dict[str, Any] = {"kernel_shape": list(layer.kernel), "strides": list(layer.stride),
+                               "pads": [*layer.pad, *after]}  # fmt: skip
+    beyond = [o - i for o, i in zip(outputs, inside)]
+
+    def completed(y: str, nothing: float) -> str:
+        if not any(beyond):
+            return y
+        return graph.op("Pad", y, graph.constant([0] * 6 + beyond, "beyond"), graph.constant(nothing, "nothing"))
+
+    if is_max:
+        y = graph.ops("MaxPool", len(at.top), x, **options)
+        if len(y) > 1:  # counted through all items and channels
+            place = graph.op("Mod", y[1], graph.constant(math.prod(n for n, *_ in axes), "map"))
+            y[1] = completed(graph.floats(place), -1.0)
+        return [completed(y[0], float(np.finfo(np.float32).min)), *y[1:]]
+    mean = completed(graph.op("AveragePool", x, count_include_pad=1, **options), 0.0)
+    starts = [np.arange(o) * s - p for o, (_, _, s, p) in zip(outputs, axes)]
+    counted = [np.minimum(start + k, n + p) - start for start, (n, k, _, p) in zip(starts, axes)]
+    with np.errstate(divide="ignore"):
+        correction = math.prod(layer.kernel) / np.outer(*counted)  # 0 x infinity is NaN, as Caffe's 0 / 0
+    return [mean if (correction == 1).all() else graph.op("Mul", mean, graph.constant(correction, "correction"))]
+
+
+def spp(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    sizes, levels = at.sizes(at.bottom[0][2:]), []
+    for level in range(layer.param.pyramid_height):
+        kernel = [-(-n // 2**level) for n in sizes]
+        missing = [k * 2**level - n for k, n in zip(kernel, sizes)]
+        before = [(m + 1) // 2 for m in missing]
+        options: dict[str, Any] = {"kernel_shape": kernel, "strides": kernel,
+                                   "pads": [*before, *(m - b for m, b in zip(missing, before))]}  # fmt: skip
+        if layer.param.pool == "MAX":
+            levels.append(graph.op("MaxPool", at.values[0], **options))
+        else:
+            levels.append(graph.op("AveragePool", at.values[0], count_include_pad=1, **options))
+    if len(levels) == 1:
+        return levels
+    return [graph.op("Concat", *(graph.op("Flatten", level, axis=1) for level in levels), axis=1)]
+
+
+def crop(graph: Graph, at: Place) -> list[str]:
+    layer: Any = at.layer
+    axes = [i for i, part in enumerate(layer.part) if part != slice(None) and at.bottom[0][i] != at.top[0][i]]
+    sizes = at.sizes(tuple(at.top[0][i] for i in axes))
+    starts = [layer.part[i].start for i in axes]
+    ends = [start + size for start, size in zip(starts, sizes)]
+    if not axes:
+        return at.values[:1]
+    bounds = (graph.constant(numbers, what) for what, numbers in (("starts", starts), ("ends", ends), ("axes", axes)))
+    return [graph.op("Slice", at.values[0], *bounds)]

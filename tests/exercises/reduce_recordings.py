@@ -1,0 +1,96 @@
+"""Make exercises/recorded.npz of tests/caffe: a part of the recordings, number for number.
+
+    python -m tests.exercises.reduce_recordings
+
+Of the convolutions and poolings the first image is kept, and so no gradient of a parameter, which sums over all.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterator
+
+import h5py
+import numpy as np
+
+from exercises import recorded
+from netlib.files import atomic
+from netlib.snapshots import snapshot
+from tests.caffe.recorded import FOLDER, layer_cases, trajectory
+
+LAYERS = {
+    "relu", "relu_neg", "ip_4d", "ip_axis2", "conv_k3_s2_p1", "conv_group2", "conv_dil2_p2_s2", "pool_MAX_k3s2p1_odd",
+    "pool_MAX_k2s2_odd", "pool_MAX_ties", "pool_AVE_k3s2p1_odd", "pool_AVE_k2s2_odd", "split_explicit", "euclid",
+    "euclid_lw3", "dropout_test", "dropout_train_ratio0",
+}  # fmt: skip
+KINDS = ("in", "param", "top", "topdiff", "indiff", "pdiff")
+FIRST_IMAGE = ("conv_", "pool_")
+POSES = [2, 3, 12, 30]  # of the hand's 32: small angles, any angles, one DoF
+UPDATES = 8  # of the trainings: a rate that falls every 6 is seen to fall
+TRAININGS = ("sgd_mom09", "snap_sgd_hdf5")
+WEIGHTS = (("conv", 1), ("ip2", 0), ("ip2", 1))  # whose course is kept; they depend on all others
+
+
+def arrays() -> dict[str, np.ndarray]:
+    """All arrays that the exercises need."""
+    return {**dict(of_layers()), **dict(of_hand()), **dict(of_limits()), **dict(of_training())}
+
+
+def of_layers() -> Iterator[tuple[str, np.ndarray]]:
+    for case in layer_cases():
+        if case.name not in LAYERS:
+            continue
+        first = case.name.startswith(FIRST_IMAGE)
+        for kind in KINDS:
+            if kind == "pdiff" and first:
+                continue
+            for i, (_, array) in enumerate(case.of(kind)):
+                of_images = first and kind != "param"
+                yield f"{case.name}/{kind}/{i}", array.single[:1] if of_images else array.single
+
+
+def of_hand() -> Iterator[tuple[str, np.ndarray]]:
+    with np.load(FOLDER / "hand_model.npz") as hand:
+        for name in ("bottom", "top_f64", "top_diff", "bottom_diff_f64"):
+            yield f"hand_model/{name}", hand[name][POSES]
+
+
+def of_limits() -> Iterator[tuple[str, np.ndarray]]:
+    with np.load(FOLDER / "phys_limit.npz") as limits:
+        yield "phys_limit/in/0", limits["bottom"]
+        yield "phys_limit/top/0", limits["loss_w1"]
+        yield "phys_limit/topdiff/0", np.ones((), np.float32)
+        # Caffe leaves the diffs of fixed DoFs as they were; they have no influence, so they are 0
+        free = np.isin(np.arange(47), [*range(6), *range(15, 19), *range(31, 47)])
+        yield "phys_limit/indiff/0", np.where(free, limits["bottom_diff_w1"], np.float32(0))
+
+
+def of_training() -> Iterator[tuple[str, np.ndarray]]:
+    for name in ("data", "label"):
+        parts = []
+        for i in range(2):
+            with h5py.File(FOLDER / f"solvers/train{i}.h5") as file:
+                parts.append(file[name][...])
+        yield f"training/{name}", np.concatenate(parts)
+    for layer, params in snapshot.read_weights(FOLDER / "solvers/init.caffemodel.h5").items():
+        for i, array in params.items():
+            yield f"training/init/{layer}/{i}", array
+    for case in TRAININGS:
+        course = trajectory(case)
+        for layer, i in WEIGHTS:
+            steps = course.weights[layer, i]
+            yield f"training/{case}/{layer}/{i}", np.stack([steps[t] for t in range(1, UPDATES + 1)])
+
+
+def main() -> int:
+    """Write the file."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays())
+    atomic.replace_bytes(recorded.FILE, buffer.getvalue())
+    print(f"wrote {recorded.FILE.name}: {len(buffer.getvalue())} bytes")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

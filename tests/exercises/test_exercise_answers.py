@@ -1,0 +1,210 @@
+"""Every stub fails, every solution passes, every known mistake gets its own advice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exercises import network
+from exercises.checking import Step, in_network, steps
+from exercises.exercise import Exercise, Mistake
+from exercises.reading import ReadersFile
+from exercises.table import EXERCISES
+from layers import LAYER_TYPES
+from netlib.blob import Blobs
+from netlib.updates import RULES
+from tests.tools.conftest import ROOT
+
+ITERATIONS = 3  # of the network; one exercise makes all 20
+exercises = pytest.mark.parametrize("exercise", EXERCISES.values(), ids=list(EXERCISES))
+MISTAKES = [
+    pytest.param(exercise, mistake, id=f"{exercise.name}-{number}")
+    for exercise in EXERCISES.values()
+    for number, mistake in enumerate(exercise.mistakes)
+]
+
+
+def last_step(exercise: Exercise, part: Any, iterations: int = 0, reader: ReadersFile | None = None) -> Step:
+    """The step that fails, or the last one."""
+    return all_steps(exercise, part, iterations, reader)[-1]
+
+
+def all_steps(exercise: Exercise, part: Any, iterations: int, reader: ReadersFile | None = None) -> list[Step]:
+    """Up to the one that fails; without iterations not that of the network."""
+    made = list(steps(exercise, part, reader))
+    if made[-1].passed and iterations:
+        made.append(in_network(exercise, part, iterations, reader))
+    return made
+
+
+def test_the_dozen_is_there() -> None:
+    """Those that the book asks for, in its order, each with eight mistakes at least."""
+    assert set(EXERCISES) == {
+        "relu", "inner_product", "convolution", "pooling", "split", "euclidean_loss", "sgd", "resume",
+        "joint_transform", "torque_gradient", "phys_limit", "dropout",
+    }  # fmt: skip
+    chapters = [exercise.chapter for exercise in EXERCISES.values()]
+    assert chapters == sorted(chapters)
+    assert set(chapters) == set(range(1, 9))
+    assert min(len(exercise.mistakes) for exercise in EXERCISES.values()) >= 8
+
+
+@exercises
+def test_the_advice_is_short_and_never_the_same(exercise: Exercise) -> None:
+    """A few plain sentences for each mistake."""
+    said = [mistake.advice for mistake in exercise.mistakes]
+    assert len(set(said)) == len(said)
+    assert all(20 < len(advice) < 260 and advice.endswith(".") for advice in said)
+
+
+@exercises
+def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise) -> None:
+    """In docs/exercises, with the function and its line."""
+    reader = ReadersFile(exercise, ROOT / "docs" / "exercises" / f"{exercise.name}.py")
+    assert set(reader.to_do) == set(exercise.to_do)
+    step = last_step(exercise, reader.part, ITERATIONS, reader)
+    assert not step.passed
+    name, _, rest = step.lines[0].partition(" is still to be written: ")
+    assert rest == f"{reader.path}:{reader.to_do[name]} (raise NotImplementedError)"
+
+
+@exercises
+def test_our_own_source_passes(exercise: Exercise) -> None:
+    """All steps, loaded as a reader's file is, the paper's network included."""
+    reader = ReadersFile(exercise, ROOT / exercise.file)
+    assert not reader.to_do
+    assert reader.part is not exercise.ours
+    before = dict(LAYER_TYPES), dict(RULES)
+    made = all_steps(exercise, reader.part, 20 if exercise.name == "relu" else ITERATIONS, reader)
+    assert [step for step in made if not step.passed] == []
+    assert len(made) == len(exercise.checks) + 1
+    assert before == (LAYER_TYPES, RULES)  # ours are in their places again
+
+
+@pytest.mark.parametrize(("exercise", "mistake"), MISTAKES)
+def test_a_mistake_gets_its_own_advice(exercise: Exercise, mistake: Mistake) -> None:
+    """And no other's."""
+    step = last_step(exercise, mistake.part)
+    assert not step.passed
+    given = [other.advice for other in exercise.mistakes if any(line.endswith(other.advice) for line in step.lines)]
+    assert given == [mistake.advice]
+
+
+# ---------------------------------------------------------------------------------------------- mistakes of any layer
+
+
+def adding(cls: Any) -> Any:
+    """Adds to the diffs of its bottoms."""
+
+    class Adding(cls):
+        def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+            before = [blob.diff.copy() for blob in bottom]
+            super().backward(top, propagate_down, bottom)
+            for blob, diff in zip(bottom, before):
+                blob.diff[...] += diff
+
+    return Adding
+
+
+def leaving(cls: Any) -> Any:
+    """Leaves the zeros of its gradient unwritten."""
+
+    class Leaving(cls):
+        def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+            before = [blob.diff.copy() for blob in bottom]
+            super().backward(top, propagate_down, bottom)
+            for blob, diff in zip(bottom, before):
+                blob.diff[blob.diff == 0] = diff[blob.diff == 0]
+
+    return Leaving
+
+
+def overwriting(cls: Any) -> Any:
+    """Writes the diffs of its parameters."""
+
+    class Overwriting(cls):
+        def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+            for blob in self.blobs:
+                blob.diff[...] = 0
+            super().backward(top, propagate_down, bottom)
+
+    return Overwriting
+
+
+@pytest.mark.parametrize("name", ["relu", "inner_product", "convolution", "pooling", "split", "euclidean_loss"])
+def test_a_gradient_that_is_added(name: str) -> None:
+    """To the diff of a bottom, which holds old numbers."""
+    exercise = EXERCISES[name]
+    assert last_step(exercise, adding(exercise.ours)).lines[1].startswith("backward adds to the diff of a bottom.")
+
+
+@pytest.mark.parametrize("name", ["relu", "pooling", "phys_limit", "dropout"])
+def test_a_gradient_that_is_left(name: str) -> None:
+    """Where it is 0."""
+    exercise = EXERCISES[name]
+    assert last_step(exercise, leaving(exercise.ours)).lines[1].startswith("backward leaves some elements")
+
+
+@pytest.mark.parametrize("name", ["inner_product", "convolution"])
+def test_a_gradient_that_is_overwritten(name: str) -> None:
+    """That of a parameter, which the solver sums over several batches."""
+    exercise = EXERCISES[name]
+    step = last_step(exercise, overwriting(exercise.ours))
+    assert step.lines[0].startswith("dw[")
+    assert step.lines[1].startswith("backward overwrites the diff of a parameter.")
+
+
+# ---------------------------------------------------------------------------------------------- the paper's network
+
+
+class ForgetsLater(LAYER_TYPES["ReLU"]):  # type: ignore[misc]
+    """Passes all small examples: what is wrong begins with the second batch."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        super().forward(bottom, top)
+        self.calls = getattr(self, "calls", 0) + 1
+        if self.calls > 1 and top[0].count > 1000:
+            top[0].data[...] = 0
+
+
+def test_the_network_finds_what_small_examples_do_not() -> None:
+    """The iteration, and both losses."""
+    made = all_steps(EXERCISES["relu"], ForgetsLater, ITERATIONS)
+    assert [step.passed for step in made] == [True, True, True, False]
+    assert made[-1].lines[0].startswith("The loss of iteration 1 is ")
+
+
+class FailsInNet(LAYER_TYPES["ReLU"]):  # type: ignore[misc]
+    """Fails where a blob has four axes."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        super().forward(bottom, top)
+        if len(top[0].shape) == 4:
+            raise ValueError("three axes only")
+
+
+def test_an_error_in_the_network_is_told() -> None:
+    """With the layer; afterwards our own is in its place."""
+    step = last_step(EXERCISES["relu"], FailsInNet, ITERATIONS)
+    assert not step.passed
+    assert "layer 'ReLUconvL1': forward failed: ValueError: three axes only" in step.lines[0]
+    assert LAYER_TYPES["ReLU"] is EXERCISES["relu"].ours
+
+
+def test_the_network_learns() -> None:
+    """Its few frames by heart, so that a reader sees the loss fall."""
+    losses = np.array(network.our_losses(20))
+    assert losses[-5:].mean() < 0.6 * losses[:5].mean()
+
+
+def test_nothing_is_left_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames and snapshots lie in a folder of their own, which is gone."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    exercise = EXERCISES["resume"]
+    assert last_step(exercise, exercise.ours, 2).passed
+    assert list(tmp_path.iterdir()) == []

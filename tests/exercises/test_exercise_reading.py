@@ -1,0 +1,220 @@
+"""The reader's file: what can be wrong with it is told in a line or two, with the file and the line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from exercises.checking import first_step, steps
+from exercises.reading import ExerciseError, ReadersFile
+from exercises.stubs import stub
+from exercises.table import EXERCISES
+
+RELU = EXERCISES["relu"]
+BODIES = {
+    "reshape": "top[0].reshape(bottom[0].shape)",
+    "forward": "top[0].data[...] = np.where(bottom[0].data > 0, 1, self.slope) * bottom[0].data",
+    "backward": "bottom[0].diff[...] = np.where(bottom[0].data > 0, 1, self.slope) * top[0].diff",
+}
+
+Write = Callable[..., Path]
+
+
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """``write(forward="...")``: a solution of relu in the working folder, with other bodies, or without (None)."""
+    monkeypatch.chdir(tmp_path)
+
+    def make(**bodies: str | None) -> Path:
+        pieces = stub(RELU).split("        raise NotImplementedError\n")
+        text = pieces[0]
+        for piece, body in zip(pieces[1:], ({**BODIES, **bodies}).values()):
+            text += f"        {body or 'raise NotImplementedError'}\n{piece}"
+        Path("relu.py").write_text(text, encoding="utf-8")
+        return Path("relu.py")
+
+    return make
+
+
+def failed(path: Path) -> list[str]:
+    """What the step that fails says."""
+    reader = ReadersFile(RELU, path)
+    *_, step = steps(RELU, reader.part, reader)
+    assert not step.passed
+    return list(step.lines)
+
+
+def test_a_solution_is_read(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is right, and leaves no bytecode beside it: an old one might be taken for a file that was changed."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    path = write()
+    reader = ReadersFile(RELU, path)
+    assert all(step.passed for step in steps(RELU, reader.part, reader))
+    assert first_step(RELU, reader).lines == ()
+    assert [p.name for p in Path().iterdir()] == ["relu.py"]
+    assert not sys.dont_write_bytecode
+
+
+def test_a_file_that_was_changed_is_read_again(write: Write) -> None:
+    """At once: a reader saves and tries."""
+    assert failed(write(forward="top[0].data[...] = bottom[0].data"))
+    reader = ReadersFile(RELU, write())
+    assert all(step.passed for step in steps(RELU, reader.part, reader))
+
+
+def test_one_method_after_the_other(write: Write) -> None:
+    """What is not yet written is listed, and stops only the step that needs it."""
+    path = write(backward=None)
+    line = path.read_text().splitlines().index("        raise NotImplementedError") + 1
+    reader = ReadersFile(RELU, path)
+    assert first_step(RELU, reader).lines == (f"still to be written: ReLU.backward (line {line})",)
+    made = list(steps(RELU, reader.part, reader))
+    assert [step.passed for step in made] == [True, True, False]
+    assert made[-1].lines == (f"ReLU.backward is still to be written: relu.py:{line} (raise NotImplementedError)",)
+
+
+def test_what_nothing_asks_for_need_not_be_written() -> None:
+    """im2col of a convolution that loops over the pixels."""
+    reader = ReadersFile(EXERCISES["convolution"], Path(__file__).parents[2] / "docs/exercises/convolution.py")
+    assert "Convolution.im2col" in reader.to_do
+    assert reader.needed == {"Convolution._outputs", "Convolution.forward", "Convolution.backward"}
+
+
+def test_an_error_in_the_code_is_told_with_its_line(write: Write) -> None:
+    """No traceback of ours."""
+    path = write(forward="top[0].data[...] = x")
+    line = path.read_text().splitlines().index("        top[0].data[...] = x") + 1
+    first, second = failed(path)
+    assert first == f"relu.py:{line} (top[0].data[...] = x): NameError: name 'x' is not defined"
+    assert second == "It happened with bottom (3, 4, 5)."
+
+
+def test_an_array_that_is_replaced(write: Write) -> None:
+    """The most frequent first error has a word of its own."""
+    assert any("write into them, with [...] = on the left" in line for line in failed(write(forward="top[0].data = 0")))
+
+
+def test_nothing_written(write: Write) -> None:
+    """A new array is no top."""
+    assert "nothing was written" in failed(write(forward="y = np.maximum(bottom[0].data, 0)"))[1]
+
+
+@pytest.mark.parametrize("how", ["raise SystemExit(3)", "sys.exit(3)", "exit()"])
+def test_a_file_that_wants_to_end_the_program(how: str, write: Write) -> None:
+    """While it is loaded, or in a method."""
+    path = write(forward=f"import sys; {how}")
+    assert "SystemExit" in failed(path)[0]
+    path.write_text(f"import sys\n{how}\n")
+    with pytest.raises(ExerciseError, match=r"^relu\.py:2 \(.*\): SystemExit"):
+        ReadersFile(RELU, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("def f(:\n    pass\n", r"^relu\.py:1: .*invalid syntax"),
+        ("x = 1\n    y = 2\n", r"^relu\.py:2: .*unexpected indent"),
+        ("import numpy as np\nnp.nothing\n", r"^relu\.py:2 \(np\.nothing\): AttributeError"),
+        ("import nothing_like_it\n", r"^relu\.py:1 \(.*\): ModuleNotFoundError"),
+        ("x = 1\n", r"^relu\.py: has no ReLU\.setup and no .*; keep the names of the stub"),
+        ("class ReLU:\n    def setup(self): pass\n", r"^relu\.py: has no ReLU\.reshape"),
+        ("class ReLU:\n    forward = 1\n", r"^relu\.py: has no ReLU\.setup"),
+        ("", r"^relu\.py: has no ReLU\.setup"),
+        ("x = '\0'\n", r"^relu\.py"),
+    ],
+)
+def test_a_file_that_is_no_solution(text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line that names the file, and the line where there is one."""
+    monkeypatch.chdir(tmp_path)
+    Path("relu.py").write_text(text)
+    with pytest.raises(ExerciseError, match=said) as error:
+        ReadersFile(RELU, Path("relu.py"))
+    assert str(error.value).isprintable()
+
+
+def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its name, and why; bytes that are no text too."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ExerciseError, match=r"^relu\.py: cannot read the exercise relu: No such file"):
+        ReadersFile(RELU, Path("relu.py"))
+    Path("relu.py").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ExerciseError, match="is not UTF-8"):
+        ReadersFile(RELU, Path("relu.py"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("forward(self, bottom: Blobs, top: Blobs)", "forward(self, bottom)",
+         "ReLU.forward takes (self, bottom); expected (self, bottom, top)"),
+        ("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs)",
+         "backward(self, bottom, top, propagate_down)",
+         "ReLU.backward takes (self, bottom, top, propagate_down); expected (self, top, propagate_down, bottom)"),
+        ("    def forward", "    @staticmethod\n    def forward", "ReLU.forward is a staticmethod; expected none"),
+        ("top[0].data[...] =", "yield\n        top[0].data[...] =", "ReLU.forward has a yield or an async"),
+        ("class ReLU(Layer)", "class ReLU", "ReLU is no such class; expected class ReLU(Layer), as in the stub"),
+    ],
+)  # fmt: skip
+def test_a_part_of_another_kind(old: str, new: str, said: str, write: Write) -> None:
+    """It is told before anything runs, with what was expected."""
+    path = write()
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ExerciseError) as error:
+        ReadersFile(RELU, path)
+    assert str(error.value).startswith("relu.py:") and said in str(error.value)
+
+
+def test_other_names_and_more_arguments_will_do(write: Write) -> None:
+    """If the part can be called as ours."""
+    path = write()
+    text = path.read_text().replace("reshape(self, bottom: Blobs, top: Blobs)", "reshape(me, bottom, top, more=1)")
+    path.write_text(text.replace("backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:",
+                                 "backward(self, *all):\n        top, _, bottom = all"))  # fmt: skip
+    reader = ReadersFile(RELU, path)
+    assert all(step.passed for step in steps(RELU, reader.part, reader))
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        ("type('Own', (BaseException,), {})('x')", "Own: x"),
+        ("GeneratorExit", "GeneratorExit"),
+        ("type('Own', (Exception,), {'__str__': lambda self: 1 / 0})()", "Own"),
+    ],
+)
+def test_whatever_is_raised_is_told(raised: str, said: str, write: Write) -> None:
+    """Also what is no Exception, and what cannot say itself; the line is found from another folder, too."""
+    assert failed(write(forward=f"import os; os.chdir('/'); raise {raised}"))[0].endswith(f"): {said}")
+
+
+def test_an_error_elsewhere_does_not_hide_a_difference(write: Write) -> None:
+    """Known mistakes are tried on all cases, and a backward that ends the program ends none."""
+    lines = failed(write(forward="top[0].data[...] = np.maximum(bottom[0].data, 0)", backward="raise SystemExit(3)"))
+    assert lines[1].startswith("negative_slope is left out")
+
+
+def test_an_error_after_the_readers_code(write: Write) -> None:
+    """It is said whose fault it may be."""
+    assert failed(write(forward="del top[0]"))[1].startswith("It was raised outside of relu.py: look at what yours")
+
+
+def test_a_file_that_is_called_otherwise(write: Write) -> None:
+    """Python loads no module from it."""
+    path = write().rename("relu.txt")
+    with pytest.raises(ExerciseError, match=r"^relu\.txt: is no module; expected a file whose name ends in \.py$"):
+        ReadersFile(RELU, path)
+
+
+def test_what_only_the_compiler_finds(write: Write) -> None:
+    """With its line, once."""
+    path = write()
+    path.write_text("import os\n" + path.read_text())
+    with pytest.raises(
+        ExerciseError, match=r"^relu\.py:\d+: from __future__ imports must occur at the beginning.*file$"
+    ):
+        ReadersFile(RELU, path)

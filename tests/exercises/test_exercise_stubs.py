@@ -1,0 +1,65 @@
+"""Stubs: our source without the bodies, and the recorded numbers: Caffe's, bit for bit."""
+
+from __future__ import annotations
+
+import ast
+
+import numpy as np
+import pytest
+
+from exercises import recorded
+from exercises.exercise import Exercise
+from exercises.stubs import stub
+from exercises.table import EXERCISES
+from tests.exercises import reduce_recordings
+from tests.tools.conftest import ROOT
+
+exercises = pytest.mark.parametrize("exercise", EXERCISES.values(), ids=list(EXERCISES))
+
+
+def functions(text: str) -> dict[str, ast.FunctionDef]:
+    """Every function and method by its name."""
+    return {node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
+
+
+@exercises
+def test_a_stub_is_our_source_without_the_bodies(exercise: Exercise) -> None:
+    """The docstring, all signatures and all that is given are ours; of a body to be written nothing is left."""
+    text, ours = stub(exercise), (ROOT / exercise.file).read_text(encoding="utf-8")
+    assert ast.get_docstring(ast.parse(text)) == ast.get_docstring(ast.parse(ours))
+    wanted = {name.split(".")[-1] for name in exercise.to_do}
+    mine, theirs = functions(text), functions(ours)
+    assert set(mine) <= set(theirs)
+    assert exercise.keep or set(mine) == set(theirs)
+    for name, function in mine.items():
+        if name in wanted:
+            assert ast.unparse(function.args) == ast.unparse(theirs[name].args)
+            assert ast.get_docstring(function) == ast.get_docstring(theirs[name])
+            body = function.body[1:] if ast.get_docstring(function) else function.body
+            assert [ast.unparse(line) for line in body] == ["raise NotImplementedError"]
+        else:
+            assert ast.unparse(function) == ast.unparse(theirs[name])
+
+
+@exercises
+def test_a_stub_says_what_is_to_be_done(exercise: Exercise) -> None:
+    """In comments, and how to go on in its first line; np is there."""
+    text = stub(exercise)
+    first = f"# Write what raises NotImplementedError, then: python tools/exercise.py {exercise.name}"
+    assert text.splitlines()[0] == first
+    assert "\nimport numpy as np\n" in text
+    words = " ".join(line.strip().lstrip("# ") for line in text.splitlines())
+    for task in exercise.to_do.values():
+        assert " ".join(task.split()) in words
+    assert max(map(len, text.splitlines())) <= 120
+
+
+def test_the_recorded_numbers_are_caffes() -> None:
+    """Those of tests/caffe, bit for bit, and no others; few enough to be installed with the tools."""
+    mine, theirs = recorded.everything(), reduce_recordings.arrays()
+    assert mine.keys() == theirs.keys()
+    for name, array in theirs.items():
+        assert mine[name].dtype == array.dtype
+        assert np.array_equal(mine[name], array), name
+    assert recorded.FILE.stat().st_size < 160_000
+    assert "exercises = *.npz" in (ROOT / "setup.cfg").read_text(encoding="utf-8")

@@ -1,0 +1,117 @@
+"""tools/export_onnx.py: the paper's network and ours as files, which other runtimes run with the same results."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from onnx_nets import NYU, SYNTHETIC, run_onnx
+
+import netlib
+from layers.hand.skeleton import load
+from netlib.files.paths import ROOT
+from tools import export_onnx
+
+
+def test_the_papers_network(tmp_path, monkeypatch, capsys):
+    """With random weights: the joints of netlib; the tool says so."""
+    monkeypatch.chdir(tmp_path)
+    netlib.Net(NYU, netlib.TEST, seed=3).save("net.caffemodel")
+    assert export_onnx.main([str(NYU), "net.caffemodel", "hand.onnx", "--check"]) == 0
+    out = capsys.readouterr().out
+    assert re.fullmatch(r"wrote hand\.onnx: 9\.\d\d MB\npred: largest difference \d\.\de-0[678] of its largest value, "
+                        r"batches of 1 and 3\n", out)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def packaged(tmp_path_factory):
+    """The packaged network as a file, with the pose as a second output."""
+    out = tmp_path_factory.mktemp("onnx") / "hand.onnx"
+    weights = SYNTHETIC / "synthetic_hand.caffemodel.h5"
+    assert export_onnx.main([str(SYNTHETIC / "deploy.prototxt"), str(weights), str(out), "--blob", "DoF"]) == 0
+    return out
+
+
+def test_the_packaged_network(packaged, rng):
+    """Joints and pose to 1e-5, for one crop and for three."""
+    net = netlib.Net(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5", netlib.TEST)
+    for batch in (1, 3):
+        depth = rng.uniform(-1, 1, (batch, 1, 128, 128)).astype(np.float32)
+        found, expected = run_onnx(packaged.read_bytes(), depth=depth), net.forward(depth=depth, blobs=["DoF"])
+        assert found["pred"].shape == (batch, 93) and found["DoF"].shape == (batch, 47)
+        np.testing.assert_allclose(found["pred"], expected["pred"], rtol=0, atol=1e-5)
+        np.testing.assert_allclose(found["DoF"], expected["DoF"], rtol=0, atol=1e-5)
+
+
+def test_metadata(packaged, onnx):
+    """Who wrote it, and what its numbers mean."""
+    model = onnx.load(packaged)
+    about = {entry.key: entry.value for entry in model.metadata_props}
+    assert json.loads(about.pop("joint_names")) == load().joint_names
+    assert json.loads(about.pop("dof_names")) == load().dof_names
+    assert about == {
+        "producer": "deepmodel-numpy", "net": "SyntheticHand", "unit": "half-cubes", "cube_mm": "300",
+        "axes": "x right, y up, z away", "input_range": "[-1, 1]",
+    }  # fmt: skip
+    assert (model.producer_name, model.graph.name, model.ir_version) == ("deepmodel-numpy", "SyntheticHand", 8)
+    assert [(opset.domain, opset.version) for opset in model.opset_import] == [("", 17)]
+
+
+def test_the_file_is_plain_onnx(packaged, onnx):
+    """The checker infers every shape, all operators are ONNX's own, the batch is N, and the hand is a small graph."""
+    model = onnx.load(packaged)
+    onnx.checker.check_model(model, full_check=True)
+    assert {node.domain for node in model.graph.node} == {""}
+    shapes = [[d.dim_param or d.dim_value for d in value.type.tensor_type.shape.dim]
+              for value in [*model.graph.input, *model.graph.output]]  # fmt: skip
+    assert shapes == [["N", 1, 128, 128], ["N", 93], ["N", 93], ["N", 47]]
+    assert len([node for node in model.graph.node if node.name.startswith("HandModel/")]) == 40
+
+
+def test_without_the_pose_there_are_no_dof_names(files, onnx):
+    """And --cube is in the metadata."""
+    net, weights = files('layer { name: "hand" type: "HandModel" bottom: "x0" top: "pred" }', (1, 47))
+    assert export_onnx.main([net, weights, "hand.onnx", "--cube", "261"]) == 0
+    about = {entry.key: entry.value for entry in onnx.load("hand.onnx").metadata_props}
+    assert about["cube_mm"] == "261" and "dof_names" not in about
+
+
+def test_another_runtime(packaged, rng):
+    """OpenCV comes to the same joints."""
+    depth = rng.uniform(-1, 1, (2, 1, 128, 128)).astype(np.float32)
+    other = cv2.dnn.readNetFromONNX(str(packaged))
+    other.setInput(depth, "depth")
+    found, expected = other.forward(["joints", "pred", "DoF"]), run_onnx(packaged.read_bytes(), depth=depth)
+    for values, name in zip(found, ("joints", "pred", "DoF")):
+        np.testing.assert_allclose(values, expected[name], rtol=0, atol=1e-5)
+
+
+OTHER_PROCESS = """
+import sys
+for ours in ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools"):
+    sys.modules[ours] = None  # importing it is an error
+{}
+print(len(joints), *sorted(joints)[:2], *joints["palm"].round(1))
+"""
+
+
+def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
+    """The lines of docs/onnx.md find a hand without a line of this project."""
+    crop = rng.integers(0, 256, (128, 128), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "crop.png"), crop)
+    (tmp_path / "hand.onnx").write_bytes(packaged.read_bytes())
+    text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
+    (lines,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    done = subprocess.run([sys.executable, "-c", OTHER_PROCESS.format(lines)], cwd=tmp_path, capture_output=True,
+                          text=True, check=True)  # fmt: skip
+    depth = (crop / 127.5 - 1).astype(np.float32)[None, None]
+    net = netlib.Net(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5", netlib.TEST)
+    palm = net.forward(depth=depth)["pred"].reshape(31, 3)[load().joint_names.index("palm")] * 150
+    count, first, second, *xyz = done.stdout.split()
+    assert (count, first, second) == ("31", "index_base", "index_dip")
+    np.testing.assert_allclose([float(number) for number in xyz], palm, atol=0.06)

@@ -1,0 +1,111 @@
+"""tools/export_onnx.py: mistakes, each with one line."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from onnx_nets import NYU, net_text
+
+from export.onnx.table import LAYERS
+from tools import export_onnx
+
+
+def refusal(net: str, weights: str, capsys: pytest.CaptureFixture[str], *more: str) -> str:
+    """The one line that the tool says, before anything is written."""
+    assert export_onnx.main([net, weights, "out.onnx", *more]) == 1
+    assert not Path("out.onnx").exists()
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize("kind", ["EuclideanLoss", "HDF5Data", "Python"])
+def test_a_type_without_a_form(kind, files, capsys):
+    """Its layer, its type and its place; before the net is built, so that its data need not be there."""
+    _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
+    Path("loss.prototxt").write_text(net_text(f'layer {{ name: "bad" type: "{kind}" top: "y" }}', (1, 3)))
+    assert refusal("loss.prototxt", weights, capsys) == (
+        f"loss.prototxt:3:21: error: layer 'bad': type '{kind}' has no form in ONNX (docs/onnx.md); "
+        "a deploy net has no layers for data, labels and losses\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("layers", "shapes", "message"),
+    [
+        ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
+         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4); the net must "
+         "take any number of items, here it had 2"),
+        ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
+         [(2, 4)], "net.prototxt:3:7: error: layer 's': a shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
+         "has no form in ONNX: expected one axis that counts items"),
+        ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
+         "net.prototxt:3:7: error: layer 'm': ArgMax along the batch has no form in ONNX; shape (N)"),
+        ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
+         [(1, 4)], "net.prototxt:3:78: error: layer 'b': with use_global_stats: false, each item depends on its batch; "
+         "expected true, or none"),
+        ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
+         "net.prototxt: blob 'x0' is both input and output, which ONNX does not know; let a layer read it, and give "
+         "its top another name"),
+        ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
+         [(1, 4), (2, 4)], "net.prototxt: inputs of different batches, x0 (1, 4), x1 (2, 4); expected first axes of "
+         "the same size"),
+    ],
+)  # fmt: skip
+def test_a_net_without_a_batch(layers, shapes, message, files, capsys):
+    """Every blob has N items at most once, and it is not both input and output."""
+    assert refusal(*files(layers, *shapes), capsys) == f"{message}\n"
+
+
+def test_files_that_are_not_there(files, capsys):
+    """The net, the weights, weights of another net, a blob, the folder."""
+    net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
+    assert refusal("no.prototxt", weights, capsys) == (
+        "no.prototxt: cannot read the prototxt: No such file or directory\n"
+    )
+    assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5", capsys)
+    assert refusal(str(NYU), weights, capsys).startswith("net.caffemodel.h5: no layer of net 'DeepModel' is in it")
+    assert refusal(net, weights, capsys, "--blob", "yy") == "net 'small' has no blob 'yy' (did you mean 'y'?)\n"
+    assert export_onnx.main([net, weights, "no/out.onnx"]) == 1
+    assert capsys.readouterr().err == "no/out.onnx: cannot write the file: No such file or directory\n"
+
+
+def test_no_input(files, capsys):
+    """A net that reads nothing."""
+    Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "y" }')
+    _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
+    Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "x" }'
+                                    'layer { name: "b" type: "AbsVal" bottom: "x" top: "y" }')  # fmt: skip
+    assert refusal("net.prototxt", weights, capsys) == (
+        "net.prototxt: input 'x' has no shape; expected input_param { shape { ... } }\n"
+    )
+
+
+@pytest.mark.parametrize(("missing", "more"), [("onnx", []), ("onnxruntime", ["--check"])])
+def test_a_missing_package(missing, more, files, capsys, monkeypatch):
+    """One line with the command that installs it."""
+    net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert export_onnx.main([net, weights, "out.onnx", *more]) == 1
+    assert capsys.readouterr().err == f"{missing} is missing: pip install onnx onnxruntime\n"
+
+
+def test_a_difference_fails(files, capsys, monkeypatch):
+    """--check says by how much, and the exit status is 1."""
+    net, weights = files('layer { name: "a" type: "Power" bottom: "x0" top: "y" power_param { scale: 2 } }', (1, 3))
+    monkeypatch.setitem(LAYERS, "Power", LAYERS["AbsVal"])
+    assert export_onnx.main([net, weights, "out.onnx", "--check"]) == 1
+    out, err = capsys.readouterr()
+    assert re.search(r"^y: largest difference 1\.5e\+00 of its largest value, batches of 1 and 3$", out, re.MULTILINE)
+    assert err == "out.onnx: onnxruntime computes something else, by more than 1e-05\n"
+
+
+def test_usage(capsys):
+    """A cube has a size."""
+    with pytest.raises(SystemExit) as stopped:
+        export_onnx.main(["net", "weights", "out", "--cube", "0"])
+    assert stopped.value.code == 2
+    assert capsys.readouterr().err.endswith("argument --cube: expected 50 to 10000 mm, found '0'\n")

@@ -1,0 +1,84 @@
+"""export/onnx/hand.py: the hand model, of any body."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from onnx_nets import Cases, check, examples, run_onnx, types_of
+
+from export.onnx.hand import steps_of
+from export.onnx.net import load as load_net
+from export.onnx.net import onnx_image
+from layers.hand.kinematics import Kinematics
+from layers.hand.skeleton import Skeleton, load
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.proto import prototxt, schema
+
+CASES: Cases = {
+    "DeepHandModel": [([(1, 47)], "", 1)],
+    "HandModel": [
+        ([(1, 47)], "", 1),
+        ([(1, 47, 1, 1)], "", 1),
+        ([(1, 47), (1, 1)], "", 1),  # a factor
+        ([(1, 47), (1, 31, 1)], "", 1),  # bone lengths
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
+def test_layer(name, shapes, options, tops, files):
+    """Computes what netlib does."""
+    check(files, name, shapes, options, tops)
+
+
+def test_every_type_has_an_example():
+    """Of this folder of layers/."""
+    assert set(CASES) == types_of("hand")
+
+
+def test_steps_of_the_hand():
+    """26 free motions behind one that stands still: six of the palm, then four of each finger, abreast."""
+    steps, last, _ = steps_of(load(), load().bones)
+    assert [sum(step.depth == d for step in steps) for d in range(11)] == [1] * 7 + [5] * 4
+    assert last[load().joint_names.index("palm")] == 6
+    assert max(last) == 26
+
+
+def test_another_body(files, rng):
+    """Two roots, an order of the file in which children come first, a turn about -z, a joint that nothing moves."""
+    body = """
+        name: "two" dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 } dof { name: "c" }
+        joint { name: "tip" parent: "arm" rotate { axis: NEG_Z dof: "c" } bone { axis: NEG_X length: 0.5 } }
+        joint { name: "arm" translate { axis: NEG_Y dof: "a" } rotate { axis: X dof: "b" } bone { axis: Z length: 2 } }
+        joint { name: "post" rotate { axis: Y dof: "b" } bone { axis: X length: 1 } }
+        joint { name: "ring" parent: "tip" rotate { axis: Y dof: "a" } }
+    """
+    layer = 'layer {{ name: "h" type: "HandModel" bottom: "x0" top: "y" hand_model_param {{ skeleton: "{}" }} }}'
+    Path("body.prototxt").write_text(body)
+    net = load_net(*files(layer.format("body.prototxt"), (1, 3)))
+    x = rng.normal(size=(4, 3)).astype(np.float32)
+    skeleton = Skeleton(schema.read(prototxt.parse(body, "body"), SkeletonParameter, "skeleton"))
+    found = run_onnx(onnx_image(net, cube_mm=900), x0=x)["y"].reshape(4, 4, 3)
+    np.testing.assert_allclose(found, Kinematics(skeleton).joints(x), atol=1e-6)
+
+
+@pytest.mark.parametrize("sizes", [1, 4])
+def test_another_body_of_each_item(files, rng, sizes):
+    """Its size is an input: bones behind turns that are fixed, a fixed slide, a DoF that slides and turns."""
+    Path("body.prototxt").write_text("""
+        dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 }
+        dof { name: "c" fixed: true initial: -0.7 } dof { name: "d" }
+        joint { name: "tip" parent: "arm" translate { axis: X dof: "c" } rotate { axis: NEG_Z dof: "d" }
+                bone { axis: NEG_X length: 0.5 } }
+        joint { name: "arm" translate { axis: NEG_Y dof: "a" } rotate { axis: X dof: "b" }
+                bone { axis: Z length: 2 } }
+        joint { name: "post" rotate { axis: Y dof: "b" } bone { axis: X length: 1 } }
+        joint { name: "ring" parent: "tip" translate { axis: Z dof: "d" } rotate { axis: Y dof: "a" } }
+    """)
+    layer = 'layer { name: "h" type: "HandModel" bottom: "x0" bottom: "x1" top: "y" %s }'
+    net = load_net(*files(layer % 'hand_model_param { skeleton: "body.prototxt" }', (1, 4), (1, sizes)))
+    x = {"x0": rng.normal(size=(3, 4)).astype(np.float32), "x1": rng.normal(size=(3, sizes)).astype(np.float32)}
+    found = run_onnx(onnx_image(net, cube_mm=900), **x)["y"]
+    np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)

@@ -1,0 +1,61 @@
+"""export/onnx/net.py and graph.py: whole nets, their shapes, and how far a runtime is from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from onnx_nets import SYNTHETIC, net_text
+
+import netlib
+from export.onnx.net import difference, differences, load, onnx_image
+from netlib.errors import NetlibError
+
+
+def test_layers_in_place(files, onnx):
+    """A blob that several layers write has the last value under its name, and one that nobody changes two names."""
+    net = load(*files(
+        'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
+        'layer { name: "relu" type: "ReLU" bottom: "y" top: "y" }'
+        'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
+        'layer { name: "power" type: "Power" bottom: "y" top: "y" power_param { shift: 1 } }'
+        'layer { name: "same" type: "Dropout" bottom: "y" top: "z" }'
+        'layer { name: "exp" type: "Exp" bottom: "y" top: "e" }',
+        (1, 4),
+    ))  # fmt: skip
+    image = onnx_image(net, ["y"])
+    assert max(differences(image, net, (1, 3), ["y"]).values()) <= 1e-5
+    graph = onnx.load_from_string(image).graph
+    assert [(node.op_type, *node.output) for node in graph.node] == [
+        ("Gemm", "ip/Gemm"), ("Relu", "relu/Relu"), ("Add", "z"), ("Exp", "e"), ("Identity", "y"),
+    ]  # fmt: skip
+
+
+def test_a_net_from_python(files):
+    """It may be in use: its shapes are as before, and types without a form are refused, too."""
+    net, _ = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (5, 3))
+    used = netlib.Net(net, netlib.TEST)
+    onnx_image(used)
+    assert used.blobs["y"].shape == (5, 3)
+    Path("loss.prototxt").write_text(net_text('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47)))
+    with pytest.raises(NetlibError, match="layer 'bad': type 'PhysLimit' has no form in ONNX"):
+        onnx_image(netlib.Net("loss.prototxt", netlib.TEST))
+
+
+def test_difference():
+    """A part of the largest finite value expected; NaN and infinity are equal to themselves only."""
+    nan, inf = np.nan, np.inf
+    assert difference(np.array([1.0, 2.5]), np.array([1.0, 2.0])) == 0.25
+    assert difference(np.array([nan, inf, 1.0]), np.array([nan, inf, 1.0])) == 0
+    assert difference(np.array([nan, 1.0]), np.array([1.0, 1.0])) == inf
+    assert difference(np.array([inf]), np.array([nan])) == inf
+    assert difference(np.zeros((2, 1)), np.zeros(2)) == inf
+
+
+def test_weights_over_two_gigabytes(monkeypatch):
+    """A protocol buffer holds no more."""
+    monkeypatch.setattr("export.onnx.graph.MOST_BYTES", 1000)
+    net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
+    with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; an ONNX file holds at most"):
+        onnx_image(net)

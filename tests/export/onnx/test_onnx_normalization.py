@@ -1,0 +1,30 @@
+"""export/onnx/normalization.py: each layer type alone."""
+
+from __future__ import annotations
+
+import pytest
+from onnx_nets import IMAGE, Cases, check, examples, types_of
+
+CASES: Cases = {
+    "BatchNorm": [(IMAGE, "", 1), ([(1, 5)], "batch_norm_param { eps: 0.1 }", 1)],
+    "LRN": [
+        ([(1, 7, 3, 2)], "lrn_param { local_size: 3 alpha: 2 beta: 0.6 k: 1.5 }", 1),
+        (IMAGE, "lrn_param { norm_region: WITHIN_CHANNEL local_size: 3 alpha: 2 }", 1),
+    ],
+    "MVN": [
+        (IMAGE, "", 1),
+        (IMAGE, "mvn_param { across_channels: true eps: 0.1 }", 1),
+        ([(1, 3, 5)], "mvn_param { normalize_variance: false across_channels: true }", 1),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
+def test_layer(name, shapes, options, tops, files):
+    """Computes what netlib does."""
+    check(files, name, shapes, options, tops)
+
+
+def test_every_type_has_an_example():
+    """Of this folder of layers/."""
+    assert set(CASES) == types_of("normalization")

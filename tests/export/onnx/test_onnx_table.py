@@ -1,0 +1,35 @@
+"""export/onnx/table.py: which layer types have a form in ONNX."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from onnx_nets import types_of
+
+from export.onnx.table import LAYERS
+from netlib.files.paths import ROOT
+from netlib.proto.options import layer_types
+
+
+def test_every_layer_type_has_a_form_or_is_refused():
+    """A type without one is known to have none."""
+    random_or_from_outside = {"DummyData", "HDF5Data", "HandAugment", "Data", "ImageData", "MemoryData", "WindowData",
+                              "HDF5Output"}  # fmt: skip
+    of_training = {"Accuracy", "DeepHandModelDofConstraintLoss", "PhysLimit"}
+    without_form = {"Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"}
+    refused = {name for name in layer_types() if name not in LAYERS and not name.endswith("Loss")}
+    assert refused - {"DeepHandModelDofConstraintLoss"} <= random_or_from_outside | of_training | without_form
+
+
+def test_every_form_stands_in_a_tested_folder():
+    """Each folder has a test file of its own, with examples of all its types; Input is in most nets there."""
+    folders = [path.stem.removeprefix("test_onnx_") for path in Path(__file__).parent.glob("test_onnx_*.py")]
+    assert set().union(*map(types_of, folders)) == set(LAYERS) - {"Input"}
+
+
+def test_the_document_names_every_layer_type():
+    """Those with a form, and those without that one may look for."""
+    text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
+    for name in [*LAYERS, "Filter", "Im2col", "LSTM", "LSTMUnit", "RNN", "ROIPooling"]:
+        assert re.search(rf"\b{name}\b", text), name

@@ -1,0 +1,99 @@
+"""tools/common/arguments.py: values on the command line."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from collections.abc import Callable
+
+import pytest
+
+from handpose.facts.cameras import KINECT2
+from tools.common import arguments
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (arguments.positive, "12", 12),
+        (arguments.natural, "0", 0),
+        (functools.partial(arguments.natural, most=100), "100", 100),
+        (arguments.cube, "2400", 2400.0),
+        (arguments.half_cube, "25", 25.0),
+        (arguments.weight, "0", 0.0),
+        (arguments.weight, "1e-3", 1e-3),
+        (arguments.named_file, " a b =c=d", ("a b", "c=d")),
+        (arguments.camera, "kinect2", KINECT2),
+        (arguments.center, "1,2.5", (1.0, 2.5)),
+        (arguments.center, "1,2,-3", (1.0, 2.0, -3.0)),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_values(kind: Callable[[str], object], text: str, value: object) -> None:
+    """What is taken."""
+    assert kind(text) == value
+
+
+@pytest.mark.parametrize("kind", [arguments.positive, arguments.natural])
+def test_the_largest_number(kind: Callable[[str], object]) -> None:
+    """Is the largest of 64 bits that files can hold."""
+    assert kind(str(2**63 - 1)) == 2**63 - 1
+    with pytest.raises(argparse.ArgumentTypeError, match=f"of at most {2**63 - 1}, found '{2**64}'"):
+        kind(str(2**64))
+
+
+def test_a_camera_by_its_numbers() -> None:
+    """Its images may have any size."""
+    camera = arguments.camera("500,510,320,240")
+    assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        (arguments.positive, "0", "a whole number of at least 1"),
+        (arguments.positive, "²", "a whole number of at least 1"),
+        (arguments.natural, "-1", "a whole number"),
+        (arguments.natural, "1.0", "a whole number"),
+        (arguments.natural, "9" * 5000, "a whole number"),
+        (functools.partial(arguments.natural, most=100), "101", "a whole number of at most 100"),
+        (arguments.cube, "0.3", "50 to 10000 mm"),
+        (arguments.cube, "nan", "50 to 10000 mm"),
+        (arguments.cube, "wide", "50 to 10000 mm"),
+        (arguments.half_cube, "1e-9", "25 to 5000 mm"),
+        (arguments.half_cube, "5001", "25 to 5000 mm"),
+        (arguments.weight, "-1", "a number of at least 0"),
+        (arguments.weight, "inf", "a number of at least 0"),
+        (arguments.weight, "x", "a number of at least 0"),
+        (arguments.named_file, "=file", "NAME=FILE"),
+        (
+            arguments.camera,
+            "1,2,3,nan",
+            "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics that its SDK tells",
+        ),
+        (arguments.name_in(".png", ".jpg"), "folder/.png", "a name in .png, .jpg"),
+        (arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_mistakes(kind: Callable[[str], object], text: str, expected: str) -> None:
+    """What is not, and what the message says."""
+    with pytest.raises(argparse.ArgumentTypeError) as raised:
+        kind(text)
+    assert str(raised.value) == f"expected {expected}, found {text!r}"
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("train -solver a.b --model=c", "train --solver a.b --model=c"),
+        ("-level -1 -h --help", "--level -1 -h --help"),
+        ("-gray --shuffle in/ out", "--gray --shuffle in/ out"),
+        ("-gray=true --shuffle=1 in/", "--gray --shuffle in/"),
+        ("-gray=false --noshuffle in/", "in/"),
+        ("-gray=perhaps -noise", "--gray=perhaps --noise"),
+    ],
+)
+def test_caffes_flags(written: str, read: str) -> None:
+    """One dash or two; switches may say true or false, or no."""
+    assert arguments.caffes_flags(written.split(), ["gray", "shuffle"]) == read.split()

@@ -1,0 +1,119 @@
+"""tools/common/console.py: exit statuses, one line for each mistake, and names that stay in their lines and cells."""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import netlib
+from netlib.errors import NetlibError
+from netlib.proto.prototxt import Place, Scalar
+from tests.netlib.test_errors import ANY_TEXT
+from tests.tools.test_train import STAMP
+from tools import time, train
+from tools.common import console
+from tools.common.console import aligned, duration, guarded, say
+
+NASTY = "a\nI0101 00:00:00.000000 1 solver.py:1] Iteration 9, loss = 0\x1b[2J\u202e\udcff"
+
+
+def fails(error: BaseException) -> Callable[[Namespace], int]:
+    """A tool that ends so."""
+
+    def run(args: Namespace) -> int:
+        raise error
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (NetlibError("net.prototxt: no layer 'a\nb'"), 1, "net.prototxt: no layer 'a\\nb'\n"),
+        (FileNotFoundError(2, "No such file or directory", "a\x1bb"), 1, "a\\x1bb: No such file or directory\n"),
+        (MemoryError(), 1, "not enough memory; use a smaller batch_size\n"),
+        (KeyboardInterrupt(), 130, "interrupted\n"),
+    ],
+)
+def test_each_mistake_is_one_line(
+    error: BaseException, status: int, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And an exit status."""
+    assert guarded(fails(error), Namespace()) == status
+    assert capsys.readouterr() == ("", line)
+
+
+def test_a_tool_that_is_done() -> None:
+    """Its own status is that of the process."""
+    assert guarded(lambda args: args.status, Namespace(status=3)) == 3
+
+
+@given(ANY_TEXT)
+def test_a_name_stays_in_its_line(name: str) -> None:
+    """In what a tool says, and in the cells of its tables."""
+    with pytest.MonkeyPatch.context() as patch:
+        lines: list[tuple[object, ...]] = []
+        patch.setattr(console, "print", lambda *words, sep, file: lines.append(words), raising=False)
+        say(f"wrote {name}")
+    assert all(str(word).isprintable() for word in lines[0])
+    assert all(line.isprintable() for line in aligned([["a", name], [name, "b"]]).split("\n"))
+
+
+@given(st.lists(ANY_TEXT, min_size=2, max_size=2))
+def test_a_table_has_a_line_for_each_row(cells: list[str]) -> None:
+    """Whatever is in it."""
+    assert aligned([cells, cells, cells]).count("\n") == 2
+
+
+def test_a_table() -> None:
+    """The first column to the left, the others to the right."""
+    assert aligned([["name", "mm"], ["a", "12.5"]]) == "name    mm\na     12.5"
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(9.6, "10 s"), (75, "1 min 15 s"), (7260, "2 h 01 min")])
+def test_durations(seconds: float, said: str) -> None:
+    """To the second, from an hour on to the minute."""
+    assert duration(seconds) == said
+
+
+@pytest.fixture
+def nasty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solver whose net, layers and blobs have names that would write lines of their own and clear the screen."""
+    name = Scalar("string", NASTY, Place(""))
+    (tmp_path / "net.prototxt").write_text(f"""
+name: {name}
+layer {{ name: {name} type: "DummyData" top: {name} top: "t"
+        dummy_data_param {{ shape {{ dim: 2 dim: 3 }} shape {{ dim: 2 dim: 1 }} }} }}
+layer {{ name: "ip" type: "InnerProduct" bottom: {name} top: "y" inner_product_param {{ num_output: 1 }} }}
+layer {{ name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "l\\033" }}
+""")
+    (tmp_path / "solver.prototxt").write_text(
+        'net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed" max_iter: 2 display: 1 debug_info: true '
+        'test_iter: 1 test_interval: 1 snapshot_prefix: "a"'
+    )
+    monkeypatch.chdir(tmp_path)
+
+
+def test_no_name_forges_a_line_of_the_log(nasty: None, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every line is stamped, or one of the solver's parameters; nothing in it but what is seen."""
+    assert train.main(["solver.prototxt"]) == 0
+    lines = capsys.readouterr().err.split("\n")
+    assert lines.pop() == "" and all(map(str.isprintable, lines))
+    assert len([line for line in lines if not re.match(STAMP, line)]) == 9
+    assert not any("Iteration 9" in line and "\\n" not in line for line in lines)
+
+
+def test_no_name_forges_a_line_of_a_table(nasty: None, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same on standard output."""
+    assert time.main(["net.prototxt", "--iterations", "1"]) == 0
+    lines = capsys.readouterr().out.split("\n")
+    assert len(lines) == 16 and all(line.replace("\t", "").isprintable() for line in lines)
+    with pytest.raises(netlib.NetlibError) as error:
+        netlib.Net("net.prototxt", netlib.TRAIN).forward(start=NASTY + "?")
+    assert str(error.value).isprintable()

@@ -1,0 +1,95 @@
+"""tools/common/outputs.py: what cannot be written, or would be a loss, is said before the work; and each tool asks."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+from netlib.errors import NetlibError
+from netlib.proto.messages import Datum
+from tools.common import databases, outputs
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with a file, a link to it, and an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.txt").write_text("mine")
+    Path("link.txt").symlink_to("a.txt")
+    Path("inner").mkdir()
+
+
+@pytest.mark.parametrize("out", ["a.txt", "./a.txt", "inner/../a.txt", "link.txt"])
+def test_an_input_by_whatever_name(out: str) -> None:
+    """Is no output; another file is."""
+    for check in (outputs.refuse_inputs, outputs.check_place):
+        with pytest.raises(NetlibError, match=r"txt: is read in this run; write to another place"):
+            check(Path(out), [None, "b.txt", "a.txt"])
+        check(Path(out), [None, "b.txt"])
+    assert Path("a.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("out", "said"),
+    [("none/b.txt", "none/b.txt: no folder none"), ("inner", "Is a directory"), ("", "Is a directory"),
+     ("/", "Is a directory"), ("a.txt/b", "no folder a.txt")],
+)  # fmt: skip
+def test_places_where_no_file_can_be(out: str, said: str) -> None:
+    """Nothing is left there."""
+    with pytest.raises((NetlibError, OSError), match=said):
+        outputs.check_place(Path(out))
+    outputs.check_place(Path("inner/b.txt"))
+    assert sorted(path.name for path in Path().rglob("*")) == ["a.txt", "inner", "link.txt"]
+
+
+@pytest.mark.parametrize(
+    ("tool", "argv"),
+    [
+        ("export_onnx", ["net.prototxt", "a.txt", "a.txt"]),
+        ("export_onnx", ["a.txt", "w.h5", "link.txt"]),
+        ("package_model", ["a.txt", "--model", "net.prototxt", "--out", "a.txt"]),
+        ("package_model", ["w.h5", "--model", "a.txt", "--out", "link.txt"]),
+        ("fit_pose", ["joints.txt", "--out", "joints.txt"]),
+        ("fit_pose", ["joints.txt", "--skeleton", "hand.prototxt", "--out", "hand.prototxt"]),
+        ("fit_pose", ["list.txt", "--out", "."]),
+        ("compute_image_mean", ["db", "db/data.mdb"]),
+        ("calibrate_hand", ["crops.h5", "--out", "crops.h5", "--force"]),
+        ("calibrate_hand", ["list.txt", "--out", "list.txt", "--force"]),
+        ("calibrate_hand", ["list.txt", "--out", "inner/../deep/crops.h5", "--force"]),
+        ("calibrate_hand", ["a.txt", "b.png", "--from-depth", "--camera", "nyu", "--out", "b.png", "--force"]),
+        ("show_data", ["crops", "--out", "crops/0.png"]),
+        ("show_data", ["crops", "--frames", "2", "--out", "crops/1.png"]),
+        ("show_data", ["list.png", "--out", "list.png"]),
+        ("show_data", ["list.png", "--out", "deep/crops.png"]),
+    ],
+)
+def test_tools(tool: str, argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, and every file is as it was."""
+    for name in ("net.prototxt", "w.h5", "b.png"):
+        Path(name).write_text("never read")
+    hand = Path(__file__).resolve().parents[3] / "prototxt" / "hand" / "nyu.prototxt"
+    Path("hand.prototxt").write_bytes(hand.read_bytes())
+    Path("joints.txt").write_text(" ".join(["100 100 800"] * 14))
+    for folder in ("deep", "crops"):
+        Path(folder).mkdir()
+    for name in ("crops.h5", "deep/crops.h5", "deep/crops.png"):
+        with h5py.File(name, "w") as file:
+            file["depth"] = np.zeros((60, 1, 4, 4), np.float32)
+            file["joint"] = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 93))
+    Path("list.txt").write_text("deep/crops.h5\n")
+    Path("list.png").write_text("deep/crops.png\n")
+    for n in range(3):
+        cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
+    if tool == "compute_image_mean":
+        databases.write_databases([Path("db")], lambda w: w[0].put("0", Datum(1, 2, 2, bytes(4))))
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    capsys.readouterr()
+    assert importlib.import_module(f"tools.{tool}").main(argv) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(": is read in this run; write to another place")
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before

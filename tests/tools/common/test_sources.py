@@ -1,0 +1,88 @@
+"""tools/common/sources.py: what users say of a camera, and what a first look shows them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import SR305, Camera
+from handpose.recordings.first_look import look
+from tools.common.sources import add_source_options, opened, say_doubts, say_first_look
+
+
+@pytest.fixture
+def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Two frames of SR305's size."""
+    monkeypatch.chdir(tmp_path)
+    for i in range(2):
+        cv2.imwrite(f"{i}.png", np.full((480, 640), 4000 + i, np.uint16))
+    return tmp_path
+
+
+def parsed(*argv: str) -> argparse.Namespace:
+    """The options of a tool that has these alone."""
+    parser = argparse.ArgumentParser()
+    add_source_options(parser)
+    return parser.parse_args(["*.png", *argv])
+
+
+def test_a_camera_by_name_by_numbers_by_file(frames: Path) -> None:
+    """And what is said beside it wins."""
+    assert opened(parsed("--camera", "sr305")).camera == SR305
+    assert opened(parsed("--camera", "sr305")).unit_mm == 0.125
+    assert opened(parsed("--camera", "500,501,320,240")).camera == Camera("own", 500, 501, 320, 240, 640, 480)
+    Path("c.json").write_text('{"fx": 500, "fy": 501, "u0": 320, "v0": 240, "unit_mm": 0.5, "rate": 60}')
+    recording = opened(parsed("--camera", "c.json", "--unit", "0.25"))
+    assert (recording.camera.fx, recording.unit_mm, recording.rate) == (500, 0.25, 60)
+
+
+def test_distortion(frames: Path) -> None:
+    """Is taken out, and said."""
+    recording = opened(parsed("--camera", "sr305", "--distortion=-0.1,0.2,0,0"))
+    assert "the distortion of the lens is taken out" in recording.remarks
+
+
+@pytest.mark.parametrize(
+    ("argv", "what"),
+    [
+        (("--camera", "sr306"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
+        (("--unit", "0"), "expected a number of more than 0 and at most 10000, found '0'"),
+        (("--rate", "inf"), "expected a number of more than 0 and at most 10000, found 'inf'"),
+        (("--unit", "1e300"), "at most 10000, found '1e300'"),
+        (("--camera", "588,588,1e300,240"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
+        (("--distortion", "1,2,3"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
+        (("--distortion", "a,b,c,d"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
+    ],
+)
+def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit status 2."""
+    with pytest.raises(SystemExit) as stopped:
+        parsed(*argv)
+    assert stopped.value.code == 2 and what in capsys.readouterr().err
+
+
+def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On stdout; warnings on stderr."""
+    say_first_look(look(opened(parsed("--camera", "sr305", "--rate", "60"))))
+    assert capsys.readouterr().out.splitlines() == [
+        "*.png: 2 frames, 640 x 480 pixels, 60 frames/s",
+        "  camera sr305: fx 476.007, fy 476.007, u0 313.68, v0 242.76; sees 68 x 54 degrees",
+        "  depth 500 to 500 mm, half of it below 500; 0% of the pixels empty; unit 0.125 mm",
+        "  the nearest thing is 500 mm away and 647 mm wide",
+        "  frames in the order of the numbers in their names",
+        "  camera sr305, by --camera",
+    ]
+    say_first_look(look(opened(parsed("--camera", "sr305", "--unit", "10"))))
+    assert "warning: *.png: the nearest thing is 40 m away and 51.8 m wide" in capsys.readouterr().err
+
+
+def test_a_hand_that_was_found_confirms_the_unit(capsys: pytest.CaptureFixture[str]) -> None:
+    """A forearm that is nearer than a hand is held gives no warning, if the fit is sure of the hand."""
+    depth = np.full((480, 640), 82, np.float32)
+    for confidence, warnings in ((0.0, 1), (0.82, 1), (float("nan"), 1), (0.99, 0)):
+        say_doubts("frame.png", depth, SR305, 1.0, confidence)
+        assert capsys.readouterr().err.count("check the unit, here 1 mm") == warnings

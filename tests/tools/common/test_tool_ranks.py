@@ -1,0 +1,66 @@
+"""What a tool knows of the processes that it was started with. Without MPI."""
+
+import sys
+
+import pytest
+
+from netlib import engine
+from netlib.distributed.ranks import ALONE, Ranks
+from netlib.errors import NetlibError
+from tools.common import ranks
+
+
+@pytest.fixture(autouse=True)
+def nobody_started_us(monkeypatch):
+    """No launcher, and no mpi4py to ask."""
+    for count, number in ranks.LAUNCHERS:
+        monkeypatch.delenv(count, raising=False)
+        monkeypatch.delenv(number, raising=False)
+    monkeypatch.delitem(sys.modules, "mpi4py", raising=False)
+
+
+def test_alone():
+    """Without a launcher, in a launcher's single process, and in a shell of Slurm's, nothing of MPI is loaded."""
+    assert ranks.world() is ALONE
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PMI_SIZE", "1")
+        patch.setenv("PMI_RANK", "0")
+        patch.setenv("SLURM_STEP_NUM_TASKS", "4")
+        patch.setenv("SLURM_PROCID", "0")
+        assert ranks.world() is ALONE
+        patch.delenv("PMI_SIZE")
+        assert ranks.world() is ALONE
+    assert "mpi4py" not in sys.modules
+
+
+@pytest.mark.parametrize(("count", "number"), ranks.LAUNCHERS)
+def test_without_mpi4py(monkeypatch, capsys, count, number):
+    """Several processes need it; the first says so, the others end in silence, as if all were well."""
+    monkeypatch.setitem(sys.modules, "mpi4py", None)
+    monkeypatch.setenv(count, "3")
+    monkeypatch.setenv(number, "0")
+    with (
+        pytest.raises(
+            NetlibError,
+            match=r"^3 processes were started to train together, which needs mpi4py: .*pip install mpi4py mpich$",
+        ),
+        ranks.first_speaks(),
+    ):
+        ranks.world()
+    monkeypatch.setenv(number, "2")
+    with pytest.raises(SystemExit) as ended, ranks.first_speaks():
+        print("a usage")
+        ranks.world()
+    assert ended.value.code == 0 and capsys.readouterr().out == ""
+
+
+def test_threads(monkeypatch):
+    """The ranks of a machine share its processors; a training alone decides as ever."""
+
+    class OneOfThree(Ranks):
+        count, beside = 3, 3
+
+    assert ranks.threads_of(ALONE) is None
+    for processors, threads in ((8, 2), (2, 1)):
+        monkeypatch.setattr(engine, "available_cpus", lambda processors=processors: processors)
+        assert ranks.threads_of(OneOfThree()) == threads

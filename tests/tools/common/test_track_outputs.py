@@ -1,0 +1,170 @@
+"""tools/common/track_outputs.py: all that a track is written as, from hands that were made up"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tracked_hands import HEADER, seen, tracked
+
+from handpose.tracks.json_file import read_track
+from handpose.tracks.track import TrackedFrame
+from netlib.errors import NetlibError
+from tools.common.track_outputs import Outputs, add_output_options, is_drawn, settle_outputs
+
+ALL = ["--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh", "--sheet", "a.png"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+def parsed(*argv: str) -> argparse.Namespace:
+    """The options of a tool that has these alone."""
+    parser = argparse.ArgumentParser()
+    add_output_options(parser)
+    return parser.parse_args(argv)
+
+
+def frames(count: int = 4) -> Iterator[tuple[np.ndarray, TrackedFrame]]:
+    """A hand that moves to the right: what a camera sees, and what is told of it."""
+    for n in range(count):
+        hand = tracked(at=(10.0 * n, 0, 600))
+        yield seen([hand]), TrackedFrame(n, n / 30, (hand,))
+
+
+def written(*argv: str, count: int = 4) -> list[str]:
+    """The names that are said to be written."""
+    with Outputs(parsed(*argv), HEADER, 30.0) as outputs:
+        for depth, frame in frames(count):
+            outputs.write(depth, frame)
+    return outputs.written
+
+
+def test_everything_at_once() -> None:
+    """As whole files, which are named."""
+    names = written(*ALL)
+    assert sorted(names) == ["a.csv", "a.json", "a.png", "a_right_1.bvh"] == sorted(p.name for p in Path().iterdir())
+    track = read_track("a.json")
+    assert not track.cut and [frame.number for frame in track.frames] == [0, 1, 2, 3]
+    assert len(Path("a.csv").read_text().splitlines()) == 5
+    assert "Frames: 4" in Path("a_right_1.bvh").read_text()
+    assert cv2.imread("a.png") is not None
+
+
+def test_nothing_is_asked() -> None:
+    """Then nothing is written, unless names are given to what is always there."""
+    assert written() == [] and list(Path().iterdir()) == []
+    parser = argparse.ArgumentParser()
+    args = argparse.Namespace(**vars(parsed()), source="takes/wave.mkv")
+    settle_outputs(args, parser)
+    assert (args.json, args.sheet, args.csv, args.video) == ("wave.json", "wave.png", None, None)
+    named = argparse.Namespace(**vars(parsed("--rerun")), source="takes/wave.mkv")
+    settle_outputs(named, parser)
+    assert named.json is None and named.sheet is None
+
+
+@pytest.mark.parametrize(
+    ("argv", "drawn"),
+    [(["--json", "-"], False), (["--csv", "a.csv"], False), (["--bvh", "A.BVH"], False), (["--sheet", "a.jpg"], True),
+     (["--video", "a.mp4"], True), (["--rerun"], True), (["--rerun", "a.rrd"], True)],
+)  # fmt: skip
+def test_what_shows_flesh(argv: list[str], drawn: bool) -> None:
+    """Pictures do; only for them it has to be told."""
+    assert is_drawn(parsed(*argv)) == drawn
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "expected"),
+    [("--json", "a.txt", ".json, .jsonl, -"), ("--csv", "a.json", ".csv"), ("--bvh", "a", ".bvh"),
+     ("--video", "a.avi", ".mp4"), ("--sheet", "-", ".png, .jpg"), ("--rerun", "a.rec", ".rrd"),
+     ("--csv", "-", ".csv")],
+)  # fmt: skip
+def test_other_endings(option: str, name: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Are wrong usage, in one line."""
+    with pytest.raises(SystemExit) as stopped:
+        parsed(option, name)
+    assert stopped.value.code == 2
+    assert f"expected a name in {expected}, found '{name}'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [NetlibError, KeyboardInterrupt])
+def test_what_ends_it_keeps_what_was_done(error: type[BaseException]) -> None:
+    """As whole files, which know that more was to come."""
+    args = parsed(*ALL)
+    with pytest.raises(error), Outputs(args, HEADER, 30.0) as outputs:
+        for depth, frame in frames():
+            if frame.number == 3:
+                raise error
+            outputs.write(depth, frame)
+    track = read_track("a.json")
+    assert track.cut and len(track.frames) == 3
+    assert len(Path("a.csv").read_text().splitlines()) == 4 and "Frames: 3" in Path("a_right_1.bvh").read_text()
+    assert cv2.imread("a.png") is not None and len(outputs.written) == 4
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_one_that_fails_at_the_end(stopped: bool) -> None:
+    """Leaves the others whole, which know whether more was to come; it is told, and of several failures the first."""
+    Path("a_right_1.bvh").mkdir()
+    with pytest.raises(OSError, match="a_right_1"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
+        for depth, frame in frames():
+            outputs.write(depth, frame)
+        if stopped:
+            raise KeyboardInterrupt
+    track = read_track("a.json")
+    assert bool(track.cut) == stopped and len(track.frames) == 4
+    assert len(Path("a.csv").read_text().splitlines()) == 5 and cv2.imread("a.png") is not None
+    with pytest.raises(NetlibError, match="the camera"), Outputs(parsed(*ALL), HEADER, 30.0) as outputs:
+        outputs.write(*next(frames()))
+        raise NetlibError("the camera was unplugged")
+    assert read_track("a.json").cut
+
+
+def test_no_frames() -> None:
+    """No sheet, for there is nothing to show; the other files say that there is nothing."""
+    assert written(*ALL, count=0) == ["a.json", "a.csv"]
+    assert not Path("a.png").exists() and read_track("a.json").frames == []
+
+
+def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+    """A header, and a line as soon as each frame is there; no name is told of that."""
+    with Outputs(parsed("--json", "-"), HEADER, 30.0) as outputs:
+        for n, (depth, frame) in enumerate(frames()):
+            outputs.write(depth, frame)
+            lines = capsys.readouterr().out.splitlines()
+            assert len(lines) == (2 if n == 0 else 1) and json.loads(lines[-1])["number"] == n
+    assert outputs.written == []
+
+
+def test_a_video() -> None:
+    """Beside a sheet of the same pictures."""
+    av = pytest.importorskip("av")
+    assert set(written("--video", "a.mp4", "--sheet", "a.png")) >= {"a.png"}
+    with av.open("a.mp4") as video:
+        assert len(list(video.decode(video=0))) == 4
+    assert cv2.imread("a.png") is not None
+
+
+def test_a_recording_for_rerun() -> None:
+    """If it is installed."""
+    pytest.importorskip("rerun")
+    assert written("--rerun", "a.rrd") == ["a.rrd"] and Path("a.rrd").stat().st_size > 0
+
+
+@pytest.mark.parametrize("option", [("--video", "a.mp4"), ("--rerun", "a.rrd"), ("--rerun",)])
+def test_what_is_missing(option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Is said before anything is written: no half of the files, and nothing unfinished."""
+    monkeypatch.setitem(sys.modules, "av", None)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(NetlibError, match="is missing: pip install"):
+        written(*ALL, *option)
+    assert list(Path().iterdir()) == []

@@ -1,0 +1,1 @@
+"""What commands share: arguments, output, progress, trainings and importers of data sets."""

@@ -1,0 +1,26 @@
+"""Advice that goes with an error or a result: which command is next."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+from netlib.errors import DataError
+from netlib.files.paths import command
+
+ADVICE = (
+    f"make synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
+    f"'{command('prepare_nyu')} NYU_ROOT'"
+)
+
+
+@contextlib.contextmanager
+def on_missing_data() -> Iterator[None]:
+    """Within it, an error about a list of files that is missing in data/nyu says how to make one."""
+    try:
+        yield
+    except DataError as error:
+        text = str(error)
+        if "cannot read the list" in text and "data/nyu" in text:
+            text = f"{text}; {ADVICE}"
+        raise DataError(text) from error

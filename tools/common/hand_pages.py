@@ -1,0 +1,41 @@
+"""Hands that were found, as a page for the browser, to turn them around."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from handpose.drawing.page.assembly import page
+from handpose.drawing.page.content import content, hand
+from handpose.facts.sides import as_right
+from handpose.predicting.nets import hand_inputs
+from handpose.predicting.prediction import FramePrediction, Prediction
+from handpose.predicting.predictor import Predictor
+from handpose.synthetic.gestures import poses
+from handpose.synthetic.pose_prior import BodySampler
+from netlib.files import atomic
+from tools.common import findings
+
+
+def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predictor) -> None:
+    """One page for all images, with a list to choose from. Raises OSError, NetlibError."""
+    hands = [_hand(image, prediction, predictor) for image, prediction in found]
+    sampler = BodySampler()
+    own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
+    data = content(predictor.skeleton, hands, poses(sampler) if own else None, predictor.cube_mm / 2)
+    title = "Hands that were found" if len(hands) > 1 else "A hand that was found"
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{predictor.skeleton.name}, found in depth", data))
+
+
+def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
+    camera, middle = predictor.alone()
+    if isinstance(found, FramePrediction):
+        camera, middle = found.camera, found.center_uvd
+    if found.fit:
+        inputs, size, girth = found.fit.whole, found.fit.size, found.fit.girth
+    else:
+        inputs, size, girth = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
+    words = findings.in_words(found, predictor).partition(";")[0]
+    return hand(Path(image).name, words, inputs, camera=camera, center_uvd=middle,
+                cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip

@@ -1,0 +1,121 @@
+"""What the importers of data sets share: their command line, --check, and the preparing of splits."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from handpose.data import parts
+from handpose.data.bad_frames import BadFrameError
+from handpose.data.flaws import Flaw
+from handpose.data.preparation import Outcome
+from handpose.data.prepared_splits import PreparedSplit, refuse_foreign
+from handpose.data.published_frames import PublishedFrames
+from netlib import engine
+from tools.common.arguments import parser_of, positive
+from tools.common.console import DONE, FAILED, duration, say
+from tools.common.stopper import fill_folder
+
+NAMED = 10  # bad frames of a split that are named on the screen; the file bad_SPLIT.txt names all
+SPLITS = ("train", "test")
+
+
+@dataclass(frozen=True)
+class Importer:
+    """A data set that can be imported."""
+
+    root: str  # how its folder is called on the command line
+    out: Path  # where it goes, unless --out says otherwise
+    center: str  # about which annotated joint the crops are, unless --center says otherwise
+    check: Callable[[Path, str], tuple[list[str], list[Flaw]]]  # what is there of a split, and what is wrong with it
+    read: Callable[[Path, str, Path | None], PublishedFrames]  # a split, with a file of centres or without
+    own: Sequence[str]  # origins of data that may be replaced
+
+
+def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> argparse.Namespace:
+    """The parsed command line of an importer; ``center`` is None for the data set's own centres."""
+    parser = parser_of(doc)
+    parser.add_argument("root", type=Path, metavar=importer.root, help="the data set as published")
+    parser.add_argument("--out", type=Path, default=importer.out, help="folder to write to (default: %(default)s)")
+    parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",
+                        help="threads (default: one per processor, %(default)s)")  # fmt: skip
+    parser.add_argument("--center", default=importer.center, metavar=f"{importer.center}|FILE",
+                        help="crop centres (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="default: both")
+    parser.add_argument("--check", action="store_true", help="only look, and say what is there and what is missing")
+    parser.add_argument("--strict", action="store_true", help="stop at the first bad frame")
+    parser.add_argument("--force", action="store_true", help="make all files anew, and replace whatever is there")
+    args = parser.parse_args(argv)
+    args.splits = [split for split in SPLITS if split in args.splits]
+    args.center = None if args.center == importer.center else args.center
+    if args.center is not None and "{split}" not in args.center and len(args.splits) > 1:
+        parser.error('--center FILE is for one split: name it with --splits, or write "{split}" in the name')
+    return args
+
+
+def run(args: argparse.Namespace, importer: Importer) -> int:
+    """Check the data set, and unless that is all, prepare it; returns the exit status. Raises NetlibError."""
+    problems = []
+    for split in args.splits:
+        found, wrong = importer.check(args.root, split)
+        problems += [problem for problem in wrong if problem not in problems]
+        for line in found if args.check else ():
+            say(line)
+    for problem in problems:
+        say(f"{'' if problem.fatal or args.check else 'warning: '}{problem.text}", file=sys.stderr)
+    if args.check:
+        if not problems:
+            say(f"{args.root}: complete")
+        return FAILED if problems else DONE
+    if any(problem.fatal for problem in problems):
+        return FAILED
+    frames = [importer.read(args.root, split, _center_file(args.center, split)) for split in args.splits]
+    return _prepare([PreparedSplit(some, args.out, args.force) for some in frames], args, importer.own)
+
+
+def _center_file(center: str | None, split: str) -> Path | None:
+    return None if center is None else Path(center.replace("{split}", split))
+
+
+def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Sequence[str]) -> int:
+    """Write what is missing of the splits, and tell what was found. Raises NetlibError."""
+    refuse_foreign(splits, own, args.force)
+    missing = [part for split in splits for part in split.missing]
+    begun = time.perf_counter()
+    outcomes: list[Outcome] = []
+
+    def fill(advance: Callable[[int], None]) -> None:
+        outcomes.extend(_write(split, args, advance) for split in splits)
+
+    parts.check_space(args.out, missing, splits[0].frames.columns())
+    status = fill_folder(args.out, "whole files are", sum(part.rows for part in missing), fill)
+    if status != DONE:
+        return status
+    for split, outcome in zip(splits, outcomes):
+        print(split.report(outcome))
+    made, took = sum(outcome.made for outcome in outcomes), duration(time.perf_counter() - begun)
+    say(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all kept")
+    return DONE
+
+
+def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[int], None]) -> Outcome:
+    """Write one split; name the first of its bad frames, or stop at the first."""
+    count = 0
+
+    def on_bad(i: int, error: BadFrameError) -> None:
+        nonlocal count
+        if args.strict:
+            raise error
+        count += 1
+        if count <= NAMED:
+            say(f"{split.frames.split} frame {i}: {error}", file=sys.stderr)
+
+    outcome = split.write(args.workers, advance, on_bad)
+    if count > NAMED:
+        say(f"{split.frames.split}: {count - NAMED} more bad frames, see {split.bad}", file=sys.stderr)
+    split.write_list(outcome)
+    return outcome

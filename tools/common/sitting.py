@@ -1,0 +1,218 @@
+"""One sitting at Table 1: makes data, fits angles, trains and scores, until all is done or the time is over."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.experiments import ledger, results, trainings
+from handpose.experiments.ledger import Entry
+from handpose.experiments.machine import machine
+from handpose.experiments.plan import Job, next_length, of_job, verdict
+from handpose.experiments.results import Truth
+from handpose.experiments.settings import ONE_HAND, Setting, is_real_nyu
+from handpose.experiments.trainings import Step, Training
+from handpose.experiments.true_angles import fit_true_angles
+from handpose.predicting.nets import trained
+from handpose.scoring.held_out import predict_all
+from handpose.synthetic.generator import Split
+from layers.hand import skeleton as skeletons
+from netlib import engine
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError, reason_of
+from netlib.files.hdf5 import File
+from netlib.interruption.solver import InterruptibleSolver as Solver
+from tools.common import training
+from tools.common.advice import on_missing_data
+from tools.common.console import DONE, duration, say
+from tools.common.progress import ProgressBar
+from tools.common.stopper import fill_folder
+
+SKELETON = skeletons.load()
+
+
+class EndedError(Exception):
+    """A signal, or a failure, ended the sitting with this exit status."""
+
+    def __init__(self, status: int) -> None:
+        self.status = status
+
+
+class Data(NamedTuple):
+    """The data of a setting: their name, the training files, what is known of the test frames."""
+
+    name: str
+    files: list[Path]
+    truth: Truth
+
+
+@dataclass
+class Sitting:
+    """Where everything is, and when to stop.
+
+    ledger    the folder of the ledger
+    work      the folder of nets and snapshots
+    command   that is noted in the ledger
+    deadline  of time.monotonic()
+    longest   length, in iterations
+    threads   of training; None: as many as there are
+    """
+
+    ledger: Path
+    work: Path
+    command: str
+    deadline: float = float("inf")
+    longest: int | None = None
+    threads: int | None = None
+    entries: dict[str, list[Entry]] = field(default_factory=dict)
+    data: dict[str, Data] = field(default_factory=dict)
+    labelled: set[str] = field(default_factory=set)  # settings whose training frames have fitted angles
+
+    def run(self, jobs: Sequence[Job]) -> int:
+        """Do what is missing of some trainings; returns the exit status. Raises NetlibError."""
+        try:
+            for number, job in enumerate(jobs, 1):
+                self._run(job, f"[{number} of {len(jobs)}]")
+                if self.is_over:
+                    say_now("the time is over; the next run goes on here")
+                    return DONE
+        except EndedError as stopped:
+            return stopped.status
+        return DONE
+
+    @property
+    def is_over(self) -> bool:
+        """Is the time over?"""
+        return time.monotonic() >= self.deadline
+
+    def ledger_of(self, setting: Setting) -> list[Entry]:
+        """The entries of a setting. Raises DataError."""
+        if setting.name not in self.entries:
+            self.entries[setting.name] = ledger.read_all(self.ledger, setting.name)
+        return self.entries[setting.name]
+
+    def _run(self, job: Job, which: str) -> None:
+        """Train and score one length after the other until there is none left, or no time."""
+        while (length := next_length(self.ledger_of(job.setting), job, self.longest)) is not None and not self.is_over:
+            data = self._data(job)
+            folder = trainings.work_folder(self.work, job.setting, data.name, job.network)
+            _make(folder)
+            one = Training(job.setting, job.network, job.recipe, job.seed, folder)
+            while (step := one.next_step(length, data.files)) is not None:
+                say_now(f"{which} {job}: towards {length} iterations, {step.first} are done: {step}")
+                if not self._train(one, step):
+                    return
+            begun = time.perf_counter()
+            entry = self._score(one, length, data)
+            self.ledger_of(job.setting).append(entry)
+            one.forget_end(length)
+            end = "done" if job.only else verdict(of_job(self.ledger_of(job.setting), job), job.recipe.lengths).end
+            say_now(f"{which} {job}: {length} iterations, {entry.error_mm:.2f} mm, {end}; "
+                    f"scored in {duration(time.perf_counter() - begun)}")  # fmt: skip
+
+    # ------------------------------------------------------------------------------------------ data
+
+    def _data(self, job: Job) -> Data:
+        """The data of a job, made where they are missing; angles are fitted to the training frames only if needed."""
+        setting = job.setting
+        if setting.name not in self.data:
+            files = self._frames(setting)
+            name = trainings.data_name([*files, *setting.files("test")])
+            other = sorted({entry.data for entry in self.ledger_of(setting)} - {name})
+            if other:
+                raise DataError(f"{self.ledger / setting.name}: was made with the data {', '.join(other)}, those in "
+                                f"{setting.folder} are {name}; choose another --ledger")  # fmt: skip
+            truth = results.truth_of(setting, self._angles(setting, "test"))
+            self.data[setting.name] = Data(name, files, truth)
+        if job.network.labels == "fitted" and setting.name not in self.labelled:
+            self._angles(setting, "train")
+            self.labelled.add(setting.name)
+        return self.data[setting.name]
+
+    def _frames(self, setting: Setting) -> list[Path]:
+        """The training files of a setting, made if they are to be made."""
+        data = setting.data_set()
+        if data is not None and not data.is_whole:
+            say_now(f"{setting.folder}: making {data.missing_frames} frames")
+            workers = self.threads or engine.available_cpus()
+            status = fill_folder(setting.folder, "whole files are", data.missing_frames,
+                                 lambda advance: data.write(workers, advance))  # fmt: skip
+            if status != DONE:
+                raise EndedError(status)
+        with on_missing_data():
+            found = setting.files("train")
+        if data is None and not is_real_nyu(setting):
+            raise DataError(f"{setting.folder}: holds frames that prepare_nyu did not make; expected NYU "
+                            f"itself, or --setting {ONE_HAND.name}")  # fmt: skip
+        return found
+
+    def _angles(self, setting: Setting, split: Split) -> Array:
+        """The angles (N, D) of a split, fitted if that is not done yet."""
+        begun = time.perf_counter()
+        files = setting.files(split)
+        with ProgressBar(sum(File(path, ("joint",)).rows for path in files), what=f"angles of {split}") as progress:
+            inputs, residuals = fit_true_angles(split, files, setting.angles, SKELETON, progress)
+        say_now(f"{setting.folder}, {split}: the hand fitted to {len(inputs)} frames, {np.nanmean(residuals):.2f} mm "
+                f"left, {duration(time.perf_counter() - begun)}")  # fmt: skip
+        return inputs
+
+    # ------------------------------------------------------------------------------------------ training, scoring
+
+    def _train(self, one: Training, step: Step) -> bool:
+        """Make a step; False if the time was over before its end."""
+        weights = [step.weights] if step.weights else []
+        last = step.first  # iteration that was begun
+
+        def watch(solver: Solver) -> None:
+            nonlocal last
+            last = solver.iter
+            if last > step.first and last % one.recipe.every == 0:  # a snapshot was just written
+                one.forget_older(step, last)
+            if self.is_over:
+                solver.requested = "stop"
+
+        begun = time.perf_counter()
+        status = training.train(step.solver, snapshot=step.snapshot, weights=weights, threads=self.threads,
+                                log_file=step.log, watch=watch)  # fmt: skip
+        one.add_time(step, last + 1 - step.first, time.perf_counter() - begun)
+        one.forget_older(step, last + 1)
+        if status != DONE:
+            raise EndedError(status)
+        return not self.is_over
+
+    def _score(self, one: Training, length: int, data: Data) -> Entry:
+        """Test a length, and put the figures into the ledger."""
+        setting, network = one.setting, one.network
+        net = trained(one.net, one.weights_of(length))
+        predictions = predict_all(net)
+        if not (self.ledger / setting.name / ledger.WHERE).is_file():
+            ledger.write_shown(self.ledger, setting.name, results.shown_frames(setting, predictions, net))
+        with ProgressBar(len(predictions.joints) if network.by_fit else 0, what="angles") as progress:
+            inputs = results.angles_of(predictions, SKELETON, progress)
+        error, subjects = results.figures(setting, predictions, inputs, data.truth, SKELETON)
+        entry = Entry(
+            setting=setting.name, network=network.name, recipe=one.recipe.name, seed=one.seed, iterations=length,
+            error_mm=error, seconds=one.seconds(length), threads=self.threads or engine.get().threads(),
+            machine=machine(), data=data.name, made_from=predictions.made_from, command=self.command, subjects=subjects,
+            shown=predictions.joints[results.frames_to_show(setting, predictions)],
+        )  # fmt: skip
+        ledger.write(self.ledger, entry)
+        return entry
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NetlibError(f"{folder}: cannot make the folder: {reason_of(error)}") from None
+
+
+def say_now(text: str) -> None:
+    """A status line."""
+    say(text, file=sys.stderr)

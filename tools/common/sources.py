@@ -1,0 +1,103 @@
+"""Sources of depth frames on the command line: what users know of them, opening them, what a first look shows."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import sys
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
+from handpose.recordings import camera_file
+from handpose.recordings.camera_file import RANGES
+from handpose.recordings.first_look import FirstLook, doubts
+from handpose.recordings.given import Given
+from handpose.recordings.lens import Lens
+from handpose.recordings.opening import EXPECTED, open_recording
+from handpose.recordings.recording import Recording
+from netlib.errors import DataError
+from tools.common import arguments
+from tools.common.console import say
+
+# A fit with this confidence confirms the unit: with another unit the hand has another size. On six frames of
+# tools/demo.py the confidence is above 0.99 with the right unit, and at most 0.82 with a tenth to ten times of it.
+CONFIRMS_UNIT = 0.95
+# values on the command line, of which a camera.json may tell
+unit_mm, rate = (functools.partial(arguments.positive_number, most=RANGES[key][1]) for key in ("unit_mm", "rate"))
+
+
+def add_source_options(parser: argparse.ArgumentParser) -> None:
+    """The argument SOURCE, and what is known of its camera."""
+    parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
+    parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
+                        help=f"which saw the frames: {', '.join(CAMERAS)}, four numbers in px, or a camera.json "
+                             "(default: what the source says, or a camera.json beside it)")  # fmt: skip
+    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="what a stored value of 1 stands for")
+    parser.add_argument("--rate", type=rate, metavar="HZ", help="frames per second of frames without times")
+    parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
+                        help="of the lens, in OpenCV's order; before a minus write --distortion=")  # fmt: skip
+
+
+def opened(args: argparse.Namespace) -> Recording:
+    """The recording that the parsed arguments name. Raises NetlibError."""
+    said = Given(None, args.distortion, args.unit, args.rate)
+    if isinstance(args.camera, Path):
+        return open_recording(args.source, said.else_by(camera_file.read(args.camera)))
+    return open_recording(args.source, said.else_by(Given(args.camera, origin="--camera")))
+
+
+def say_first_look(look: FirstLook, file: TextIO | None = None) -> None:
+    """Print what a recording is and what its first frames show; warnings go to stderr."""
+    camera = look.camera
+    length = f"{look.count} frames" if look.count is not None else "live" if look.live else "frames not counted"
+    rate = f", {look.rate:g} frames/s" if look.rate else ""
+    say(f"{look.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
+    say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; sees "
+        f"{look.view[0]:.0f} x {look.view[1]:.0f} degrees", file=file)  # fmt: skip
+    if look.depth_mm is not None and look.nearest is not None:
+        low, middle, high = look.depth_mm
+        say(f"  depth {low:.0f} to {high:.0f} mm, half of it below {middle:.0f}; {look.zeros:.0%} of the pixels empty; "
+            f"unit {look.unit_mm:g} mm", file=file)  # fmt: skip
+        say(f"  the nearest thing is {look.nearest[0]:.0f} mm away and {look.nearest[1]:.0f} mm wide", file=file)
+    for remark in look.remarks:
+        say(f"  {remark}", file=file)
+    for warning in look.warnings:
+        say(f"warning: {look.name}: {warning}", file=sys.stderr)
+
+
+def say_doubts(
+    name: str, depth: NDArray[np.float32], camera: Camera, unit_mm: float | None, confidence: float = 0.0
+) -> None:
+    """Print what is likely wrong with a single frame in mm; the unit is by default the camera's own.
+
+    ``confidence`` is that of the hand found in the frame: a high one confirms the unit.
+    """
+    for warning in doubts(depth, camera, unit_mm or UNIT_MM.get(camera.name, 1.0), confidence >= CONFIRMS_UNIT):
+        say(f"warning: {name}: {warning}", file=sys.stderr)
+
+
+def say_found_on_the_way(recording: Recording, seen: FirstLook) -> None:
+    """Print what a recording tells of itself now, and did not at the first look."""
+    for line in (*recording.remarks, recording.cut):
+        if line and line not in seen.remarks:
+            say(f"warning: {line}", file=sys.stderr)
+
+
+def total_of(recording: Recording, frames: int | None) -> int:
+    """How many frames of a recording will be seen, at most ``frames``; 0 if nobody knows."""
+    return min((count for count in (recording.count, frames) if count), default=0)
+
+
+def _camera(text: str) -> Camera | Path:
+    return Path(text) if text.lower().endswith(".json") else arguments.camera(text)
+
+
+def _lens(text: str) -> Lens:
+    try:
+        return Lens(tuple(float(word) for word in text.split(",")))
+    except (ValueError, DataError):
+        raise argparse.ArgumentTypeError(f"expected 4, 5 or 8 numbers K1,K2,P1,P2[,K3 ...], found {text!r}") from None

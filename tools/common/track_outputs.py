@@ -1,0 +1,161 @@
+"""What a track is written as: files of joints and angles, a video, a sheet, Rerun's viewer; all of them at once."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.drawing.contact_sheets import ContactSheet
+from handpose.drawing.rerun_view import RerunView
+from handpose.drawing.tracks import Painter
+from handpose.drawing.video_file import VideoFile
+from handpose.recordings import camera_file
+from handpose.recordings.folder import PICTURES, FolderRecording
+from handpose.recordings.recording import Recording
+from handpose.tracks.track import TrackedFrame, TrackHeader
+from handpose.tracks.writing import TrackWriter, open_writer
+from netlib.errors import NetlibError
+from tools.common import outputs, pictures
+from tools.common.arguments import name_in
+
+FILES = ("json", "csv", "bvh")
+DRAWN = ("video", "sheet", "rerun")
+
+
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """The options that name what is to be written."""
+    parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
+                        help="joints, angles, crops: .json, .jsonl (a line per frame, as it comes), or - for such "
+                             "lines on standard output")  # fmt: skip
+    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="a row per frame and hand, for tables")
+    parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
+                        help="bones and angles for Blender and others; a file for each hand")  # fmt: skip
+    parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
+                        help="skeleton and flesh on the depth, hands in space")  # fmt: skip
+    parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
+                        help="the whole track on one page")  # fmt: skip
+    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
+                        help="Rerun's viewer, or with a name its file")  # fmt: skip
+    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
+                        help="only the first look, and the first hand as a picture")  # fmt: skip
+
+
+def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
+    """Name those that are always there, if none is named, which ``args.unnamed`` says; --look stands alone."""
+    asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN))
+    if args.look is not None and asked:
+        parser.error("--look stops after the first look; write all else in another run")
+    args.unnamed = args.look is None and not asked
+    if args.unnamed:
+        args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
+
+
+def _stem(source: str) -> str:
+    """What outputs are called that nobody named; never camera.json, by which a camera is known."""
+    path = Path(source).absolute()
+    name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
+    name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
+    return f"{name}_track" if name == "camera" else name
+
+
+def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
+    """No output replaces what is read, or without its name what is there; no picture lies among frames, as one of them.
+
+    Raises NetlibError.
+    """
+    source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
+    frames = recording.folder if isinstance(recording, FolderRecording) else None
+    inputs = [source, *camera_file.places_beside(frames or source), *own]
+    for name in filter(None, (getattr(args, name) for name in (*FILES, *DRAWN, "look"))):
+        outputs.refuse_inputs(name, inputs)
+        place = Path(os.path.realpath(name))
+        if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
+            raise NetlibError(f"{name}: lies among the frames, and would be taken for one; write it elsewhere")
+        if args.unnamed and os.path.lexists(name):
+            raise NetlibError(f"{name}: is there already; to replace it, or to write to another place, name the "
+                              f"outputs, as in --json {args.json} --sheet {args.sheet}")  # fmt: skip
+
+
+def is_drawn(args: argparse.Namespace) -> bool:
+    """Is anything asked for that shows flesh?"""
+    return any(getattr(args, name) is not None for name in DRAWN)
+
+
+class Outputs:
+    """All that the options ask for. Whatever ends its block, what was written stays, as whole files."""
+
+    def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
+        self._args = args
+        self._painter = Painter(header) if args.video or args.sheet else None
+        self._sheet = ContactSheet() if args.sheet else None
+        # What is missing for a video or for Rerun is said here, before any file is begun.
+        self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
+        self._view: RerunView | None = None
+        if args.rerun is not None:
+            self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
+        paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
+        self._writers: list[TrackWriter] = [open_writer(path, header, rate) for path in paths]
+        self._open: list[TrackWriter | VideoFile | RerunView] = []
+        self.written: list[str] = []
+
+    def __enter__(self) -> Outputs:
+        for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
+            outputs.check_place(Path(name))
+        named = [output for output in (*self._writers, self._video, self._view) if output is not None]
+        with contextlib.ExitStack() as stack:
+            for output in named:
+                stack.enter_context(output)
+            stack.pop_all()
+        self._open = named
+        return self
+
+    def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
+        """Add a frame. Raises NetlibError, OSError."""
+        for writer in self._writers:
+            writer.write(frame)
+        painter = self._painter
+        if painter and self._video:
+            image = painter.picture(depth, frame)
+            self._video.write(image, frame.time)
+            if self._sheet:
+                self._sheet.add(frame.time, lambda: image)
+        elif painter and self._sheet:
+            self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
+        if self._view:
+            self._view.log(depth, frame)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        # Each is told what ended the block, not what another one failed of, and of failures the first is told.
+        failure: Exception | None = error if isinstance(error, (NetlibError, OSError)) else None
+        endings: list[Callable[[], None]] = [
+            partial(output.__exit__, kind, error, where) for output in reversed(self._open)
+        ]
+        for end in (*endings, self._write_sheet):
+            try:
+                end()
+            except Exception as one:
+                failure = failure or one
+        self.written += [str(path) for writer in self._writers for path in writer.files]
+        if self._video and self._video.note:
+            self.written.append(self._video.note)
+        elif self._video and Path(self._args.video).exists():
+            self.written.append(self._args.video)
+        if self._args.rerun:
+            self.written.append(self._args.rerun)
+        if failure is not None and failure is not error:
+            raise failure
+
+    def _write_sheet(self) -> None:
+        if self._sheet and self._sheet.times():
+            pictures.write_image(self._args.sheet, self._sheet.page())
+            self.written.append(self._args.sheet)

@@ -1,0 +1,214 @@
+"""Train as a solver file says, as Caffe's command does: its log, signals as requests, and how much time is left.
+
+tools/train.py is this on the command line; experiments train many nets with it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any, Literal
+
+import netlib
+from netlib import engine as engines
+from netlib import files
+from netlib.distributed.ranks import ALONE, Ranks
+from netlib.interruption.solver import InterruptibleSolver as Solver
+from netlib.proto import prototxt
+from netlib.training.resume import rank_and_count
+from tools.common import advice
+from tools.common.caffe_log import BarHandler, log_to
+from tools.common.console import DONE, duration
+from tools.common.progress import ProgressBar
+from tools.common.ranks import ended_together, threads_of
+
+log = logging.getLogger("netlib")
+
+Effect = Literal["stop", "snapshot", "none"]  # of a signal
+
+
+def train(
+    solver_file: str | Path,
+    *,
+    snapshot: str | Path | None = None,
+    weights: Sequence[str | Path] = (),
+    max_iter: int | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    engine: str | None = None,
+    log_file: str | Path | None = None,
+    ranks: Ranks = ALONE,
+    watch: Callable[[Solver], object] | None = None,
+) -> int:
+    """Train to the end, or until SIGINT or SIGTERM; returns the exit status: 0, 130 or 143. Raises NetlibError.
+
+    snapshot  go on from this solver state, which brings its own weights
+    weights   start from these files instead of those that the solver names
+    log_file  no older log is replaced before the solver stands; one that is read is refused
+    ranks     who trains together; rank 0 alone logs, raises, and has an exit status: another's would end it, too early
+    watch     is told the solver before each iteration, and may ask it to stop or for a snapshot
+    """
+    status = DONE
+    with logged(ranks, log_file, append=snapshot is not None) as console:
+        log.info("Use CPU, %s", set_up_engine(engine, ranks, threads))
+        changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
+        with files.noted() as read:
+            solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
+        if console.file:
+            console.file.begin([snapshot, *read])
+        if watch is not None:
+            solver.callbacks.append((lambda: watch(solver), lambda: None))
+        status = solve(solver, console, snapshot)
+    return DONE if ranks.rank else status
+
+
+@contextlib.contextmanager
+def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = False) -> Iterator[BarHandler]:
+    """Within it, rank 0 logs, and an error of one rank ends all. Raises NetlibError, on rank 0."""
+    with ended_together(ranks), log_to(None if ranks.rank else log_file, append) as console:
+        if ranks.rank:
+            log.setLevel(logging.CRITICAL)
+        yield console
+
+
+def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) -> str:
+    """Let an engine have so many threads, or a rank's share of the machine; returns what it then is, for the log."""
+    chosen = engines.get(name)
+    if threads := threads or threads_of(ranks):
+        chosen.set_threads(threads)
+    count = chosen.threads()
+    return f"{count} thread{'' if count == 1 else 's'}, engine {chosen.name}. {netlib.BLAS_NOTE}"
+
+
+def new_solver(
+    solver_file: str | Path,
+    snapshot: str | Path | None = None,
+    weights: Sequence[str | Path] = (),
+    seed: int | None = None,
+    engine: str | None = None,
+    ranks: Ranks = ALONE,
+    **changes: Any,
+) -> Solver:
+    """The solver for ``train``, described in the log; ``changes`` replace fields of its file. Raises NetlibError."""
+    log.info("Initializing solver from parameters: \n%s", prototxt.parse_file(solver_file))
+    if snapshot or weights:
+        changes["weights"] = tuple(map(str, weights))
+    with advice.on_missing_data():
+        solver = netlib.get_solver(solver_file, seed, engine, ranks=ranks if ranks.count > 1 else None, **changes)
+    _describe(solver)
+    return solver
+
+
+def solve(
+    solver: Solver,
+    console: BarHandler,
+    snapshot: str | Path | None = None,
+    on_sigint: Effect = "stop",
+    on_sighup: Effect = "snapshot",
+) -> int:
+    """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
+    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
+        finished = solver.solve(snapshot)
+    if stopped or rank_and_count(solver)[1] == 1:
+        return DONE if finished or not stopped else 128 + stopped[0]
+    return DONE if finished else 128 + signal.SIGTERM  # it was another rank that was signalled
+
+
+def _describe(solver: Solver) -> None:
+    """Log what is trained, and on what."""
+    net = solver.net
+    for at in net.connections:
+        log.info("Creating Layer %s", at.layer.name)
+        for name, blob in zip(at.layer.spec.top, at.top):
+            where = " (in-place)" if name in at.layer.spec.bottom else ""
+            log.info(
+                "%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count
+            )
+        for note in getattr(at.layer, "notes", ()):
+            log.info("%s: %s", at.layer.name, note)
+    for name in net.outputs:
+        log.info("This network produces output %s", name)
+    if (ranks := rank_and_count(solver)[1]) > 1:
+        batch = next(blob.shape[0] for at in net.connections for blob in at.top)
+        log.info("%d ranks × %d = %d a step; base_lr as written", ranks, batch, ranks * batch)
+    count = sum(p.blob.count for p in net.learnable)
+    log.info("Network initialization done: %d parameters, seed %d", count, solver.seed)
+
+
+@contextlib.contextmanager
+def requests_by_signal(
+    solver: Solver, on_sigint: Effect = "stop", on_sighup: Effect = "snapshot"
+) -> Iterator[list[int]]:
+    """Within it, signals ask the solver to stop or for a snapshot; SIGTERM always asks it to stop.
+
+    Yields a list, which is empty until a signal asks to stop, and then holds that signal. A second one ends the process
+    at once.
+    """
+    stopped: list[int] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        solver.requested = "stop"
+        stopped.append(number)
+        signal.signal(number, signal.SIG_DFL)
+
+    def snapshot(number: int, frame: FrameType | None) -> None:
+        solver.requested = solver.requested or "snapshot"
+
+    effects: dict[Effect, Any] = {"stop": stop, "snapshot": snapshot, "none": signal.SIG_IGN}
+    handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
+    if hasattr(signal, "SIGHUP"):
+        handlers[signal.SIGHUP] = effects[on_sighup]
+        if rank_and_count(solver)[1] > 1:  # mpiexec hands this one on, and dies of SIGHUP itself
+            handlers[signal.SIGUSR1] = effects[on_sighup]
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
+    """Within it, the solver tells how much time is left."""
+    if rank_and_count(solver)[0]:
+        yield
+        return
+    with contextlib.ExitStack() as bars:
+        solver.on_iteration = _TimeLeft(solver, console, bars)
+        try:
+            yield
+        finally:
+            solver.on_iteration = console.bar = None
+
+
+class _TimeLeft:
+    """On a terminal a progress bar, which log lines are written above; elsewhere a line of the log once a minute."""
+
+    LINE_EVERY = 60.0  # seconds
+
+    def __init__(self, solver: Solver, console: BarHandler, bars: contextlib.ExitStack) -> None:
+        self.solver, self.console, self.bars = solver, console, bars
+        self.bar: ProgressBar | None = None
+
+    def __call__(self, solver: Solver) -> None:
+        """The solver has made an iteration."""
+        now = time.perf_counter()
+        if self.bar is None:  # only now it is known at which iteration the training goes on
+            self.begun, self.said = (solver.iter, now), now
+            bar = ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)
+            self.bar = self.bars.enter_context(bar)
+            self.console.bar = bar if bar.is_shown else None
+        if self.bar.is_shown:
+            self.bar.note(f"loss {solver.loss:.4g}")
+            self.bar.reach(solver.iter)
+        elif now - self.said > self.LINE_EVERY and solver.iter > self.begun[0]:
+            self.said = now
+            rate = (solver.iter - self.begun[0]) / (now - self.begun[1])
+            log.info("%d of %d iterations done, %s left", solver.iter, solver.param.max_iter,
+                     duration((solver.param.max_iter - solver.iter) / rate))  # fmt: skip
