@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handpose.fitting.damped_step import damped_step
 from handpose.fitting.parallel import for_each
 from handpose.fitting.pose_problem import JointFit, PoseProblem, checked
 from handpose.fitting.starts import RotationGrid, limb_poses, redrawn_limbs
@@ -37,6 +38,7 @@ EXACT = 5e-6  # root mean square distance of the joints at which a frame needs n
 # from 0.001 to 0.1 is as good; with 1 the steps are so small that frames are taken for done on their way.
 FIRST_MU, TRUST, DOUBT = 1e-2, 1 / 3, 4
 SMALLEST_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
+RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
 LARGEST_MU = 1e8  # above it a step is lost in rounding: there is no lower place near
 
 
@@ -113,8 +115,9 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array, iterations: int) 
     active = np.arange(len(goal))
     for _ in range(iterations):
         x = inputs[active][:, problem.free]
+        step = damped_step(A.copy(), b, mu[active], x, problem.lower, problem.upper, RIDGE)
         trial = inputs[active]
-        trial[:, problem.free] = np.clip(x + _step(problem, A, b, x, mu[active]), problem.lower, problem.upper)
+        trial[:, problem.free] = np.clip(x + step, problem.lower, problem.upper)
         trial_cost, trial_A, trial_b = problem.evaluate(trial, goal[active])
 
         better = trial_cost < cost[active]
@@ -130,15 +133,3 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array, iterations: int) 
         if not len(active):
             break
     return inputs, cost
-
-
-def _step(problem: PoseProblem, A: Array, b: Array, x: Array, mu: Array) -> Array:
-    """The steps (n, F) from x (n, F); 0 for an angle that stands at a limit and wants beyond it."""
-    held = ((x <= problem.lower) & (b > 0)) | ((x >= problem.upper) & (b < 0))
-    diagonal = np.arange(A.shape[1])
-    M = A.copy()
-    M[:, diagonal, diagonal] *= 1 + mu[:, None]
-    M[:, diagonal, diagonal] += 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
-    M[held[:, :, None] | held[:, None, :]] = 0
-    M[:, diagonal, diagonal] += held
-    return np.asarray(np.linalg.solve(M, np.where(held, 0, -b)[:, :, None])[:, :, 0])

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.fitting.damped_step import damped_step
 from handpose.fitting.depth.objective import Cost, Objective, Prior
 from handpose.fitting.depth.observation import Observation
 from handpose.rounding import FIT_STEP, rounded
@@ -19,6 +20,7 @@ from netlib.blob import Array
 
 # Little depends on the damping, as in ``handpose.fitting.levenberg_marquardt``.
 FIRST_MU, TRUST, MISTRUST, SMALLEST_MU, LARGEST_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
+RIDGE = 1e-9  # a variable that nothing depends on stays
 
 
 # The nearest places slide along the flesh as it moves, so that a step falls short of where it aims, and the next one
@@ -40,18 +42,13 @@ def descend(
 ) -> tuple[Array, Cost]:
     """x (N, V) after all stages, and its cost."""
     lower, upper = objective.model.lower, objective.model.upper
-    x, mu, diagonal = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU), np.arange(x.shape[1])
+    x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
     measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
     for stage in stages:
         now = objective.weigh(measured, seen, stage.robust)
         for _ in range(stage.iterations):
             M, b = objective.equations(measured, now)
-            held = ((x <= lower) & (b > 0)) | ((x >= upper) & (b < 0))
-            M[:, diagonal, diagonal] *= 1 + mu[:, None]
-            M[:, diagonal, diagonal] += 1e-9  # a variable that nothing depends on stays
-            M[held[:, :, None] | held[:, None, :]] = 0
-            M[:, diagonal, diagonal] += held
-            step = np.linalg.solve(M, np.where(held, 0, -b)[..., None])[..., 0]
+            step = damped_step(M, b, mu, x, lower, upper, RIDGE)
             trial = np.clip(rounded(x + FURTHER * step + MOMENTUM * moved, FIT_STEP), lower, upper)
             trial_measured = objective.measure(trial, seen, prior)
             found = objective.weigh(trial_measured, seen, stage.robust)

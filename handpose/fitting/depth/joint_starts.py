@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from handpose.fitting.damped_step import damped_step
 from handpose.fitting.depth.body import SIZE, FleshModel
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 
 JOINT_MM, LIMB, SIZE_STD = 10.0, 0.6, 0.1
 STEPS = 8
-FIRST_MU, TRUST, MISTRUST = 1e-2, 1 / 3, 4.0
+FIRST_MU, TRUST, MISTRUST, RIDGE = 1e-2, 1 / 3, 4.0, 1e-9
 
 
 def near_joints(model: FleshModel, x: Array, joints: Array) -> Array:
@@ -50,13 +51,7 @@ def near_joints(model: FleshModel, x: Array, joints: Array) -> Array:
     cost, A, b = evaluate(x)
     for _ in range(STEPS):
         own = x[:, columns]
-        held = ((own <= lower) & (b > 0)) | ((own >= upper) & (b < 0))
-        M = A.copy()
-        M[:, diagonal, diagonal] *= 1 + mu[:, None]
-        M[:, diagonal, diagonal] += 1e-9
-        M[held[:, :, None] | held[:, None, :]] = 0
-        M[:, diagonal, diagonal] += held
-        step = np.linalg.solve(M, np.where(held, 0, -b)[..., None])[..., 0]
+        step = damped_step(A.copy(), b, mu, own, lower, upper, RIDGE)
         trial = x.copy()
         trial[:, columns] = np.clip(own + step, lower, upper)
         found = evaluate(trial)
