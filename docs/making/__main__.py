@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 
-from docs.making import documents, exercises, figures, frames, hand_page, pictures
+from docs.making import documents, exercises, figures, frames, hand_page, pages, pictures
 from docs.making.made import Made
 from netlib.errors import NetlibError
 from netlib.files.paths import ROOT
@@ -17,7 +17,7 @@ from tools.common.arguments import parser_of
 
 PIECES: dict[str, Callable[[], Iterator[Made]]] = {
     "documents": documents.made, "figures": figures.made, "pictures": pictures.made, "exercises": exercises.made,
-    "hand_page": hand_page.made, "frames": frames.made,
+    "hand_page": hand_page.made, "pages": pages.made, "frames": frames.made,
 }  # fmt: skip
 
 

@@ -7,6 +7,8 @@ there is.
 from __future__ import annotations
 
 import functools
+import html
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,8 @@ from docs.making.site import folders, github, highlighting, navigation, sources 
 from docs.making.site.published import Published, published  # noqa: E402
 
 HERE = ROOT / "docs/making/site"
+# A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The book's arm -->
+EMBEDDED = re.compile(r"^<!-- embed: (?P<address>\S+) (?P<height>\d+) (?P<title>.+) -->$", re.MULTILINE)
 SITE: dict[str, Published] = {}  # of this build: MkDocs keeps one module for all builds of `mkdocs serve`
 
 
@@ -66,7 +70,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """GitHub's Markdown as Python-Markdown wants it, with links to pages instead of files."""
     site = SITE["now"]
     linked = with_links(markdown, lambda link: site.link(page.file.src_uri, link.target))
-    return github.for_python_markdown(linked)
+    return EMBEDDED.sub(_frame, github.for_python_markdown(linked))
+
+
+def _frame(match: re.Match[str]) -> str:
+    """The page within the document. It is HTML as it is, so its place in the site is that in the project."""
+    address = html.escape(match["address"])
+    return f'<iframe src="{address}" title="{html.escape(match["title"])}" height="{match["height"]}" loading="lazy"></iframe>'
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:

@@ -11,21 +11,23 @@ from docs.making import markdown
 from docs.making.site.published import Published
 
 CODE = ("layers", "netlib", "handpose", "fast", "exercises", "export", "tools", "prototxt")
-HAND = "docs/hand.html"
+PAGES = {"The hand": "docs/hand.html", "Momentum": "docs/momentum.html", "Convolution and pooling": "docs/windows.html",
+         "A small net": "docs/small_net.html"}  # fmt: skip
 
 
 def of(site: Published) -> list[Any]:
     """As ``nav`` of mkdocs.yml would have it. A part that has no documents is left out."""
-    hand = [{"The hand": HAND}] if HAND in site.as_they_are else []
+    pages = [{title: path} for title, path in PAGES.items() if path in site.as_they_are]
     parts = [
         ("Book", _folder(site, "docs/book")),
+        ("Pages to try", pages),
         ("Exercises", _folder(site, "docs/exercises")),
         ("Reference", _reference(site)),
         ("Code", [{folder + "/": site.address(folder)} for folder in CODE if folder in site.folders]),
         ("Results", _folder(site, "docs/results")),
         ("Changes", [path for path in ("CHANGELOG.md", "CONTRIBUTING.md") if path in site.documents]),
     ]
-    return [{"Start": "README.md"}, *({title: items} for title, items in parts if items), *hand]
+    return [{"Start": "README.md"}, *({title: items} for title, items in parts if items)]
 
 
 def paths(site: Published) -> set[str]:

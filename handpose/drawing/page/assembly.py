@@ -30,8 +30,12 @@ _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.
 
 def page(title: str, data: Mapping[str, Any]) -> str:
     """The page of some data (``content.py``), ready to be written. Raises ValueError for numbers that JSON lacks."""
-    script, style = script_of(FIRST), _source("page.css")
-    return Template(_source("page.html")).substitute(
+    return assembled(title, data, source("page.html"), source("page.css"), script_of(FIRST))
+
+
+def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str) -> str:
+    """A page of its HTML, with a $place for each of the other texts."""
+    return Template(body).substitute(
         title=html.escape(title), policy=_policy(script, style), style=style, script=script, data=escaped(data)
     )
 
@@ -42,22 +46,22 @@ def escaped(data: Mapping[str, Any]) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def script_of(first: str) -> str:
-    """A module and all that it imports, as one script."""
+def script_of(first: str, *folders: Path) -> str:
+    """A module and all that it imports, as one script. Modules are looked for in ``folders`` and then here."""
     parts: dict[str, str] = {}
-    _add(first, parts, ())
+    _add(first, parts, (), folders)
     return "\nconst modules = {};\n" + "\n".join(parts.values())
 
 
-def _add(name: str, parts: dict[str, str], importers: tuple[str, ...]) -> None:
+def _add(name: str, parts: dict[str, str], importers: tuple[str, ...], folders: tuple[Path, ...]) -> None:
     """Add a module to ``parts``, after those that it imports."""
     assert name not in importers, f"{name}.js imports itself, by {' and '.join(importers)}"
-    source = _source(f"{name}.js")
-    for _, other in _IMPORT.findall(source):
+    text = source(f"{name}.js", *folders)
+    for _, other in _IMPORT.findall(text):
         if other not in parts:
-            _add(other, parts, (*importers, name))
-    names = ", ".join(sorted(exported for _, exported in _EXPORT.findall(source)))
-    body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const {\1} = modules.\2;", source))
+            _add(other, parts, (*importers, name), folders)
+    names = ", ".join(sorted(exported for _, exported in _EXPORT.findall(text)))
+    body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const {\1} = modules.\2;", text))
     assert not re.search(r"^\s*(import|export)\b|</script|<!--", body, re.MULTILINE), f"{name}.js: what is left of it?"
     parts[name] = f"modules.{name} = (() => {{\n{body}return {{ {names} }};\n}})();\n"
 
@@ -69,5 +73,7 @@ def _policy(script: str, style: str) -> str:
     return "; ".join([*rules, "base-uri 'none'", "form-action 'none'"])
 
 
-def _source(name: str) -> str:
-    return (FOLDER / name).read_text(encoding="utf-8")
+def source(name: str, *folders: Path) -> str:
+    """The text of a file, of the first folder that has it; this one is the last."""
+    folder = next((folder for folder in folders if (folder / name).is_file()), FOLDER)
+    return (folder / name).read_text(encoding="utf-8")

@@ -91,7 +91,7 @@ def test_the_navigation(site: Published) -> None:
     assert "layers" in paths(site) and "layers/data" not in paths(site) and "tests/caffe/README.md" not in paths(site)
 
 
-def test_the_hand_is_there_when_it_is(project: Path) -> None:
-    """A page that is HTML already."""
+def test_pages_are_there_when_they_are(project: Path) -> None:
+    """Those that are HTML already, after the book."""
     (project / "docs/hand.html").write_text("<p>x</p>", encoding="utf-8")
-    assert of(published(project, CODE))[-1] == {"The hand": "docs/hand.html"}
+    assert of(published(project, CODE))[2] == {"Pages to try": [{"The hand": "docs/hand.html"}]}

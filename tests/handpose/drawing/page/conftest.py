@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from chromium_tabs import browser, visit, visits
 
-from docs.making.chromium import NoBrowserError, chromium
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema
+
+__all__ = ["browser", "visit"]  # fixtures
 
 # Two bones in a plane, without flesh; a DoF that drives two joints, the second one the other way round.
 ARM = """name: "arm"
@@ -66,51 +67,9 @@ def any_body(seed: int) -> str:
     return "\n".join([f'name: "any {seed}"', *(dof(f"d{d}") for d in range(D)), *shuffled, "flesh {", *flesh, "}"])
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """The browser of a module's pages, and of no test that forks; skips where there is none."""
-    try:
-        with chromium() as opened:
-            yield opened
-    except NoBrowserError as error:
-        pytest.skip(str(error))
-
-
 def ask(tab: Any, function: str, question: object) -> Any:
     """What a function in JavaScript answers; as JSON both ways, which is fast."""
     return json.loads(tab.evaluate(f"(text) => JSON.stringify(({function})(JSON.parse(text)))", json.dumps(question)))
-
-
-@contextlib.contextmanager
-def visits(browser: Any) -> Iterator[Callable[..., Any]]:
-    """``visit(path)``: the page of a file, as from disk. In the end nothing was fetched, no line is in the console."""
-    contexts, fetched, said, files = [], [], [], []
-
-    def opened(path: Path, fragment: str = "", **options: Any) -> Any:
-        context = browser.new_context(**{"viewport": {"width": 1000, "height": 800}, **options})
-        contexts.append(context)
-        context.set_default_timeout(10_000)
-        tab = context.new_page()
-        address = path.as_uri() + (f"#{fragment}" if fragment else "")
-        files.append(path.as_uri())
-        tab.on("request", lambda request: fetched.append(request.url))
-        tab.on("console", lambda message: said.append(message.text))
-        tab.on("pageerror", lambda error: said.append(str(error)))
-        tab.goto(address)
-        return tab
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert fetched == files
-    assert said == []
-
-
-@pytest.fixture
-def visit(browser: Any) -> Iterator[Callable[..., Any]]:
-    """``visit(path)``: a page in a tab of its own; its options are the browser's."""
-    with visits(browser) as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

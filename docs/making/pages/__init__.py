@@ -1,0 +1,43 @@
+"""Pages of the book for the browser, one self-contained file each: docs/momentum.html, windows.html, small_net.html.
+
+The numbers that a page shows are computed here, by the code that the book is about. The sources of the pages are in
+``browser/``; they are assembled as the page of the hand is.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from docs.making import palette
+from docs.making.made import Made
+from docs.making.pages import momentum, small_net, windows
+from handpose.drawing.page.assembly import assembled, script_of, source
+from netlib.files.paths import ROOT
+
+BROWSER = Path(__file__).resolve().parent / "browser"
+PAGES: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
+    "momentum": ("Momentum", momentum.data),
+    "windows": ("Convolution and pooling", windows.data),
+    "small_net": ("A small net, step by step", small_net.data),
+}
+
+
+def made() -> Iterator[Made]:
+    """Every page."""
+    for name in PAGES:
+        yield Made(ROOT / "docs" / f"{name}.html", functools.partial(_page, name))
+
+
+def _page(name: str) -> bytes:
+    title, data = PAGES[name]
+    colours = "".join(f"--{key.lower().replace('_', '-')}: {value}; " for key, value in _colours().items())
+    style = f":root {{ {colours}}}\n" + source("common.css", BROWSER)
+    body = source("common.html", BROWSER).replace("$main", source(f"{name}.html", BROWSER))
+    return assembled(title, data(), body, style, script_of(name, BROWSER)).encode()
+
+
+def _colours() -> dict[str, str]:
+    return {name: value for name, value in vars(palette).items() if name.isupper()}

@@ -1,0 +1,155 @@
+"""docs/making/pages: the pages of momentum, of windows and of the small net, as one uses them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from chromium_tabs import browser, visit
+
+from docs.making.pages import BROWSER, PAGES, momentum, small_net, windows
+from netlib.files.paths import ROOT
+
+__all__ = ["browser", "visit"]  # fixtures
+Visit = Callable[..., Any]
+PHONE = {"viewport": {"width": 360, "height": 740}}
+LARGEST = 250_000  # bytes of a page
+LONGEST = 260  # lines of a source
+
+
+def page_of(name: str) -> Any:
+    """The file of a page."""
+    return ROOT / "docs" / f"{name}.html"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, name: str) -> None:
+    """Nothing is wider than the window, and every control has a name."""
+    tab = visit(page_of(name), **PHONE)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 360
+    unnamed = "(all) => all.filter((one) => !one.labels?.length && !one.ariaLabel && !one.textContent).length"
+    assert tab.locator("input, select, button:not(:disabled)").evaluate_all(unnamed) == 0
+    assert page_of(name).stat().st_size < LARGEST
+
+
+def test_the_sources_are_short() -> None:
+    """Each file can be read in one go."""
+    for path in BROWSER.iterdir():
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert len(lines) <= LONGEST and all(len(line) <= 120 for line in lines), path.name
+
+
+# ---------------------------------------------------------------------------------------------- momentum
+
+
+def test_the_roots_are_those_of_the_path() -> None:
+    """Where the larger root is real and alone, every late step multiplies the error by it."""
+    data = momentum.data()
+    m, r = data["momenta"].index(0.25), data["rates"].index(0.1)
+    (first, _), path = data["roots"][m][r][0], data["paths"][m][r][0]
+    assert first[1] == 0 and path[20] / path[19] == pytest.approx(first[0], rel=1e-3)
+    assert momentum.roots(0.25 * 1, 0.25) == [[0.5, 0], [0.5, 0]]  # the best for the slow direction
+    assert np.hypot(*momentum.roots(0.9, 0.81)[0]) == pytest.approx(0.9, rel=1e-3)  # a pair: sqrt(m)
+
+
+def test_momentum_in_use(visit: Visit) -> None:
+    """The keyboard moves a slider; what diverges is said; the path has as many places as steps."""
+    tab = visit(page_of("momentum"))
+    assert tab.locator("#root-y").inner_text() == "y (λ = 9): |z| = 0.8; a negative root, it jumps from side to side"
+    tab.locator("#rate").press("ArrowRight")
+    assert tab.locator("#rate-value").inner_text() == "0.225"
+    assert tab.locator("#root-y.bad").inner_text() == "y (λ = 9): |z| = 1.025; diverges"
+    tab.get_by_role("button", name="best").click()
+    assert tab.locator("#root-x").inner_text() == "x (λ = 1): |z| = 0.5; real roots, it creeps"
+    assert tab.locator("#valley circle").count() == 31
+    tab.locator("#steps").fill("3")
+    assert tab.locator("#valley circle").count() == 4
+
+
+# ---------------------------------------------------------------------------------------------- windows
+
+
+@pytest.mark.parametrize("layer", windows.data()["layers"], ids=lambda layer: layer["title"])
+def test_shares_are_the_whole_layer(layer: dict[str, Any]) -> None:
+    """y (but a maximum) is their sum over x, dx that over dy; a window of a maximum has one winner."""
+    x, y, dy = (np.array(layer[name], dtype=float) for name in ("x", "y", "dy"))
+    shares = np.zeros((y.size, x.size))
+    for i, row in enumerate(layer["shares"]):
+        for j, share, _ in row:
+            shares[i, j] = share
+    assert (shares @ x.ravel()).tolist() == y.ravel().tolist()
+    pad = layer["pad"]
+    inner = tuple(slice(pad, n - pad) for n in x.shape)
+    np.testing.assert_array_equal((dy.ravel() @ shares).reshape(x.shape)[inner], layer["dx"])
+    if layer["maximum"]:
+        assert (shares.sum(axis=1) == 1).all() and max(map(len, layer["shares"])) in (4, 9)
+
+
+def test_windows_in_use(visit: Visit) -> None:
+    """An output marks its window, an input its readers; arrow keys walk; padding is no stop."""
+    tab = visit(page_of("windows"))
+    tab.locator("#y button").nth(5).hover()
+    assert tab.locator("#x .marked").count() == 9 and tab.locator("#w .marked").count() == 9
+    assert tab.locator("#formula b").inner_text().endswith("= −7")
+    tab.locator("#dx button").first.focus()
+    assert tab.locator("#y .marked").count() == 1
+    tab.keyboard.press("ArrowRight")
+    assert tab.locator("#y .marked").count() == 2
+    assert tab.locator("#formula").inner_text().startswith("dx[0, 1] = ")
+    tab.get_by_label("Layer").select_option(label="max pooling 3 × 3, stride 2 (windows overlap)")
+    tab.locator("#x button").nth(14).click()
+    assert tab.locator("#y .marked").count() == 4 and tab.locator("#y .winner").count() == 4
+    assert tab.locator("#formula b").inner_text() == "dx[2, 2] = 1 · 1 + 1 · 2 + 1 · (−1) + 1 · 1 = 3"
+    tab.get_by_label("Layer").select_option(label="convolution 3 × 3, pad 1")
+    assert tab.locator("#x .padding").count() == 64 - 36
+    tab.locator("#x button").nth(9).focus()
+    tab.keyboard.press("ArrowUp")
+    assert tab.locator("#formula").inner_text().startswith("dx[0, 0] = ")
+
+
+# ---------------------------------------------------------------------------------------------- the small net
+
+
+def test_the_passes_are_those_of_the_net(visit: Visit) -> None:
+    """With random numbers the page and netlib have the same loss, values and gradients."""
+    tab, rng = visit(page_of("small_net")), np.random.default_rng(0)
+    for _ in range(5):
+        net, data = small_net.net(), small_net.data()
+        for name in data["inputs"]:
+            net.blobs[name].data[...] = rng.normal()
+            data["inputs"][name] = net.blobs[name].data.ravel().tolist()
+        for at, layer in zip(net.connections, data["layers"]):
+            for blob in at.layer.blobs:
+                blob.data[...] = rng.normal(size=blob.shape)
+            layer["params"] = [blob.data.tolist() for blob in at.layer.blobs]
+        found = tab.evaluate("(net) => page.pass(net)", data)
+        assert found["loss"] == pytest.approx(net.run_forward(), abs=1e-12)
+        net.run_backward()
+        for name, blob in net.blobs.items():
+            np.testing.assert_allclose(found["values"][name], blob.data.ravel(), atol=1e-12)
+            np.testing.assert_allclose(found["diffs"][name], blob.diff.ravel(), atol=1e-12)
+        for at, step in zip(net.connections, found["steps"]):
+            for blob, diff in zip(at.layer.blobs, step["dparams"]):
+                np.testing.assert_allclose(diff, blob.diff, atol=1e-12)
+
+
+def test_the_small_net_in_use(visit: Visit) -> None:
+    """Steps tell the numbers of chapter 4; an edited weight makes the pass anew; an update lowers the loss."""
+    tab = visit(page_of("small_net"))
+    for _ in range(3):
+        tab.get_by_role("button", name="Step").click()
+    assert tab.locator("#told").inner_text() == "Forward, second: h = w a + b: 1 · 3 + 0 = 3; (−1) · 3 + 1 = −2"
+    assert tab.locator("#graph .runs").count() == 1
+    tab.locator("#step").fill("14")
+    assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#told").inner_text()
+    tab.locator("#step").press("ArrowRight")
+    assert tab.locator("#told").inner_text().startswith("Backward, relu: dh = [1.75, 0.5] becomes [1.75, 0]")
+    assert tab.locator("#loss").inner_text() == "L = 1 · 0.125 + 0.25 · 9 = 2.375"
+    tab.locator('[data-name="out w[0, 0]"]').fill("1")
+    assert tab.locator("#loss").inner_text() == "L = 1 · 2 + 0.25 · 9 = 4.25"
+    tab.get_by_role("button", name="Reset").click()
+    tab.get_by_role("button", name="Update").click()
+    assert float(tab.locator("#loss").inner_text().split("= ")[-1]) < 2.375
+    assert tab.locator('[data-name="second w[0, 0]"]').input_value() == "0.895"

@@ -1,0 +1,54 @@
+"""Pages in a Chromium, which may fetch nothing and has nothing to complain about: fixtures for the tests of pages."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from docs.making.chromium import NoBrowserError, chromium
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The browser of a module's pages, and of no test that forks; skips where there is none."""
+    try:
+        with chromium() as opened:
+            yield opened
+    except NoBrowserError as error:
+        pytest.skip(str(error))
+
+
+@contextlib.contextmanager
+def visits(browser: Any) -> Iterator[Callable[..., Any]]:
+    """``visit(path)``: the page of a file, as from disk. In the end nothing was fetched, no line is in the console."""
+    contexts, fetched, said, files = [], [], [], []
+
+    def opened(path: Path, fragment: str = "", **options: Any) -> Any:
+        context = browser.new_context(**{"viewport": {"width": 1000, "height": 800}, **options})
+        contexts.append(context)
+        context.set_default_timeout(10_000)
+        tab = context.new_page()
+        address = path.as_uri() + (f"#{fragment}" if fragment else "")
+        files.append(path.as_uri())
+        tab.on("request", lambda request: fetched.append(request.url))
+        tab.on("console", lambda message: said.append(message.text))
+        tab.on("pageerror", lambda error: said.append(str(error)))
+        tab.goto(address)
+        return tab
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert fetched == files
+    assert said == []
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Callable[..., Any]]:
+    """``visit(path)``: a page in a tab of its own; its options are the browser's."""
+    with visits(browser) as opened:
+        yield opened
