@@ -75,8 +75,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def _frame(match: re.Match[str]) -> str:
     """The page within the document. It is HTML as it is, so its place in the site is that in the project."""
-    address = html.escape(match["address"])
-    return f'<iframe src="{address}" title="{html.escape(match["title"])}" height="{match["height"]}" loading="lazy"></iframe>'
+    address, title = html.escape(match["address"]), html.escape(match["title"])
+    return f'<iframe src="{address}" title="{title}" height="{match["height"]}" loading="lazy"></iframe>'
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
