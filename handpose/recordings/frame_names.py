@@ -6,6 +6,7 @@
     1616799936.125.png 0.033.png              seconds with a fraction; of 13 digits, ms since 1970 with one
     v1.1.png v1.2.png                         numbers: seconds that do not count from 1970 have 3 digits of fraction
     1616799936125.png                         s, ms, us or ns since 1970, by their size
+    790154000_depth.png 790187333_depth.png   us or ns since the camera started, by their steps
     000000033333us.png                        us, ms or ns that say so, as ``tools/record.py`` writes
 
 A sequence has one name but for the number or the stamp in it.
@@ -20,6 +21,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
+from statistics import median
 
 from netlib.errors import DataError
 
@@ -30,6 +32,9 @@ DATE = re.compile(r"(\D*)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T. ]?(\d\d)[-_.h]?(\
 NANO = 10**9
 DAY_ONE = datetime(2000, 1, 1)
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
+CAMERA_RATES = (4, 250)  # frames per second of depth cameras
+OFF_STEP = 0.2  # of a step, that a frame may come early or late
+REGULAR_SHARE = 0.75  # of the steps between frames
 LONGEST = 18  # digits of a number that counts frames
 MOST_SHOWN = 6  # sequences that a message names
 
@@ -70,6 +75,9 @@ def _sorted(names: Sequence[str], times: Sequence[int], ticks: int, told: str, w
     first = times[order[0]]
     if not ticks and (missing := times[order[-1]] - first + 1 - len(names)):
         told = f"{told}; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time"
+    if ticks and len(names) > 1:
+        step = median(times[b] - times[a] for a, b in itertools.pairwise(order))
+        told = f"{told}: a frame every {1000 * step / ticks:.3g} ms"
     return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, told)
 
 
@@ -151,7 +159,26 @@ def _numbers(names: list[str], stems: list[str], where: str) -> Found:
     for unit, ticks in (("s", 1), *((unit, UNITS[unit]) for unit in ("ms", "us", "ns"))):
         if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
             return numbers, ticks, f"times from their names, in {unit} since 1970"
+    if stepped := _unit_by_steps(numbers):
+        return numbers, UNITS[stepped], f"times from their names, in {stepped} by their steps"
     return numbers, 0, "frames in the order of the numbers in their names"
+
+
+def _unit_by_steps(numbers: list[int]) -> str | None:
+    """us or ns if these numbers step as the times of a camera do; None if they count frames.
+
+    The times of three frames or more step by 1/250 s to 1/4 s, and by whole multiples of that where frames are missing.
+    Frames that were picked at random from a long recording have numbers with large steps, too, but irregular ones.
+    """
+    steps = sorted(b - a for a, b in itertools.pairwise(sorted(numbers)))
+    if len(steps) < 2:
+        return None
+    period = steps[len(steps) // 4]
+    regular = sum(abs(step - round(step / period) * period) <= OFF_STEP * period for step in steps if period)
+    if regular < REGULAR_SHARE * len(steps):
+        return None
+    slow, quick = CAMERA_RATES
+    return next((unit for unit in ("us", "ns") if UNITS[unit] / quick <= period <= UNITS[unit] / slow), None)
 
 
 def _columns(stems: list[str]) -> dict[tuple[str, ...], int]:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
 from handpose.recordings.first_look import doubts, look, nearest_thing
+from handpose.recordings.folder import open_folder
+from handpose.recordings.given import Given
 from handpose.recordings.recording import DepthFrame, Recording
 from netlib.errors import DataError
-from tests.handpose.recordings.conftest import CAMERA, hand_sized
+from tests.handpose.recordings.conftest import CAMERA, hand_sized, put
 
 
 class Taken(Recording):
@@ -41,6 +44,16 @@ def test_times_that_are_no_seconds(step: float) -> None:
     """Milliseconds, or hours."""
     (warning,) = look(Taken(moving(), step=step)).warnings
     assert warning == f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
+
+
+def test_times_by_their_steps(tmp_path: Path) -> None:
+    """Names with microseconds and no unit: the step that follows from them is shown, and fits the usual rates."""
+    for number, image in zip((790154000, 790187333, 790220667), moving()):
+        put(tmp_path / f"{number}_depth.png", image.astype(np.uint16))
+    found = look(open_folder(tmp_path, Given(CAMERA, unit_mm=1.0, rate=30.0)))
+    assert [frame.time for frame in found.frames] == pytest.approx([0, 0.033333, 0.066667])
+    assert "times from their names, in us by their steps: a frame every 33.3 ms" in found.remarks
+    assert not found.warnings
 
 
 def test_a_rate_that_is_not_that_of_the_times() -> None:

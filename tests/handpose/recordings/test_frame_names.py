@@ -40,6 +40,16 @@ NANO = 10**9
         (["20211231235959999999.png", "20220101000000000000.png"], (0, 1000), NANO, "dates"),
         (["20219931-230559.png", "20219931-230601.png"], (0, 42), 0, "numbers"),
         (["background.png"], (0,), 0, "numbers"),
+        (["790154000_depth.png", "790187333_depth.png", "790220667_depth.png"], (0, 33333, 66667), 10**6,
+         "in us by their steps: a frame every 33.3 ms"),
+        (["790154000_depth.png", "823487000_depth.png", "856821000_depth.png"], (0, 33333000, 66667000), NANO,
+         "in ns by their steps: a frame every 33.3 ms"),
+        (["cam0_90000.png", "cam0_123000.png", "cam0_192000.png", "cam0_222000.png", "cam0_322000.png"],
+         (0, 33000, 102000, 132000, 232000), 10**6, "in us by their steps: a frame every 51 ms"),
+        (["5000.png", "5100.png", "5200.png"], (0, 100, 200), 0, "numbers missing between 5000 and 5200"),
+        (["1000.png", "2000.png", "3000.png"], (0, 1000, 2000), 0, "numbers missing between 1000 and 3000"),
+        ([f"{n}.png" for n in (7, 12207, 31007, 36507, 44307)], (0, 12200, 31000, 36500, 44300), 0, "numbers"),
+        (["790154000.png", "790187333.png"], (0, 33333), 0, "numbers"),
     ],
 )  # fmt: skip
 def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, told: str) -> None:
