@@ -56,7 +56,17 @@ from handpose.predicting.predictor import Predictor
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import findings, hand_pages, outputs, pictures
-from tools.common.arguments import add_engine, camera, center, cube, natural, parser_of, positive_number, refuse_given
+from tools.common.arguments import (
+    add_engine,
+    add_joints_option,
+    camera,
+    center,
+    cube,
+    natural,
+    parser_of,
+    positive_number,
+    refuse_given,
+)
 from tools.common.console import DONE, guarded, say
 from tools.common.sources import say_doubts
 
@@ -85,6 +95,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--refine", type=lambda text: natural(text, MOST_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     add_engine(parser)
+    add_joints_option(parser, "in the table instead of ours, in --json with them")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if args.model and not args.weights:
@@ -119,15 +130,18 @@ def run(args: argparse.Namespace) -> int:
         hands.append((image, found))
         findings.draw(place, found, predictor)
         joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
+        other = findings.in_format(found, predictor, args.joints) if args.joints else {}
         if args.json:
             rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
             results.append({"image": image, "picture": str(place), "cube_mm": predictor.cube_mm,
-                            **findings.facts(found, predictor), "joints_mm": rounded})  # fmt: skip
+                            **findings.facts(found, predictor), "joints_mm": rounded, **other})  # fmt: skip
         else:
             words = f"{findings.in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
             say(f"{image}: {words}; picture {place}")
-            for name, (x, y, z) in joints.items():
-                say(f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}")
+            for line in (
+                findings.format_lines(found, args.joints, other) if args.joints else findings.joint_lines(joints)
+            ):
+                say(line)
     if args.html:
         hand_pages.write(Path(args.html), hands, predictor)
     if args.json:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from docs.making import code_blocks, exercises, line_links
+from docs.making import code_blocks, exercises, joint_table, line_links
 from docs.making.made import Made
 from netlib.errors import reason_of
 from netlib.files.paths import ROOT
@@ -16,6 +16,7 @@ from netlib.files.paths import ROOT
 CHANGES: tuple[tuple[re.Pattern[str], Callable[[str, Path], str]], ...] = (
     (code_blocks.MARK, code_blocks.current),
     (exercises.MARK, exercises.current),
+    (joint_table.MARK, joint_table.current),
     (line_links.MARK, line_links.current),
 )
 

@@ -8,6 +8,8 @@
     JOINT_x_mm, JOINT_y_mm, JOINT_z_mm   of each joint, camera axes: x right, y up, z away
     ANGLE_rad        of each angle; of a left hand, of its mirror image
 
+With a format of joints (``joint_values``) its columns take the place of the last two kinds.
+
 A hand that is lost keeps its rows, so that a plot over time has gaps and no false lines: in pandas,
 ``read_csv(path)`` makes NaN of what is empty, and ``table[table.lost.isna()]`` are the rows with a hand. A frame in
 which no hand is tracked has no row.
@@ -21,7 +23,8 @@ import math
 from pathlib import Path
 from types import TracebackType
 
-from handpose.tracks import angles
+from handpose.joint_formats.formats import FormatName
+from handpose.tracks import angles, joint_values
 from handpose.tracks.growing import GrowingFile
 from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
 
@@ -29,13 +32,19 @@ FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
 
 
 class CsvWriter:
-    """Writes a table frame by frame; what is written stays if the block ends by an exception. Raises OSError."""
+    """Writes a table frame by frame; what is written stays if the block ends by an exception. Raises OSError.
 
-    def __init__(self, path: Path, header: TrackHeader) -> None:
+    joints  a format of joints, whose columns are written instead of our joints and angles
+    """
+
+    def __init__(self, path: Path, header: TrackHeader, joints: FormatName | None = None) -> None:
         self.files = [path]
+        self._header, self._joints = header, joints
         self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
         columns = [f"{joint}_{axis}_mm" for joint in header.skeleton.joint_names for axis in "xyz"]
         columns += [f"{header.skeleton.dof_names[d]}_rad" for d in self._angles]
+        if joints:
+            columns = joint_values.columns(joints)
         self._empty = [""] * (2 + len(columns))
         self._numbers = [*["%.2f"] * (len(columns) - len(self._angles)), *["%.5f"] * len(self._angles)]
         self._file = GrowingFile(path, _rows([FIRST + columns]))
@@ -52,9 +61,12 @@ class CsvWriter:
         self._file.append(_rows(rows))
 
     def _values(self, hand: TrackedHand) -> list[str]:
+        chances = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)]
+        if self._joints:
+            camera = self._header.camera
+            return chances + joint_values.numbers(self._joints, self._skeleton, hand.hand, hand.xyz, camera)
         theta = self._skeleton.theta(hand.inputs)
         numbers = [*hand.xyz.ravel().tolist(), *theta[self._angles].tolist()]
-        chances = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)]
         return chances + [_known(form, number) for form, number in zip(self._numbers, numbers)]
 
     def __exit__(

@@ -15,6 +15,7 @@ The header, once:
         angles         name, lower and upper limit in rad of each angle; null without a limit
         translations   names of the lengths by which the body moves along
         prototxt       the skeleton file, by which angles, translations and bones make positions
+    joint_format     with a format of joints: its name, joints, bones, length, axes, and the angles
     frames           in a document only: the list
     complete         in a document only, the last key: true if the tracker came to its end, false if it was stopped
 
@@ -32,6 +33,7 @@ A frame:
         bones_mm         signed length of each joint's bone, 0 without one: in the first frame of this id, and wherever
                          they have changed since
         crop             center_uvd (px, px, mm) and cube_mm, where the hand was looked for
+        mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
     lost             those that were seen before and are not now: id, hand, since_s (seen last), reason (a line)
 """
 
@@ -46,6 +48,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, TextIO
 
 from handpose.data.json_fields import Fields, parsed
+from handpose.joint_formats.formats import FormatName
 from handpose.tracks.growing import GrowingFile
 from handpose.tracks.json_values import FrameValues, header_of, header_values
 from handpose.tracks.track import TrackedFrame, TrackHeader
@@ -59,10 +62,10 @@ _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII
 class JsonWriter:
     """Writes a JSON document frame by frame; it is whole also if the block ends by an exception. Raises OSError."""
 
-    def __init__(self, path: Path, header: TrackHeader) -> None:
+    def __init__(self, path: Path, header: TrackHeader, joints: FormatName | None = None) -> None:
         self.files = [path]
-        self._values = FrameValues(header)
-        head = _text(header_values(header))[:-1] + ',"frames":[\n'
+        self._values = FrameValues(header, joints)
+        head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
         self._file = GrowingFile(path, head.encode(), b'\n],"complete":false}\n')
         self._between = ""
 
@@ -90,12 +93,13 @@ class JsonWriter:
 class JsonLinesWriter:
     """Writes JSON lines, each of which can be read as soon as it is there. Raises OSError.
 
-    path  of the file, which is begun anew; None: standard output
+    path    of the file, which is begun anew; None: standard output
+    joints  a format in which hands are written, too
     """
 
-    def __init__(self, path: Path | None, header: TrackHeader) -> None:
+    def __init__(self, path: Path | None, header: TrackHeader, joints: FormatName | None = None) -> None:
         self.files = [path] if path else []
-        self._values, self._header = FrameValues(header), header
+        self._values, self._head = FrameValues(header, joints), header_values(header, joints)
         self._stream: TextIO | None = sys.stdout
 
     def __enter__(self) -> JsonLinesWriter:
@@ -103,7 +107,7 @@ class JsonLinesWriter:
             for path in self.files:
                 stack.enter_context(atomic.naming(path))
                 self._stream = stack.enter_context(path.open("w", encoding="ascii", newline="\n"))
-            self._put(header_values(self._header))
+            self._put(self._head)
             self._stack = stack.pop_all()
         return self
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from handpose.data.json_fields import Fields
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, side_of
-from handpose.tracks import angles
+from handpose.joint_formats.formats import FormatName
+from handpose.tracks import angles, joint_values
 from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
@@ -42,13 +43,14 @@ def _nulled(values: Any) -> Any:
 # ---------------------------------------------------------------------------------------------- the header
 
 
-def header_values(header: TrackHeader) -> dict[str, Any]:
-    """The header as an object."""
+def header_values(header: TrackHeader, joints: FormatName | None = None) -> dict[str, Any]:
+    """The header as an object; ``joints`` is a format in which hands are written, too."""
     camera = {name: value if name == "name" else rounded(value, 6) for name, value in vars(header.camera).items()}
     return {
         "format": FORMAT, "version": VERSION, "source": header.source, "smoothed": header.smoothed, "units": UNITS,
         "axes": AXES, "camera": camera | {"width": header.camera.width, "height": header.camera.height},
         "unit_mm": float(header.unit_mm), "skeleton": _skeleton_values(header.skeleton),
+        **({"joint_format": joint_values.format_values(joints)} if joints else {}),
     }  # fmt: skip
 
 
@@ -85,8 +87,9 @@ def header_of(fields: Fields) -> TrackHeader:
 class FrameValues:
     """Frames as objects, one after the other: the bones of a hand stand in the first one, and where they change."""
 
-    def __init__(self, header: TrackHeader) -> None:
+    def __init__(self, header: TrackHeader, joints: FormatName | None = None) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
+        self._camera, self._joints = header.camera, joints
         self._dofs = angles.free_dofs(header.skeleton)
         names = header.skeleton.dof_names
         self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
@@ -113,7 +116,13 @@ class FrameValues:
             "translations_mm": dict(zip(self._slides, rounded(theta[self._dofs.slides] * self._unit_mm, 3))),
             **new,
             "crop": {"center_uvd": rounded(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
+            **self._format_values(hand),
         }  # fmt: skip
+
+    def _format_values(self, hand: TrackedHand) -> dict[str, Any]:
+        if self._joints is None:
+            return {}
+        return joint_values.hand_values(self._joints, self._skeleton, hand.hand, hand.xyz, self._camera)
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""

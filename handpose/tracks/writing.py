@@ -11,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
+from handpose.joint_formats.formats import FormatName
 from handpose.tracks.bvh_file import BvhWriter
 from handpose.tracks.csv_file import CsvWriter
 from handpose.tracks.json_file import JsonLinesWriter, JsonWriter
@@ -36,21 +37,25 @@ class TrackWriter(Protocol):
     ) -> None: ...
 
 
-def open_writer(path: str | Path, header: TrackHeader, rate: float | None = None) -> TrackWriter:
+def open_writer(
+    path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None
+) -> TrackWriter:
     """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
 
     BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate``, in frames per second; None: that of the times.
+
+    joints  a format in which JSON has joints and angles, too, and CSV instead of ours; BVH has always the skeleton's
     """
     if str(path) == "-":
-        return JsonLinesWriter(None, header)
+        return JsonLinesWriter(None, header, joints)
     path = Path(path)
     match path.suffix.lower():
         case ".json":
-            return JsonWriter(path, header)
+            return JsonWriter(path, header, joints)
         case ".jsonl":
-            return JsonLinesWriter(path, header)
+            return JsonLinesWriter(path, header, joints)
         case ".csv":
-            return CsvWriter(path, header)
+            return CsvWriter(path, header, joints)
         case ".bvh":
             return BvhWriter(path, header, rate)
     raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "

@@ -178,6 +178,32 @@ def test_the_table_says_where_the_hand_is(frame, capsys):
     assert len(joints) == 31
 
 
+@pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
+def test_joints_of_another_format(frame, capsys, name):
+    """--joints: JSON has them beside ours; the table has a line for each of its joints and angles instead."""
+    count = {"mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14}[name]
+    options = [*OWN, "frame.png", "--camera", "kinect2", "--out", "p", "--joints", name]
+    assert predict.main([*options, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)[0]
+    assert len(found["joints_mm"]) == 31 and len(found["anatomical_deg"]) == 20
+    assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
+    if name == "nyu":
+        palm = np.array(found["joints_mm"]["palm"]) + found["center_mm"]
+        assert found["nyu"]["positions_mm"][-1] == pytest.approx(palm, abs=0.02)
+    assert predict.main(options) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
+
+
+def test_another_format_of_a_crop(snapshot, capsys):
+    """Landmarks are in the crop, metric joints from its centre."""
+    assert predict.main([*OWN, "crop.png", "--out", "p", "--json", "--joints", "mediapipe"]) == 0
+    found = json.loads(capsys.readouterr().out)[0]
+    x, y, _ = found["mediapipe"]["landmarks"][4]
+    tip = found["joints_mm"]["thumb_tip"]
+    assert (x, y) == pytest.approx((0.5 + tip[0] / 300, 0.5 - tip[1] / 300), abs=1e-4)
+
+
 def test_a_camera_by_its_numbers(frame, capsys):
     """Instead of its name; the size is that of the image."""
     assert predicted(capsys, "frame.png", "--camera", "363.9,363.9,255.4,206.3") == predicted(

@@ -100,6 +100,20 @@ def test_lines_for_another_program(capsys: pytest.CaptureFixture[str]) -> None:
     assert files() == []
 
 
+def test_joints_of_another_format() -> None:
+    """--joints: JSON has them beside ours, which are the same as without it; CSV has them instead."""
+    assert track.main(["takes/take.npz", "--json", "plain.json"]) == 0
+    options = ["--json", "a.json", "--csv", "a.csv", "--joints", "openxr"]
+    assert track.main(["takes/take.npz", *options]) == 0
+    plain, found = (json.loads(Path(name).read_text()) for name in ("plain.json", "a.json"))
+    assert found.pop("joint_format")["name"] == "openxr"
+    for frame in found["frames"]:
+        for hand in frame["hands"]:
+            assert len(hand.pop("openxr")["positions_m"]) == 26 and len(hand.pop("anatomical_deg")) == 20
+    assert found == plain
+    assert "INDEX_TIP_qw" in Path("a.csv").read_text().splitlines()[0]
+
+
 def test_options() -> None:
     """Go to the tracker: the size, no smoothing; so many frames."""
     assert track.main(["takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3"]) == 0

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from handpose.facts.cameras import CAMERAS, Camera
 from handpose.facts.cubes import CUBES_MM
+from handpose.joint_formats.formats import FORMAT_NAMES
 from netlib import engine
 
 LARGEST = (1 << 63) - 1  # whole number: files have no larger ones
@@ -43,6 +44,12 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
         choices=engine.NAMES,
         help="what computes the net (default: NETLIB_ENGINE if it is set, else fast if the folder fast/ is there)",
     )
+
+
+def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
+    """The option --joints, for tools that write hands; ``where`` they have that format."""
+    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
+                        f"{where} (docs/joint_formats.md)")  # fmt: skip
 
 
 def caffes_flags(argv: Sequence[str] | None, switches: Sequence[str] = ()) -> list[str]:

@@ -1,4 +1,4 @@
-"""What is said and drawn of a hand that was found: for JSON, in words, as a picture."""
+"""What is said and drawn of a hand that was found: for JSON, in words and tables, as a picture."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from handpose.drawing import flesh, hands, sheets
 from handpose.drawing.identities import percent
+from handpose.joint_formats.formats import FORMATS, FormatName
 from handpose.predicting.prediction import FramePrediction, Prediction
 from handpose.predicting.predictor import Predictor
+from handpose.tracks import joint_values
+from netlib.blob import Array
 from tools.common import pictures
 
 
@@ -39,6 +44,31 @@ def in_words(found: Prediction, predictor: Predictor) -> str:
     if isinstance(found, FramePrediction):
         words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
     return words
+
+
+def in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:
+    """What JSON says of the hand in another format. Raises DataError for another body than a hand."""
+    if isinstance(found, FramePrediction):
+        return joint_values.hand_values(name, predictor.skeleton, found.hand, found.xyz, found.camera)
+    return joint_values.hand_values(name, predictor.skeleton, found.hand, found.joints_mm, None, found.cube_mm)
+
+
+def joint_lines(joints: dict[str, Array]) -> list[str]:
+    """The table of our joints."""
+    return [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in joints.items()]
+
+
+def format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -> list[str]:
+    """The tables of a format's joints, and of the angles. Each line has what ``values`` has of a joint."""
+    center = "from the camera" if isinstance(found, FramePrediction) else "from the crop's centre"
+    about = "about its mean" if name == "mediapipe" else center
+    kinds = {key: of for key, of in values[name].items() if of is not None and key != "center_m"}
+    lines = [f"  {name}: {', '.join(kinds)}; {FORMATS[name].in_words}, {about}"]
+    for i, joint in enumerate(FORMATS[name].joints):
+        rows = [np.atleast_1d(of[i]) for of in kinds.values()]
+        decimals = 1 if FORMATS[name].unit == "mm" else 4
+        lines.append(f"  {joint:<20}" + "".join(f"{number:10.{decimals}f}" for row in rows for number in row))
+    return [*lines, *(f"  {angle:<28}{degrees:8.1f} deg" for angle, degrees in values[joint_values.ANGLES_KEY].items())]
 
 
 def draw(picture: Path, found: Prediction, predictor: Predictor) -> None:

@@ -22,6 +22,7 @@ FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/boo
     "hand_joints": hand.joints,
     "lever": hand.lever,
     "reach": hand.reach,
+    "joint_angles": hand.joint_angles,
     "hinge": whole.hinge,
     "crop": whole.crop,
     "six_hands": whole.six_hands,

@@ -1,4 +1,4 @@
-"""Figures of chapters 6 and 7: the planar arm, the joints of the hand, a force and its torques."""
+"""Figures of chapters 6 and 7 (the planar arm, the joints of the hand, a force and its torques), and joint angles."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
+from handpose.joint_formats.frames import HandFrames, frames_of
+from handpose.joint_formats.points import POINTS, weights_of
 from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import load
+from layers.hand.skeleton import Skeleton, load
 from netlib.blob import Array
 
 SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)  # they lead the arm to (3, 4) and (3, 6)
@@ -127,3 +129,68 @@ def _plane(figure: Any) -> Any:
 def _bones(axes: Any, places: Array) -> None:
     axes.plot(*places.T, color="#999999", lw=5, solid_capstyle="round", zorder=0)
     axes.plot(*places.T, "o", color="#222222", ms=6)
+
+
+def joint_angles() -> Any:
+    """What flexion and abduction mean: a finger from its side, and the back of the hand."""
+    skeleton = load()
+    joints = Kinematics(skeleton).joints(np.zeros((1, len(skeleton.initial))))[0] * HALF_CUBE
+    frames = frames_of(skeleton, joints)
+    figure = new_figure(9.6, 4.6)
+    side, back = figure.subplots(1, 2)
+    _flexion(side)
+    _abduction(back, {name: weights @ joints for name, weights in _rows(skeleton).items()}, frames)
+    for axes in (side, back):
+        axes.set_aspect("equal")
+        axes.axis("off")
+    return figure
+
+
+def _flexion(axes: Any) -> None:
+    """A finger with the palm below: each bone, and how far it is bent against the one before."""
+    bends = {"mcp_flexion": 35.0, "pip_flexion": 40.0, "dip_flexion": 25.0}
+    places, turn = [np.zeros(2), np.array([60.0, 0.0])], 0.0
+    for bend, length in zip(bends.values(), (42.0, 28.0, 22.0)):
+        turn += np.radians(bend)
+        places.append(places[-1] + length * np.array([np.cos(turn), -np.sin(turn)]))
+    _bones(axes, np.array(places))
+    for before, at, _after, (name, bend) in zip(places, places[1:], places[2:], bends.items()):
+        on = (at - before) / np.linalg.norm(at - before)
+        axes.plot(*np.array([at, at + 20 * on]).T, "--", color="#888888", lw=1)
+        start, sweep = np.arctan2(on[1], on[0]), np.linspace(0, np.radians(bend), 20)
+        arc = at + 16 * np.stack([np.cos(start - sweep), np.sin(start - sweep)], axis=1)
+        axes.plot(*arc.T, color="#cc3311", lw=1.5)
+        axes.annotate("", arc[-1], arc[-4], arrowprops={"arrowstyle": "->", "color": "#cc3311"})
+        axes.text(*(at + 25 * on + (0, 2)), f"{name} +{bend:g}\u00b0", fontsize=9, color="#cc3311")
+    axes.text(2, 4, "metacarpal", fontsize=9)
+    axes.text(2, -42, "palm below,\nback of the hand above", fontsize=8, color="#555555")
+    axes.set(xlim=(-5, 175), ylim=(-95, 25), title="flexion, from the side")
+
+
+def _rows(skeleton: Skeleton) -> dict[str, Array]:
+    """Weights of each anatomical point."""
+    return dict(zip(POINTS, weights_of(list(POINTS.values()), skeleton.joint_names)))
+
+
+def _abduction(axes: Any, points: dict[str, Array], frames: HandFrames) -> None:
+    """A right hand seen from its back, in the plane of the palm: the thumb is at the left."""
+    up, wrist = frames.palm["middle"], points["wrist"]
+
+    def plane(at: Array) -> Array:
+        return np.array([-(at - wrist) @ frames.radial, (at - wrist) @ up])
+
+    for finger, colour in FINGERS.items():
+        parts = ("cmc", "mcp", "ip", "tip") if finger == "thumb" else ("cmc", "mcp", "pip", "dip", "tip")
+        places = np.array([plane(points[f"{finger}_{part}"]) for part in parts])
+        axes.plot(*places.T, "o-", color=colour, lw=2, ms=4)
+        if finger == "thumb":
+            axes.annotate("", places[2] + (-30, -6), places[2], arrowprops={"arrowstyle": "->", "color": "#cc3311"})
+            axes.text(*(places[2] + (-78, -22)), "radial_abduction +", fontsize=8, color="#cc3311")
+            continue
+        on = (places[1] - places[0]) / np.linalg.norm(places[1] - places[0])
+        axes.plot(*np.array([places[1], places[1] + 95 * on]).T, "--", color="#888888", lw=1)
+        side = np.array([on[1], -on[0]]) * (1 if finger in ("ring", "little") else -1)
+        axes.annotate("", places[1] + 95 * on + 16 * side, places[1] + 95 * on,
+                      arrowprops={"arrowstyle": "->", "color": "#cc3311"})  # fmt: skip
+        axes.text(*(places[1] + 103 * on), finger, ha="center", fontsize=9, color=colour)
+    axes.set(xlim=(-150, 115), ylim=(-10, 220), title="mcp_abduction, from the back of a right hand")

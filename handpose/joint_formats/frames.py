@@ -1,0 +1,115 @@
+"""Directions of a hand that its joints tell: the palm, and how every finger is turned.
+
+All of it is computed for a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
+and directions mirrored back. Everything follows from positions, so joints of a network, a fit and a track are alike.
+
+The palm is rigid in the model. Its rotation is the one that best moves the palm of the skeleton at rest onto the joints
+(Kabsch). It fixes the frame of each knuckle M = world_from_mcp. The first phalanx has the direction
+
+    d = M Rz(a) Rx(b) e_y,    Rz(a) Rx(b) e_y = (-sin a cos b, cos a cos b, sin b)
+
+of which a and b follow, because |b| < 90 degrees in all limits; so the axis M Rz(a) e_x, about which the finger bends,
+is known of a straight finger, too. The thumb bends about z and points along x: d = M Rz(a) Ry(-b) e_x.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from handpose.joint_formats.points import FINGERS, POINTS, weights_of
+from layers.hand.kinematics import Kinematics, rotation
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
+HINGES = {"thumb": ("thumb_mcp", "thumb_pip", "thumb_dip", "thumb_tip")} | {
+    finger: tuple(f"{finger}_{part}" for part in ("mcp", "base", "pip_b", "tip")) for finger in FINGERS
+}  # where the model's phalanges begin and end
+
+
+@dataclass(frozen=True)
+class HandFrames:
+    """Directions of one right hand; all of length 1.
+
+    unit_mm   of the skeleton: its size
+    dorsal    (3,) out of the back of the hand, perpendicular to the plane of wrist, index and little knuckle
+    radial    (3,) in that plane, from the little finger to the index, perpendicular to the middle metacarpal
+    bones     by finger the directions (3, 3) of its phalanges, from the palm to the tip; of the thumb the metacarpal
+              first
+    back      by finger the direction (3,) out of its back (of the thumb: out of its nail) at its first bone
+    palm      by finger the direction (3,) of its metacarpal; that of "thumb" is the index finger's
+    """
+
+    unit_mm: float
+    dorsal: Array
+    radial: Array
+    bones: dict[str, Array]
+    back: dict[str, Array]
+    palm: dict[str, Array]
+
+
+def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
+    """The directions of a hand whose joints, of a right hand or mirrored, are ``right`` (K, 3) mm. Raises DataError."""
+    rest = _rest(skeleton)
+    R, unit_mm = _kabsch(rest.palm, right[rest.palm_joints])
+    points = rest.points @ right  # wrist, then cmc and mcp of every finger
+    wrist, cmc, mcp = points[0], points[1::2], points[2::2]
+    across = np.cross(mcp[0] - wrist, mcp[-1] - wrist)
+    dorsal = _unit(across)
+    metacarpals = [_unit(b - a) for a, b in zip(cmc, mcp)]
+    radial = _unit(np.cross(metacarpals[1], dorsal))
+    bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
+    palm["thumb"] = metacarpals[0]
+    for finger, hinges in rest.hinges.items():
+        ends = right[hinges]
+        bones[finger] = np.array([_unit(bone) for bone in ends[1:] - ends[:-1]])
+        M = R @ rest.frames[finger]
+        d = M.T @ bones[finger][0]
+        if finger == "thumb":
+            a = np.arctan2(d[1], d[0])
+            back[finger] = M @ rotation(2, a)[:, 1] * -1
+        else:
+            a, b = np.arctan2(-d[0], d[1]), np.arcsin(np.clip(d[2], -1, 1))
+            back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
+    return HandFrames(unit_mm, dorsal, radial, bones, back, palm)
+
+
+@dataclass(frozen=True)
+class _Rest:
+    palm_joints: list[int]
+    palm: Array
+    frames: dict[str, Array]
+    hinges: dict[str, list[int]]
+    points: Array
+
+
+@functools.lru_cache(maxsize=8)
+def _rest(skeleton: Skeleton) -> _Rest:
+    """The skeleton with its palm at the origin, not turned."""
+    names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
+    points = weights_of([POINTS[name] for name in names], skeleton.joint_names)
+    index = {name: i for i, name in enumerate(skeleton.joint_names)}
+    pose = Kinematics(skeleton).forward(np.zeros((1, len(skeleton.initial))))
+    palm = [index[name] for name in PALM]
+    root = pose.frames[0, index["palm"]]
+    starts = {finger: "thumb_mcp" if finger == "thumb" else f"{finger}_mcp" for finger in HINGES}
+    return _Rest(
+        palm, (pose.joints[0, palm] - pose.joints[0, index["palm"]]) @ root,
+        {finger: root.T @ pose.frames[0, index[start]] for finger, start in starts.items()},
+        {finger: [index[name] for name in names] for finger, names in HINGES.items()}, points,
+    )  # fmt: skip
+
+
+def _kabsch(rest: Array, found: Array) -> tuple[Array, float]:
+    """The rotation that turns one set of points (N, 3) best into another, and their relative size."""
+    a, b = rest - rest.mean(axis=0), found - found.mean(axis=0)
+    u, _, vt = np.linalg.svd(b.T @ a)
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    return u @ flip @ vt, float(np.sqrt((b**2).sum() / (a**2).sum()))
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
