@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_orientations_point_along_bones(side: str) -> None:
     forward = -Rotation.from_quat(found.orientations).as_matrix()[:, :, 2]
     for finger in ("THUMB", "INDEX", "LITTLE"):
         names = [joint for joint in found.format.joints if joint.startswith(finger)]
-        for a, b in zip(names, names[1:]):
+        for a, b in itertools.pairwise(names):
             bone = at(found.positions, "openxr", b) - at(found.positions, "openxr", a)
             assert np.allclose(at(forward, "openxr", a), bone / np.linalg.norm(bone))
         assert np.allclose(at(forward, "openxr", names[-1]), at(forward, "openxr", names[-2]))
@@ -136,7 +137,7 @@ def test_up_is_the_back_of_the_finger() -> None:
             1,
             1,
             -1,
-        ]  # of a hinge: the same for all
+        ]
         for part in ("PROXIMAL", "INTERMEDIATE", "DISTAL", "TIP"):
             x, y, _ = at(axes, "openxr", f"{finger.upper()}_{part}").T
             assert abs(x @ x_of_model) == pytest.approx(1, abs=1e-6)
