@@ -126,7 +126,7 @@ def test_orientations_point_along_bones(side: str) -> None:
 
 
 def test_up_is_the_back_of_the_finger() -> None:
-    """+Y is, within what fingers turn about themselves, where the model's frame has its z; bending does not change +X."""
+    """+X is the axis of the model's hinges at every joint of a finger, +Y the z of its frame."""
     inputs = any_pose(np.random.default_rng(7))
     found = formatted("openxr", PEOPLE, "right", right_hand(inputs))
     assert found.orientations is not None
