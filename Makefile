@@ -16,6 +16,8 @@
 # ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
 # program of demo, table1, bench, twins, ranks or docs.
 PYTHON ?= python3
+# Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
 CASES ?= 1500
 BIN := .venv/bin
 RUN := $(BIN)/python

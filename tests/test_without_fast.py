@@ -65,12 +65,11 @@ def test_a_solver_trains(bare: Path) -> None:
     shutil.rmtree(bare / "data")
 
 
-# Tests that build nets, run them and ask which engine there is. The rest knows no engine, or runs on the plain one in
+# Tests that ask which engine there is, or take the one there is. The rest knows no engine, or runs on the plain one in
 # the whole suite as well; that nothing imports fast/ by name is one of the contracts of `make lint`.
 WHERE_IT_COUNTS = (
-    "test_nets.py", "netlib/caffe",
-    *(f"netlib/{name}.py" for name in ("engine/test_engine", "test_net", "test_params", "test_solver")),
-    *(f"tools/test_{name}.py" for name in ("extract_features", "time", "tools")),
+    "test_nets.py", "netlib/engine/test_engine.py", "netlib/caffe/test_pycaffe.py",
+    *(f"tools/test_{name}.py" for name in ("time", "tools")),
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
 )  # fmt: skip
 
@@ -81,4 +80,4 @@ def test_tests_of_nets_pass(bare: Path) -> None:
     done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
     summary = done.stdout.splitlines()[-1]
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    assert int(re.search(r"(\d+) passed", summary)[1]) > 400, summary  # type: ignore[index]
+    assert int(re.search(r"(\d+) passed", summary)[1]) > 150, summary  # type: ignore[index]

@@ -17,6 +17,7 @@ may differ.
 from __future__ import annotations
 
 import argparse
+import functools
 import logging
 import sys
 import time
@@ -225,11 +226,12 @@ class Program:
         show(net.text)
         tree = prototxt.parse(net.text)
 
-        def build(engine: str, seed: int = 1) -> netlib.Net:
-            return netlib.Net(tree, netlib.TRAIN, dtype=np.float64, seed=seed, engine=engine)
+        def build(seed: int) -> list[netlib.Net]:
+            engines = ("plain", "fast", "fast")
+            return [netlib.Net(tree, netlib.TRAIN, dtype=np.float64, seed=seed, engine=name) for name in engines]
 
-        self.nets = [build("plain"), build("fast"), build("fast")]
-        self.others = [build("plain", 2), build("fast", 2), build("fast", 2)]
+        self.nets = build(1)
+        self.others = functools.cache(lambda: build(2))  # built by the first program that shares parameters
         for name, value in self._arrays().items():  # of constant images, rounding would choose the winners of a pooling
             for net in self.nets:
                 net.blobs[name].data[...] = value
@@ -422,7 +424,7 @@ class Program:
                     net.params[name][i].data[...] = value
 
     def _share(self) -> None:
-        for net, other in zip(self.nets, self.others):
+        for net, other in zip(self.nets, self.others()):
             if net.params:
                 net.share_params(other)
 

@@ -24,6 +24,7 @@ from handpose.facts.nyu import CENTER_JOINT, frame_name
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
+from tools import make_synthetic
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
@@ -57,6 +58,17 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """What a small run of either kind writes, for tests that only read it or that go on from a copy."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parts, "FRAMES_PER_FILE", 100)
+        assert make_synthetic.main(arguments(folder / "files")) == 0
+    assert make_synthetic.main(raw(folder / "raw", train=70)) == 0
+    return {"files": folder / "files", "raw": folder / "raw"}
+
+
 def test_files_and_lists(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every frame is there once, in order, as the generator draws it; the lists name the files."""
     assert tool.main(arguments(tmp_path)) == 0
@@ -84,9 +96,12 @@ def test_depth_can_be_mapped(tool: ModuleType, tmp_path: Path) -> None:
         np.testing.assert_array_equal(mapped, depth[:])
 
 
-def test_second_run_keeps_everything(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_second_run_keeps_everything(
+    tool: ModuleType, made: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A run that is already done touches nothing and says so."""
-    tool.main(arguments(tmp_path))
+    shutil.copytree(made["files"], tmp_path, dirs_exist_ok=True)
+    assert tool.main(arguments(tmp_path)) == 0  # the lists name other paths now
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     capsys.readouterr()
     assert tool.main(arguments(tmp_path)) == 0
@@ -94,9 +109,9 @@ def test_second_run_keeps_everything(tool: ModuleType, tmp_path: Path, capsys: p
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_other_parameters_are_made_again(tool: ModuleType, tmp_path: Path) -> None:
+def test_other_parameters_are_made_again(tool: ModuleType, made: dict[str, Path], tmp_path: Path) -> None:
     """Another seed replaces synthetic data; a larger number of frames keeps the files that do not change."""
-    tool.main(arguments(tmp_path))
+    shutil.copytree(made["files"], tmp_path, dirs_exist_ok=True)
     first = (tmp_path / "train_000.h5").read_bytes()
     assert tool.main(arguments(tmp_path, train=250)) == 0
     assert (tmp_path / "train_000.h5").read_bytes() == first
@@ -105,12 +120,11 @@ def test_other_parameters_are_made_again(tool: ModuleType, tmp_path: Path) -> No
     assert (tmp_path / "train_000.h5").read_bytes() != first
 
 
-def test_workers_change_no_byte(tool: ModuleType, tmp_path: Path) -> None:
+def test_workers_change_no_byte(tool: ModuleType, made: dict[str, Path], tmp_path: Path) -> None:
     """Files of two processes are equal to those of one, to the byte."""
-    tool.main(arguments(tmp_path / "a"))
-    tool.main([*arguments(tmp_path / "b")[:-1], "2"])
+    tool.main([*arguments(tmp_path)[:-1], "2"])
     for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+        assert (tmp_path / name).read_bytes() == (made["files"] / name).read_bytes()
 
 
 @pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
@@ -266,11 +280,10 @@ def test_raw_files(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in capsys.readouterr().out
 
 
-def test_raw_images_are_solid(tool: ModuleType, tmp_path: Path) -> None:
+def test_raw_images_are_solid(made: dict[str, Path]) -> None:
     """The hand has no grid of holes where the crop picks every other pixel."""
-    tool.main(raw(tmp_path))
     for i in range(5):
-        seen = (nyu_files.read_nyu_depth(tmp_path / "train" / frame_name(i)) > 0).astype(np.uint8)
+        seen = (nyu_files.read_nyu_depth(made["raw"] / "train" / frame_name(i)) > 0).astype(np.uint8)
         closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         assert (closed > seen).sum() < 0.03 * seen.sum()
 
@@ -300,14 +313,13 @@ def test_raw_leaves_real_data_alone(tool: ModuleType, tmp_path: Path, capsys: py
     assert tool.main(raw(tmp_path, "--force")) == 0
 
 
-def test_raw_workers_change_no_byte(tool: ModuleType, tmp_path: Path) -> None:
+def test_raw_workers_change_no_byte(made: dict[str, Path], tmp_path: Path) -> None:
     """Images of two processes are equal to those of one, and so are the labels."""
-    tool.main(raw(tmp_path / "a", train=70))
-    done = run_tool(*raw(tmp_path / "b", train=70)[:-1], "2")
+    done = run_tool(*raw(tmp_path, train=70)[:-1], "2")
     assert (done.returncode, done.stderr) == (0, "")
     for name in (frame_name(0), frame_name(69)):
-        assert (tmp_path / "a" / "train" / name).read_bytes() == (tmp_path / "b" / "train" / name).read_bytes()
-    a, b = (nyu_files.read_annotation(tmp_path / folder / "train" / nyu_files.ANNOTATION) for folder in "ab")
+        assert (made["raw"] / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
+    a, b = (nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION) for folder in (made["raw"], tmp_path))
     np.testing.assert_array_equal(a.xyz, b.xyz)
 
 
