@@ -157,6 +157,70 @@ class OverwritesWindows(Convolution):
         return padded[:, self.pad[0] : self.pad[0] + sizes[0], self.pad[1] : self.pad[1] + sizes[1]]
 
 
+class Transposes(Convolution):
+    """Rows and columns of the kernel are exchanged: w[o, c, i, j] meets row h + i and column w + j."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        w = self.weight.data
+        kept = w.copy()
+        if self.kernel[0] == self.kernel[1]:
+            w[...] = kept.swapaxes(-1, -2)
+        super().forward(bottom, top)
+        w[...] = kept
+
+
+class RepeatsEdge(Convolution):
+    """Outside of the image the nearest pixel is taken. The padding is 0."""
+
+    def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
+        padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)], mode="edge")
+        met = np.stack([padded[part] for part in self.places(y_shape)], axis=1)
+        return met.reshape(-1, int(np.prod(y_shape[1:])))
+
+
+class PadsTwice(Convolution):
+    """The padding is counted twice: the image is padded, and pad is subtracted from the index as well. In a padded
+    image the window begins at h stride.
+    """
+
+    def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
+        padded = np.pad(image, [(0, 0), *((2 * p, 2 * p) for p in self.pad)])
+        met = np.stack([padded[part] for part in self.places(y_shape)], axis=1)
+        return met.reshape(-1, int(np.prod(y_shape[1:])))
+
+
+class NoStrideBackward(Convolution):
+    """dx leaves the stride out: dy[h, w] goes back to row h stride + i dilation - pad, where forward read."""
+
+    def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:
+        kept, self.stride = self.stride, (1,) * len(self.stride)
+        found = super().col2im(columns, x_shape, y_shape)
+        self.stride = kept
+        return found
+
+
+class Interleaves(Convolution):
+    """The groups are interleaved. Group 0 has the first channels and the first outputs, group 1 the next: blocks, and
+    not every second one.
+    """
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        given = Blob(bottom[0].shape, self.dtype)
+        groups = self.param.group
+        given.data[...] = np.concatenate([bottom[0].data[:, g::groups] for g in range(groups)], axis=1)
+        super().forward(Blobs([given]), top)
+
+
+class BiasOfLastImage(Convolution):
+    """db is that of the last image alone. It is a sum over all images of the batch: += inside the loop."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        kept = [blob.diff.copy() for blob in self.blobs[1:]]
+        super().backward(top, propagate_down, bottom)
+        for blob, before in zip(self.blobs[1:], kept):
+            blob.diff[...] = before + top[0].diff[-1].sum(axis=(1, 2))
+
+
 class BiasMean(Convolution):
     """db is a mean over the places of the output. It is a sum: b[o] is added at each of them."""
 
@@ -201,7 +265,7 @@ EXERCISE = layer_exercise(
         "forward": "For every x in bottom and y in top: write y.data, the sum over c, i, j of the docstring, plus b. "
         "images(), by_group() and im2col() make three matrix products of it; plain loops over n, o, h, w are as "
         "good, and slower.",
-        "backward": "Add to self.blobs[0].diff (dw) and self.blobs[1].diff (db), summed over the images; write x.diff "
+        "backward": "Add to self.weight.diff (dw) and self.bias.diff (db), summed over the images; write x.diff "
         "where propagate_down says so. What several windows share is summed.",
         "im2col": "Stack what each kernel element meets; places() gives the parts of the padded image. "
         "Leave it as it is if your forward does not need it.",
@@ -234,6 +298,12 @@ EXERCISE = layer_exercise(
         KeepsLastImage,
         OverwritesShared,
         OverwritesWindows,
+        Transposes,
+        RepeatsEdge,
+        PadsTwice,
+        NoStrideBackward,
+        Interleaves,
+        BiasOfLastImage,
         BiasMean,
         FlipsBackward,
     ),

@@ -12,6 +12,7 @@ from netlib.blob import Array
 
 T = TypeVar("T")
 NO_IDEA = "This is none of the usual mistakes. Compare your lines with the formulas at the top of the file."
+SMALL = 12  # numbers of a result that is shown whole
 FACTORS = 1e-5  # how well a constant factor must fit all numbers
 COARSE = {"float16": 2e-3, "float32": 3e-6}  # how far numbers of fewer digits may be off
 
@@ -20,6 +21,15 @@ def sentences(exercise: Exercise, part: Part, found: Difference) -> Iterator[str
     """What differs, then what is likely the reason."""
     yield _what_differs(found)
     yield advice(exercise, part, found) or _unsteady(part, found) or _pattern(found) or NO_IDEA
+    if where := where_wrong(found):
+        yield where
+    if found.index is not None and 1 < found.got.size <= SMALL:
+        yield f"Yours: {_listed(found.got)}; wanted: {_listed(found.wanted)}."
+
+
+def _listed(array: Array) -> str:
+    """As nested lists, each number as short as it can be."""
+    return f"[{', '.join(map(_listed, array))}]" if array.ndim else f"{float(array):.6g}"
 
 
 def _what_differs(found: Difference) -> str:
@@ -48,27 +58,36 @@ def _written(a: float, b: float) -> tuple[str, str]:
 def advice(exercise: Exercise, part: Part, found: Difference) -> str | None:
     """What is said of the known mistake that gives what the reader's part gives; None if none does.
 
-    It must be right where the reader's part was, in the cases before this one. Where several are left, it is the one
-    that agrees with the reader's part in most other results.
+    It must be right where the reader's part is, and wrong in the same way where that is wrong, in every case of the
+    step. Where several are left, it is the one that agrees with the reader's part in most other results. A mistake that
+    gives the same numbers in half of the wrong cases is named as one that looks like the reader's.
     """
     for remedy in exercise.remedies:
         if remedy.looks_like(found.got) and _passes(found.case, part, remedy.cured):
             return remedy.advice
     like = [m for m in exercise.mistakes if _same(found, _run(found.case, m.part) or {})]
-    before = [case for case in _before(exercise, found.case) if _passes(case, part)] if like else []
-    like = [m for m in like if all(_passes(case, m.part) for case in before)]
-    if len(like) < 2:
-        return like[0].advice if like else None
+    if not like:
+        return None
+    step = next(check.cases for check in exercise.checks if found.case in check.cases)
+    right = [case for case in step if _passes(case, part)]
+    wrong = [other for case in step if case not in right and (other := _difference(case, part))]
+    like = [m for m in like if all(_passes(case, m.part) for case in right)]
+    shares = {m: np.mean([_same(other, _run(other.case, m.part) or {}) for other in wrong]) for m in like}
+    whole = [m for m in like if shares[m] == 1]
+    if not whole:
+        half = [m for m in like if shares[m] >= 0.5]
+        return f"It looks like this, though not in every example: {half[0].advice}" if half else None
+    like = whole
+    if len(like) == 1:
+        return like[0].advice
     cases = [case for check in exercise.checks for case in check.cases]
     mine = {case: _run(case, part) or {} for case in cases}
     return max(like, key=lambda m: sum(_alike(c, mine[c], _run(c, m.part) or {}) for c in cases)).advice
 
 
-def _before(exercise: Exercise, case: Case) -> Iterator[Case]:
-    """The cases of the same step that come before this one."""
-    for check in exercise.checks:
-        if case in check.cases:
-            yield from check.cases[: check.cases.index(case)]
+def _difference(case: Case, part: Part) -> Difference | None:
+    """The first difference of a case; None if there is none, or the part fails."""
+    return tried(lambda: first_difference(case, case.run(part), case.wanted(part)))
 
 
 def _passes(case: Case, part: Part, changed: Callable[[Part], Part] = lambda part: part) -> bool:
@@ -112,6 +131,49 @@ def _alike(case: Case, mine: Values, theirs: Values) -> int:
         _same(Difference(case, name, None, np.asarray(array, np.float64), array), theirs)
         for name, array in mine.items()
     )
+
+
+def where_wrong(found: Difference) -> str | None:
+    """Where the wrong elements are, if not everywhere: along which axis, at the border, of which sign."""
+    if found.index is None:
+        return None
+    wrong = ~agree(found.got, found.wanted, found.case.tolerance)
+    if wrong.all() or wrong.size < 2:
+        return None
+    letters = found.case.axes.get(found.name, ())
+    places = [
+        place
+        for k, size in enumerate(wrong.shape)
+        if (place := _along(letters[k] if len(letters) == wrong.ndim else f"axis {k}", wrong, k, size))
+    ]
+    if not places and wrong.ndim >= 2 and min(wrong.shape[-2:]) > 2 and not wrong[..., 1:-1, 1:-1].any():
+        places.append("at the border of the picture")
+    right_at = ~wrong
+    for what, mask in (
+        ("it should be 0", found.wanted == 0),
+        ("it should not be 0", found.wanted != 0),
+        ("it should be positive", found.wanted > 0),
+        ("it should be negative", found.wanted < 0),
+    ):
+        if mask.any() and (wrong <= mask).all() and (right_at <= ~mask).all():
+            places.append(f"where {what}")
+            break
+    return f"Only elements {', '.join(places)} are wrong." if places else None
+
+
+def _along(letter: str, wrong: Array, k: int, size: int) -> str | None:
+    """At which indices of one axis the wrong elements are."""
+    at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
+    if len(at) == size or size < 2:
+        return None
+    if len(at) == 1:
+        name = {0: ", the first", size - 1: ", the last"}.get(int(at[0]), "")
+        return f"with {letter}={at[0]}{name}"
+    if at[0] > 0 and len(at) == size - at[0]:
+        return f"with {letter}={at[0]} and after"
+    if at[-1] < size - 1 and len(at) == at[-1] + 1:
+        return f"with {letter}={at[-1]} and before"
+    return f"with {letter} in {', '.join(map(str, at))}" if len(at) <= size // 2 else None
 
 
 def _unsteady(part: Part, found: Difference) -> str | None:

@@ -123,7 +123,7 @@ class BiasOverOutputs(InnerProduct):
 
 
 class ForgetsBiasGradient(InnerProduct):
-    """db was not added: self.blobs[1].diff is as it was before."""
+    """db was not added: self.bias.diff is as it was before."""
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         kept = [blob.diff.copy() for blob in self.blobs[1:]]
@@ -145,9 +145,9 @@ EXERCISE = layer_exercise(
     to_do={
         "reshape": "top[0] keeps the axes before self.axis, then comes one of self.param.num_output. (Ours "
         "also says what is wrong if the number of inputs is no longer self.inputs.)",
-        "forward": "Write top[0].data: y = x wᵀ + b. w is self.blobs[0].data, b is self.blobs[1].data, if "
+        "forward": "Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if "
         "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
-        "backward": "Add to self.blobs[0].diff and self.blobs[1].diff, with +=: dw = dyᵀ x, db = sum of dy over the "
+        "backward": "Add to self.weight.diff and self.bias.diff, with +=: dw = dyᵀ x, db = sum of dy over the "
         "items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
     },
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),

@@ -43,6 +43,7 @@ class Example:
     options   the inside of its ``layer { ... }`` besides the type
     wanted    which bottoms get a gradient; by default all
     gradient  is it checked by differences
+    on_kinks  some numbers lie on kinks: the gradient is compared with ours instead, for a top diff of 0.5
     """
 
     options: str
@@ -55,6 +56,7 @@ class Example:
     params: tuple[Array, ...] = ()
     note: str = ""
     forwards: int = 1
+    on_kinks: bool = False
 
     @property
     def title(self) -> str:

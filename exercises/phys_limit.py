@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from exercises import hand
 from exercises.exercise import known
 from exercises.layer_examples import Example, Letters
 from exercises.layers import layer_exercise
@@ -81,6 +82,35 @@ class Halved(_Forward):
         return float(v.sum() if self.param.norm == "L1" else np.vdot(v, v) / 2)
 
 
+class MeanOfViolations(_Forward):
+    """The sum is divided by the number of angles that are out of limits. It is a mean over poses: 1 / N."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        super().forward(bottom, top)
+        top[0].data[...] *= len(self.beyond) / max(int(np.count_nonzero(self.beyond)), 1)
+
+
+class SquareOfSum(_Forward):
+    """The sum of all v is squared. With norm L2 each v is squared by itself, and then they are summed."""
+
+    def total(self, v: Array) -> float:
+        return float(v.sum() if self.param.norm == "L1" else (v.sum(axis=1) ** 2).sum())
+
+
+class SquareOfWholeSum(_Forward):
+    """The sum over all poses is squared. With norm L2 each v is squared by itself, and then all are summed."""
+
+    def total(self, v: Array) -> float:
+        return float(v.sum() if self.param.norm == "L1" else v.sum() ** 2)
+
+
+class Degrees(_Forward):
+    """v is in degrees. The angles, their limits and the loss are in radians: nothing is to be converted."""
+
+    def beyond_of(self, x: Array) -> Array:
+        return np.asarray(np.rad2deg(super().beyond_of(x)))
+
+
 class _Backward(PhysLimit):
     """A backward in pieces, one of which is wrong."""
 
@@ -116,6 +146,27 @@ class GradientOfSquare(_Backward):
         return np.asarray(2 * self.beyond)
 
 
+class SlopeAtLimit(_Backward):
+    """At a limit itself the slope is 0, and ±1 only beyond it: an angle that is just reached is a good one. So >= has
+    to be >, and <= has to be <.
+    """
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        super().forward(bottom, top)
+        x = bottom[0].data.reshape(-1, len(self.lower))
+        self.at = (x == self.upper) * 1.0 - (x == self.lower)
+
+    def slope(self) -> Array:
+        return np.asarray(super().slope() + (self.at if self.param.norm == "L1" else 0))
+
+
+class SlopeIsV(_Backward):
+    """With norm L1 the derivative of v is ±1 however large v is, and not v itself."""
+
+    def slope(self) -> Array:
+        return np.asarray(self.beyond if self.param.norm == "L1" else 2 * self.beyond)
+
+
 class NoTopDiff(_Backward):
     """backward does not use top[0].diff, dL: the loss weight of the prototxt."""
 
@@ -128,6 +179,16 @@ class GradientNotDivided(_Backward):
 
     def begin(self, dL: Array) -> Array:
         return dL
+
+
+def _arm_like() -> Array:
+    """Two hands in the initial pose but for two angles, as in chapter 8; others lie on their limits."""
+    skeleton = hand.nyu_hand()
+    limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
+    x = np.zeros((2, 47))
+    x[0, limited[0]], x[1, limited[1]] = skeleton.upper[limited[0]] + 0.25, skeleton.lower[limited[1]] - 0.5
+    x[0, limited[2]], x[1, limited[3]] = skeleton.upper[limited[2]], skeleton.lower[limited[3]]
+    return x
 
 
 def _poses(count: int, seed: int) -> Array:
@@ -149,7 +210,9 @@ EXERCISE = layer_exercise(
         "within the limits. dL is top[0].diff.",
     },
     letters=Letters(("x",), ("L",), axes={"x": "nd", "L": ""}),
-    examples=[Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
+    examples=[Example(L1, (_arm_like(),), on_kinks=True, note="two angles beyond, two at a limit"),
+              Example(L2, (_arm_like(),), on_kinks=True, note="two angles beyond, two at a limit"),
+              Example(L1, (_poses(2, 1),)), Example(L2, (_poses(2, 2),)), Example("", (_poses(3, 3),), gradient=False)],
     from_caffe={"phys_limit": Example(L2, ())},
     mistakes=known(
         SquaresAlways,
@@ -159,9 +222,15 @@ EXERCISE = layer_exercise(
         NotDivided,
         MeanOfDofs,
         Halved,
+        MeanOfViolations,
+        SquareOfSum,
+        SquareOfWholeSum,
+        Degrees,
         BothUp,
         TwoForgotten,
         GradientOfSquare,
+        SlopeAtLimit,
+        SlopeIsV,
         NoTopDiff,
         GradientNotDivided,
     ),

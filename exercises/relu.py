@@ -73,6 +73,14 @@ class OneAtZero(ReLU):
         bottom[0].diff[...] = top[0].diff * ((x >= 0) + self.slope * (x < 0))
 
 
+class TimesOutput(ReLU):
+    """The gate g is multiplied by y. By the chain rule it is multiplied by what comes from the loss: dx = g dy."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        x = bottom[0].data
+        bottom[0].diff[...] = np.where(x > 0, 1, self.slope) * np.where(x > 0, x, self.slope * x)
+
+
 class LooksAtGradient(ReLU):
     """backward asks for the sign of dy. What counts is the sign of x: g is 1 where x > 0."""
 
@@ -112,5 +120,6 @@ EXERCISE = layer_exercise(
         ForgetsTopDiff,
         OneAtZero,
         LooksAtGradient,
+        TimesOutput,
     ),
 )  # fmt: skip

@@ -177,6 +177,35 @@ def _decays_again(p: SolverParameter, w: Array, g: Array, rate: float, history: 
     w -= h
 
 
+def _twice(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """The rate is applied twice. It is in h already, h <- m h + r g, so w is changed by h itself: w <- w - h."""
+    [h] = history
+    h[...] = p.momentum * h + rate * g
+    w -= rate * h
+
+
+def _corrected(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """h is divided by 1 - m^t. That correction is Adam's; SGD subtracts h as it is."""
+    [h] = history
+    h[...] = p.momentum * h + rate * g
+    w -= h / (1 - p.momentum**t)
+
+
+def _keeps_weights(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """h holds the old weights. It has to hold the last step: h <- m h + r g, which begins as 0."""
+    [h] = history
+    old = w.copy()
+    w += p.momentum * (w - h) * (t > 1) - rate * g
+    h[...] = old
+
+
+def _negative(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+    """h has the other sign, and w is right. Here h <- m h + r g and w <- w - h; a snapshot holds h."""
+    [h] = history
+    h[...] = p.momentum * h - rate * g
+    w += h
+
+
 def _late(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
     """w is changed by the old h. Compute the new h first."""
     [h] = history
@@ -228,6 +257,10 @@ EXERCISE = Exercise(
         _changes_g,
         _decays_again,
         _late,
+        _twice,
+        _corrected,
+        _keeps_weights,
+        _negative,
     ),
     train=_train,
 )  # fmt: skip

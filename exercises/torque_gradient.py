@@ -206,6 +206,78 @@ class ParentsFirst(_Climb):
         return list(self.skeleton.order)
 
 
+class FileOrder(_Climb):
+    """The joints are walked in the order of the file, or the reverse of it. Neither has children before parents for
+    every body: reversed(skeleton.order) has.
+    """
+
+    def order(self) -> list[int]:
+        return list(range(len(self.skeleton.parents)))
+
+
+class ReversedFileOrder(FileOrder):
+    """The joints are walked in the order of the file backwards. In the hand's file some children stand before their
+    parents and some after: reversed(skeleton.order) has all children first.
+    """
+
+    def order(self) -> list[int]:
+        return list(reversed(super().order()))
+
+
+class CountsLeverTwice(_Climb):
+    """The sum over the children is added once for every motion of the joint. What a joint hands on to its parent is
+    added after the loop over its motions, and torque[:, j] stays as it is within it.
+    """
+
+    def backward(self, pose: Pose, dX: Array) -> Array:
+        sk, X = self.skeleton, pose.joints
+        force, torque = self.copied(dX), np.zeros(dX.shape)
+        dtheta = np.zeros((len(dX), len(sk.initial)))
+        for j in self.order():
+            for motion in sk.motions[j]:
+                if motion.row >= 0:
+                    a, P = pose.axis[:, motion.row], pose.pivot[:, motion.row]
+                    torque[:, j] += np.cross(X[:, j] - P, force[:, j])
+                    push = force[:, j] if motion.kind == "translate" else torque[:, j]
+                    dtheta[:, motion.dof] += (a * push).sum(axis=1)
+            if sk.parents[j] >= 0:
+                self.up(force, torque, X, j, sk.parents[j])
+        return dtheta.astype(self.dtype)
+
+
+class AboutParent(_Climb):
+    """This is the torque about the parent's place. The pivot P is where the turn begins: after the slides of the same
+    joint, so it is pose.pivot[:, row] and not X of the parent.
+    """
+
+    def backward(self, pose: Pose, dX: Array) -> Array:
+        sk = self.skeleton
+        moved = Pose(len(dX), len(sk.parents), len(sk.driven))
+        moved.joints, moved.axis, moved.pivot = pose.joints, pose.axis, pose.pivot.copy()
+        for j, motions in enumerate(sk.motions):
+            for motion in motions:
+                if motion.row >= 0:
+                    parent = sk.parents[j]
+                    moved.pivot[:, motion.row] = pose.joints[:, parent] if parent >= 0 else 0
+        return super().backward(moved, dX)
+
+
+class FinishedAxis(_Climb):
+    """The axis is taken from the joint's finished frame, after all its rotations. A motion turns about the axis as it
+    stands when its turn comes, which is pose.axis[:, row].
+    """
+
+    def backward(self, pose: Pose, dX: Array) -> Array:
+        sk = self.skeleton
+        moved = Pose(len(dX), len(sk.parents), len(sk.driven))
+        moved.joints, moved.axis, moved.pivot = pose.joints, pose.axis.copy(), pose.pivot
+        for j, motions in enumerate(sk.motions):
+            for motion in motions:
+                if motion.row >= 0:
+                    moved.axis[:, motion.row] = motion.sign * pose.frames[:, j, :, motion.axis]
+        return super().backward(moved, dX)
+
+
 class ChangesGiven(_Climb):
     """dX is changed: it belongs to the layer above. Sum the forces in a copy."""
 
@@ -264,6 +336,11 @@ EXERCISE = Exercise(
         Overwrites,
         TurnsAll,
         ParentsFirst,
+        FileOrder,
+        ReversedFileOrder,
+        CountsLeverTwice,
+        AboutParent,
+        FinishedAxis,
         ChangesGiven,
         MovesFixed,
     ),

@@ -75,7 +75,7 @@ class Convolution(SlidingWindow):
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        # Add to self.blobs[0].diff (dw) and self.blobs[1].diff (db), summed over the images; write x.diff where
+        # Add to self.weight.diff (dw) and self.bias.diff (db), summed over the images; write x.diff where
         # propagate_down says so. What several windows share is summed.
         raise NotImplementedError
 

@@ -60,12 +60,12 @@ class InnerProduct(Layer):
         raise NotImplementedError
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        # Write top[0].data: y = x wᵀ + b. w is self.blobs[0].data, b is self.blobs[1].data, if self.param.bias_term.
-        # rows() and output_first() give the matrices of the formula, as views.
+        # Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if self.param.bias_term. rows()
+        # and output_first() give the matrices of the formula, as views.
         raise NotImplementedError
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        # Add to self.blobs[0].diff and self.blobs[1].diff, with +=: dw = dyᵀ x, db = sum of dy over the items. If
+        # Add to self.weight.diff and self.bias.diff, with +=: dw = dyᵀ x, db = sum of dy over the items. If
         # propagate_down[0], write bottom[0].diff: dx = dy w.
         raise NotImplementedError
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from exercises.exercise import Case, Exercise, Values, first_difference
-from exercises.explaining import sentences
+from exercises.explaining import sentences, where_wrong
 from exercises.table import EXERCISES
 
 RIGHT = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]])
@@ -39,7 +40,8 @@ def test_the_first_element_that_differs_is_named() -> None:
     """By its axes, with as many digits as tell the numbers apart, and how many there are."""
     array = changed((0, 2), 3.00001)
     array[1, 1] = 0
-    first, second = told(array)
+    first, second, *_, shown = told(array)
+    assert shown == "Yours: [[1, 2, 3.00001], [4, 0, 6.5]]; wanted: [[1, 2, 3], [4, 5, 6.5]]."
     assert first == "y[n=0, c=2] is 3.00001, Caffe has 3; 2 of 6 differ, this is the first (some options)."
     assert second.startswith("This is none of the usual mistakes.")
 
@@ -61,6 +63,43 @@ def test_the_first_element_that_differs_is_named() -> None:
 def test_what_numbers_look_like(got: np.ndarray, said: str) -> None:
     """If no known mistake gives them."""
     assert told(got)[1].startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ((0,), "Only elements with n=0, the first are wrong."),
+        ((slice(1, None),), "Only elements with n=1 and after are wrong."),
+        ((slice(None), 1), "Only elements with c=1, the last are wrong."),
+        ((slice(None), slice(None), [0, -1]), "Only elements with h in 0, 4 are wrong."),
+        ((slice(None), slice(None), slice(1, 4), slice(1, 4)), None),
+    ],
+)
+def test_where_the_wrong_elements_are(wrong: tuple[Any, ...], said: str | None) -> None:
+    """Along one axis; a set that has no short name is not described."""
+    wanted = np.random.default_rng(0).normal(size=(3, 2, 5, 5))
+    got = wanted.copy()
+    got[wrong] += 1 + np.arange(got[wrong].size).reshape(got[wrong].shape)
+    case = Case("", lambda part: {"y": part}, lambda part: {"y": wanted}, "Caffe has", {"y": "nchw"}, 1e-6)
+    found = first_difference(case, {"y": got}, {"y": wanted})
+    assert found is not None
+    if said is None:
+        assert "the first" not in (where_wrong(found) or "")
+    else:
+        assert where_wrong(found) == said
+
+
+def test_wrong_at_the_border_or_by_sign() -> None:
+    """Padding that is wrong shows at the border; a slope that is wrong where values are negative."""
+    wanted = np.random.default_rng(0).normal(size=(1, 1, 5, 5))
+    border = wanted + np.pad(np.zeros((3, 3)), 1, constant_values=1)
+    case = Case("", lambda part: {"y": part}, lambda part: {"y": wanted}, "Caffe has", {"y": "nchw"}, 1e-6)
+    for got, said in (
+        (border, "Only elements at the border of the picture are wrong."),
+        (np.where(wanted < 0, 2 * wanted, wanted), "Only elements where it should be negative are wrong."),
+    ):
+        found = first_difference(case, {"y": got}, {"y": wanted})
+        assert found is not None and where_wrong(found) == said
 
 
 def test_a_shape_that_differs() -> None:

@@ -89,7 +89,7 @@ def test_an_error_in_the_code_is_told_with_its_line(write: Write) -> None:
     line = path.read_text().splitlines().index("        top[0].data[...] = x") + 1
     first, second = failed(path)
     assert first == f"relu.py:{line} (top[0].data[...] = x): NameError: name 'x' is not defined"
-    assert second == "It happened with bottom (3, 4, 5)."
+    assert second == "It happened with bottom (2, 3, 4)."
 
 
 def test_an_array_that_is_replaced(write: Write) -> None:
