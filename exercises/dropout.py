@@ -143,7 +143,7 @@ EXERCISE = layer_exercise(
     "dropout",
     "Dropout",
     title="Dropout: a random part of the values is set to zero",
-    chapter=5,
+    chapter=7,
     file="layers/common/dropout.py",
     to_do={
         "reshape": "Give top[0] the shape of bottom[0].",

@@ -116,7 +116,7 @@ EXERCISE = layer_exercise(
     "euclidean_loss",
     "EuclideanLoss",
     title="EuclideanLoss: half the mean squared distance",
-    chapter=5,
+    chapter=6,
     file="layers/loss/euclidean_loss.py",
     to_do={
         "forward": "Write top[0].data, one number: L = 1 / (2 N) sum of (a - b)². N is self.items; a and b "

@@ -290,7 +290,7 @@ def _train(part: Transform, iterations: int, tell: Tell) -> Array:
 EXERCISE = Exercise(
     name="joint_transform",
     title="A joint's transform: from angles to positions",
-    chapter=6,
+    chapter=8,
     file="layers/hand/kinematics.py",
     to_do={
         "Kinematics.forward": "Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the "

@@ -201,7 +201,7 @@ EXERCISE = layer_exercise(
     "phys_limit",
     "PhysLimit",
     title="PhysLimit: a loss on angles that no hand can take",
-    chapter=8,
+    chapter=10,
     file="layers/hand/phys_limit.py",
     to_do={
         "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "

@@ -168,7 +168,7 @@ EXERCISE = layer_exercise(
     "pooling",
     "Pooling",
     title="Pooling: the maximum or the mean of a window",
-    chapter=3,
+    chapter=4,
     file="layers/vision/pooling.py",
     to_do={
         "_outputs": "Return the size of the output in direction i (0 down, 1 across) for an input of this size: round "

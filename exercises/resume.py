@@ -243,7 +243,7 @@ MOMENTUM = f"{FIXED} momentum: 0.9"
 EXERCISE = Exercise(
     name="resume",
     title="A resume that is exact",
-    chapter=5,
+    chapter=7,
     file="netlib/training/resume.py",
     to_do={
         "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "

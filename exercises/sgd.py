@@ -225,7 +225,7 @@ def _part_of(module: object) -> Callable[..., None]:
 EXERCISE = Exercise(
     name="sgd",
     title="SGD: one update with momentum",
-    chapter=5,
+    chapter=6,
     file="netlib/updates.py",
     to_do={
         "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is "

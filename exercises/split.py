@@ -75,7 +75,7 @@ EXERCISE = layer_exercise(
     "split",
     "Split",
     title="Split: one blob for several readers",
-    chapter=4,
+    chapter=5,
     file="layers/common/split.py",
     to_do={
         "reshape": "Give every top the shape of bottom[0].",

@@ -6,13 +6,24 @@ import functools
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from docs.making.figures import chain, graph, hand, learning, pictures, whole
+from docs.making.figures import chain, graph, hand, ideas, learning, pictures, whole
 from docs.making.figures.drawn import as_svg, shows_the_same
 from docs.making.made import Made
 from netlib.files.paths import ROOT
 
 FIGURES: dict[str, Callable[[], Any]] = {  # name of the file in docs/images/book: a function that gives a Figure
+    "circuit": ideas.circuit,
     "differences": chain.differences,
+    "outer": ideas.outer,
+    "initial": ideas.initial,
+    "window": ideas.window,
+    "im2col": ideas.im2col,
+    "winners": ideas.winners,
+    "pass": ideas.small_pass,
+    "overfitting": ideas.overfitting,
+    "dropout": ideas.dropout,
+    "rotations": ideas.rotations,
+    "box": ideas.torque_box,
     "stack": pictures.stack,
     "kernels": pictures.kernels,
     "whole_net": graph.whole_net,

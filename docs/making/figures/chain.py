@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
+from docs.making.figures.palette import FIRST, SECOND
 
 PLACES = 31  # between 0.5 and 1; at one place alone rounding errors may cancel
 
@@ -15,7 +16,7 @@ def differences() -> Any:
     """The error of a difference quotient over its step, in float32 and float64."""
     figure = new_figure(7.5, 3.6)
     axes = figure.add_subplot()
-    for dtype, colour in ((np.float64, "tab:blue"), (np.float32, "tab:orange")):
+    for dtype, colour in ((np.float64, FIRST), (np.float32, SECOND)):
         steps = np.logspace(-12 if dtype is np.float64 else -7, 0, 100)
         for kind, style in (("central", "-"), ("one-sided", ":")):
             errors = [error(dtype, h, kind) for h in steps]

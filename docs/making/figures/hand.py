@@ -1,4 +1,4 @@
-"""Figures of chapters 6 and 7 (the planar arm, the joints of the hand, a force and its torques), and joint angles."""
+"""Figures of chapters 8 and 9 (the planar arm, the joints of the hand, a force and its torques), and joint angles."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
+from docs.making.figures.palette import AXES, FINGERS, FORCE, INK, LINE, PALM
 from handpose.joint_formats.frames import HandFrames, frames_of
 from handpose.joint_formats.points import POINTS, weights_of
 from layers.hand.kinematics import Kinematics
@@ -16,14 +17,11 @@ from netlib.blob import Array
 
 SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)  # they lead the arm to (3, 4) and (3, 6)
 BONES = (5.0, 2.0)
-# Not those of handpose/drawing/hands.py: white numbers stand on them, and names are written with them on white.
-FINGERS = {"thumb": "#882255", "index": "#332288", "middle": "#117733", "ring": "#aa7700", "little": "#0077bb"}
-PALM = "#555555"
 HALF_CUBE = 150.0
 
 
 def arm_joints(theta: Sequence[float] | Array = (SHOULDER, ELBOW)) -> Array:
-    """Shoulder, elbow and wrist (3, 2) of the arm of chapter 6."""
+    """Shoulder, elbow and wrist (3, 2) of the arm of chapter 8."""
     turns = np.cumsum(theta)
     steps = np.stack([np.cos(turns), np.sin(turns)], axis=1) * np.array(BONES)[:, None]
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -36,20 +34,24 @@ def arm_torques(places: Array, force: Array) -> list[float]:
 
 
 def arm() -> Any:
-    """The arm of chapter 6 with the frame of each joint."""
+    """The arm of chapter 8 with the frame of each joint."""
     figure = new_figure(5.2, 4.6)
     axes = _plane(figure)
     places = arm_joints()
     _bones(axes, places)
-    for place, turn, name in zip(places, (0.0, SHOULDER, SHOULDER + ELBOW), ("world", "elbow", "wrist")):
-        for axis, colour in ((0.0, "#cc3311"), (np.pi / 2, "#117733")):
+    for place, turn, name in zip(places, (0.0, SHOULDER, SHOULDER + ELBOW), ("shoulder", "elbow", "wrist")):
+        for axis, colour in ((0.0, AXES[0]), (np.pi / 2, AXES[1])):
             tip = place + 1.1 * np.array([np.cos(turn + axis), np.sin(turn + axis)])
             axes.annotate("", tip, place, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6})
-        axes.text(*(place + (0.25, -0.45)), f"{name} ({place[0]:g}, {place[1]:g})", fontsize=9)
-    axes.text(0.95, 0.28, "53.13°", fontsize=8, color="#333333")
-    axes.text(3.75, 4.95, "+ 36.87°", fontsize=8, color="#333333")
+        aside = (0.25, 0.15) if name == "wrist" else (0.25, -0.45)
+        axes.text(*(place + aside), f"{name} ({place[0]:g}, {place[1]:g})", fontsize=9)
+    for place, begin, turn, words in zip(places, (0.0, SHOULDER), (SHOULDER, ELBOW), ("53.13°", "+ 36.87°")):
+        _arc(axes, place, 1.5, begin, begin + turn, INK)
+        middle = place + 1.7 * np.array([np.cos(begin + turn / 2), np.sin(begin + turn / 2)])
+        axes.text(*middle, words, fontsize=8, color=INK, va="center")
+    axes.plot(*np.array([places[1], places[1] + 1.5 * (places[1] / 5)]).T, ":", color=LINE, lw=1)
     axes.set(xlim=(-1.2, 6.2), ylim=(-1.0, 7.6))
-    axes.set_title("bones 5 and 2; of a frame, x red and y green", fontsize=10)
+    axes.set_title("bones 5 and 2; the frame of each joint, x red and y green", fontsize=10)
     return figure
 
 
@@ -60,10 +62,12 @@ def lever() -> Any:
     places, force = arm_joints(), np.array([1.0, 2.0])
     _bones(axes, places)
     wrist = places[2]
-    axes.annotate("", wrist + force, wrist, arrowprops={"arrowstyle": "->", "color": "#cc3311", "lw": 2})
-    axes.text(*(wrist + force + (0.15, -0.1)), "f = (1, 2)", color="#cc3311")
-    for pivot, name, torque in zip(places, ("shoulder", "elbow"), arm_torques(places, force)):
-        axes.plot(*np.array([pivot, wrist]).T, "--", color="#888888", lw=1)
+    axes.annotate("", wrist + force, wrist, arrowprops={"arrowstyle": "->", "color": FORCE, "lw": 2})
+    axes.text(*(wrist + force + (0.15, -0.1)), "f = (1, 2)", color=FORCE)
+    for pivot, name, torque, aside in zip(places, ("shoulder", "elbow"), arm_torques(places, force), (0.0, -0.18)):
+        axes.plot(*(np.array([pivot, wrist]) + (aside, 0)).T, "--", color=INK, lw=1)  # the elbow's is on the bone
+        if abs(torque) > 1e-9:
+            _arc(axes, pivot, 0.8, 2.4, 2.4 + np.sign(torque) * 1.8, FORCE, arrow=True)
         x, y = np.round(wrist - pivot, 6) + 0.0
         told = f"{name}: lever ({x:g}, {y:g})\ntorque {round(torque, 6) + 0.0:g}"
         axes.text(*(pivot + (0.35, -0.55)), told, fontsize=9)
@@ -72,7 +76,7 @@ def lever() -> Any:
 
 
 def reach() -> Any:
-    """The arm of chapter 6 led to a target by its own torques: poses after some steps of gradient descent."""
+    """The arm of chapter 8 led to a target by its own torques: poses after some steps of gradient descent."""
     figure = new_figure(5.2, 4.2)
     axes = _plane(figure)
     target, theta = np.array([-3.0, 5.0]), np.array([SHOULDER, ELBOW])
@@ -83,7 +87,7 @@ def reach() -> Any:
             shade = str(0.85 - 0.075 * shown.index(step))
             axes.plot(*places.T, "o-", color=shade, ms=4, lw=2)
         theta = theta - 0.01 * np.array(arm_torques(places, places[2] - target))
-    axes.plot(*target, "x", color="#cc3311", ms=10, mew=2)
+    axes.plot(*target, "x", color=FORCE, ms=10, mew=2)
     axes.set(xlim=(-4.2, 4.2), ylim=(-0.6, 7.4))
     axes.set_title(f"after {', '.join(map(str, shown))} steps", fontsize=10)
     return figure
@@ -119,6 +123,14 @@ def _colour(name: str) -> str:
     return PALM if name.endswith("_mcp") and finger != "thumb" else FINGERS.get(finger, PALM)
 
 
+def _arc(axes: Any, place: Array, radius: float, begin: float, end: float, colour: str, arrow: bool = False) -> None:
+    angles = np.linspace(begin, end, 30)
+    points = place + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    axes.plot(*points.T, color=colour, lw=1.2)
+    if arrow:
+        axes.annotate("", points[-1], points[-3], arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6})
+
+
 def _plane(figure: Any) -> Any:
     axes = figure.add_subplot()
     axes.set(aspect="equal", xlabel="x", ylabel="y")
@@ -127,8 +139,10 @@ def _plane(figure: Any) -> Any:
 
 
 def _bones(axes: Any, places: Array) -> None:
-    axes.plot(*places.T, color="#999999", lw=5, solid_capstyle="round", zorder=0)
-    axes.plot(*places.T, "o", color="#222222", ms=6)
+    axes.plot(*places.T, color=LINE, lw=5, solid_capstyle="round", zorder=0)
+    axes.plot(*places.T, "o", color=INK, ms=6)
+    axes.plot(*places.T, color=LINE, lw=5, solid_capstyle="round", zorder=0)
+    axes.plot(*places.T, "o", color=INK, ms=6)
 
 
 def joint_angles() -> Any:
@@ -159,9 +173,9 @@ def _flexion(axes: Any) -> None:
         axes.plot(*np.array([at, at + 20 * on]).T, "--", color="#888888", lw=1)
         start, sweep = np.arctan2(on[1], on[0]), np.linspace(0, np.radians(bend), 20)
         arc = at + 16 * np.stack([np.cos(start - sweep), np.sin(start - sweep)], axis=1)
-        axes.plot(*arc.T, color="#cc3311", lw=1.5)
-        axes.annotate("", arc[-1], arc[-4], arrowprops={"arrowstyle": "->", "color": "#cc3311"})
-        axes.text(*(at + 25 * on + (0, 2)), f"{name} +{bend:g}\u00b0", fontsize=9, color="#cc3311")
+        axes.plot(*arc.T, color=FORCE, lw=1.5)
+        axes.annotate("", arc[-1], arc[-4], arrowprops={"arrowstyle": "->", "color": FORCE})
+        axes.text(*(at + 25 * on + (0, 2)), f"{name} +{bend:g}\u00b0", fontsize=9, color=FORCE)
     axes.text(2, 4, "metacarpal", fontsize=9)
     axes.text(2, -42, "palm below,\nback of the hand above", fontsize=8, color="#555555")
     axes.set(xlim=(-5, 175), ylim=(-95, 25), title="flexion, from the side")
@@ -184,13 +198,13 @@ def _abduction(axes: Any, points: dict[str, Array], frames: HandFrames) -> None:
         places = np.array([plane(points[f"{finger}_{part}"]) for part in parts])
         axes.plot(*places.T, "o-", color=colour, lw=2, ms=4)
         if finger == "thumb":
-            axes.annotate("", places[2] + (-30, -6), places[2], arrowprops={"arrowstyle": "->", "color": "#cc3311"})
-            axes.text(*(places[2] + (-78, -22)), "radial_abduction +", fontsize=8, color="#cc3311")
+            axes.annotate("", places[2] + (-30, -6), places[2], arrowprops={"arrowstyle": "->", "color": FORCE})
+            axes.text(*(places[2] + (-78, -22)), "radial_abduction +", fontsize=8, color=FORCE)
             continue
         on = (places[1] - places[0]) / np.linalg.norm(places[1] - places[0])
         axes.plot(*np.array([places[1], places[1] + 95 * on]).T, "--", color="#888888", lw=1)
         side = np.array([on[1], -on[0]]) * (1 if finger in ("ring", "little") else -1)
         axes.annotate("", places[1] + 95 * on + 16 * side, places[1] + 95 * on,
-                      arrowprops={"arrowstyle": "->", "color": "#cc3311"})  # fmt: skip
+                      arrowprops={"arrowstyle": "->", "color": FORCE})  # fmt: skip
         axes.text(*(places[1] + 103 * on), finger, ha="center", fontsize=9, color=colour)
     axes.set(xlim=(-150, 115), ylim=(-10, 220), title="mcp_abduction, from the back of a right hand")

@@ -1,4 +1,4 @@
-"""Figures of chapter 5."""
+"""Figures of chapters 6 and 7."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
+from docs.making.figures.palette import FIRST, FOURTH, SECOND, THIRD
 from netlib.blob import Array
 from netlib.proto import schema
 from netlib.proto.messages import SolverParameter
@@ -16,10 +17,10 @@ START = (10.0, 2.0)
 STEEP = np.array([1.0, 9.0])  # the curvatures of the valley ½ (x² + 9 y²)
 STEPS = 30
 PATHS = (  # name, colour, mark, rule, options: the best for this valley, but Adam's
-    ("plain, r = 0.2", "tab:blue", "o", "SGD", {"base_lr": 0.2}),
-    ("momentum, r = 0.25, m = 0.25", "tab:orange", "s", "SGD", {"base_lr": 0.25, "momentum": 0.25}),
-    ("Nesterov, r = 1/9, m = 0.5", "black", "^", "Nesterov", {"base_lr": 1 / 9, "momentum": 0.5}),
-    ("Adam, r = 1, m = 0.5", "tab:purple", "D", "Adam", {"base_lr": 1.0, "momentum": 0.5}),
+    ("plain, r = 0.2", FIRST, "o", "SGD", {"base_lr": 0.2}),
+    ("momentum, r = 0.25, m = 0.25", SECOND, "s", "SGD", {"base_lr": 0.25, "momentum": 0.25}),
+    ("Nesterov, r = 1/9, m = 0.5", THIRD, "^", "Nesterov", {"base_lr": 1 / 9, "momentum": 0.5}),
+    ("Adam, r = 1, m = 0.5", FOURTH, "D", "Adam", {"base_lr": 1.0, "momentum": 0.5}),
 )
 POLICIES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("fixed", {}),
@@ -73,7 +74,7 @@ def rates() -> Any:
     figure = new_figure(8.5, 4.0)
     for axes, (name, options) in zip(figure.subplots(2, 4, sharex=True, sharey=True).flat, POLICIES):
         param = schema.changed(SolverParameter(), base_lr=1.0, lr_policy=name.partition(":")[0], **options)
-        axes.plot([learning_rate(param, i) for i in range(101)], color="tab:blue", lw=1.5)
+        axes.plot([learning_rate(param, i) for i in range(101)], color=FIRST, lw=1.5)
         axes.set_title(name.replace(": ", "\n").replace(", with", "\nwith"), fontsize=8)
         axes.set_ylim(-0.05, 1.1)
         axes.grid(alpha=0.3)

@@ -1,4 +1,4 @@
-"""Figures of chapter 3."""
+"""Figures of chapter 4."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 import netlib
 from docs.making.figures.drawn import new_figure
+from docs.making.figures.palette import DEPTH, FIRST, SECOND, SIGNS
 from handpose.predicting.packaged import PAPER_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
@@ -73,7 +74,7 @@ def _draw_maps(axes: Any, found: list[Stage]) -> None:
         begin = left + (room - wide) / 2
         for i in reversed(range(count)):
             corner = (begin + SHIFT * i, SHIFT * i - height / 2)
-            axes.add_patch(Rectangle(corner, width, height, facecolor="#dbe9f6", edgecolor="#08519c", lw=0.7))
+            axes.add_patch(Rectangle(corner, width, height, facecolor="#dbe9f6", edgecolor=FIRST, lw=0.7))
         axes.text(left + room / 2, 102, stage.blob, ha="center", va="bottom", fontsize=9, weight="bold")
         axes.text(left + room / 2, -70, "×".join(map(str, stage.shape)), ha="center", va="top", fontsize=8.5)
         if stage is not found[0]:
@@ -85,7 +86,7 @@ def _draw_maps(axes: Any, found: list[Stage]) -> None:
 
 
 def _draw_costs(axes: Any, found: list[Stage]) -> None:
-    for name, colour, aside in (("parameters", "#08519c", -0.2), ("multiplications", "#d95f02", 0.2)):
+    for name, colour, aside in (("parameters", FIRST, -0.2), ("multiplications", SECOND, 0.2)):
         values = [getattr(stage, name) for stage in found]
         places, shares = np.arange(len(values)) + aside, 100 * np.array(values) / sum(values)
         axes.bar(places, shares, 0.38, color=colour, label=f"{name}, {sum(values):,} in all")
@@ -121,13 +122,13 @@ def kernels() -> Any:
     figure = new_figure(9.5, 2.4)
     grid = figure.add_gridspec(2, 10)
     axes = figure.add_subplot(grid[:, :2])
-    axes.imshow(hand, cmap="gray", vmin=-1, vmax=1)
+    axes.imshow(hand, cmap=DEPTH, vmin=-1, vmax=1)
     axes.set_title("depth", fontsize=9)
     axes.set_axis_off()
     for i, (kernel, seen) in enumerate(zip(w, y)):
         most = abs(kernel).max()
         axes = figure.add_subplot(grid[0, 2 + i])
-        axes.imshow(kernel, cmap="RdBu_r", vmin=-most, vmax=most)
+        axes.imshow(kernel, cmap=SIGNS, vmin=-most, vmax=most)
         axes.set_title(f"w[{i}]", fontsize=9)
         axes.set_axis_off()
         axes = figure.add_subplot(grid[1, 2 + i])

@@ -1,4 +1,4 @@
-"""Figures of chapter 8: what the packaged weights see in frames that are rendered here."""
+"""Figures of chapter 10: what the packaged weights see in frames that are rendered here."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from docs.making.figures.drawn import new_figure
+from docs.making.figures.palette import DEPTH, FIRST, SECOND, THIRD
 from handpose.data.crops import crop_pixels, restore_joints
 from handpose.drawing.hands import bones, colours
 from handpose.facts.cameras import NYU
@@ -73,8 +74,8 @@ def hinge() -> Any:
         (beyond**2, 2 * beyond),
     ):
         axes.axvspan(-1, 1, color="0.93")
-        axes.plot(x, linear, color="tab:blue", label="L1: linear, the paper's Eq. 2")
-        axes.plot(x, squared, color="tab:orange", ls="--", label="L2: squared, as released")
+        axes.plot(x, linear, color=FIRST, label="L1: linear, the paper's Eq. 2")
+        axes.plot(x, squared, color=SECOND, ls="--", label="L2: squared, as released")
         axes.set_xlabel("angle, within limits where grey")
         axes.set_title(title)
         axes.grid(alpha=0.3)
@@ -87,10 +88,10 @@ def crop() -> Any:
     s = seen()
     figure = new_figure(8.5, 3.6)
     picture, profile = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1, 1.6)})
-    picture.imshow(s.depth[0], cmap="gray_r", vmin=-1, vmax=1)
-    picture.axhline(ROW, color="tab:orange", lw=1)
+    picture.imshow(s.depth[0], cmap=DEPTH, vmin=-1, vmax=1)
+    picture.axhline(ROW, color=SECOND, lw=1)
     picture.set_title("a crop, near is light")
-    profile.plot(s.depth[0, ROW], color="tab:orange", lw=1.2)
+    profile.plot(s.depth[0, ROW], color=SECOND, lw=1.2)
     profile.set_ylim(1.1, -1.1)
     profile.set_xlabel("column")
     profile.set_ylabel("value in the crop")
@@ -141,7 +142,7 @@ def joint_errors() -> Any:
     bars.set_title(f"{len(s.joints)} held-out frames")
     dof = s.skeleton.dof_names.index(FLEXION)
     bent.plot([-1.5, 0.6], [-1.5, 0.6], color="0.6", lw=1)
-    bent.plot(s.true_inputs[:, dof], s.inputs[:, dof], ".", color="tab:green", ms=3)
+    bent.plot(s.true_inputs[:, dof], s.inputs[:, dof], ".", color=THIRD, ms=3)
     bent.set_xlabel("true, rad")
     bent.set_ylabel("predicted, rad")
     bent.set_title(FLEXION)

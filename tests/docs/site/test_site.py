@@ -61,12 +61,12 @@ def test_lists_tables_and_prototxt_are_such(site: Path) -> None:
     assert "<ol>" in (site / "index.html").read_text(encoding="utf-8")
     assert "<td>vision</td>" in (site / "docs/layers.html").read_text(encoding="utf-8")
     assert "<ul>\n<li><code>case</code>" in (site / "tests/caffe/index.html").read_text(encoding="utf-8")
-    assert '<span class="nt">dof</span>' in (site / "docs/book/6_hand.html").read_text(encoding="utf-8")
+    assert '<span class="nt">dof</span>' in (site / "docs/book/8_hand.html").read_text(encoding="utf-8")
 
 
 def test_pages_are_embedded_in_their_chapters(site: Path) -> None:
     """A comment on GitHub, a frame on the site, and the page is where the frame looks for it."""
-    text = (site / "docs/book/7_gradient.html").read_text(encoding="utf-8")
+    text = (site / "docs/book/9_gradient.html").read_text(encoding="utf-8")
     found = re.search(r'<iframe src="(.+?)" title="A force on the wrist" height="900" loading="lazy"></iframe>', text)
     assert found and found[1] == "../hand.html#body=arm&amp;shoulder=53.13&amp;elbow=36.87&amp;force=wrist,1,2,0"
     assert (site / "docs/hand.html").is_file()
