@@ -40,6 +40,6 @@ def test_a_chapter_is_short(path: Path) -> None:
 
 def test_every_picture_of_the_book_is_shown() -> None:
     """No file in docs/images/book is left over."""
-    text = "".join(path.read_text(encoding="utf-8") for path in BOOK.glob("*.md"))
-    shown = set(re.findall(r"\.\./images/book/(\w+)\.svg", text))
+    text = "".join(path.read_text(encoding="utf-8") for path in BOOK.parent.rglob("*.md"))
+    shown = set(re.findall(r"images/book/(\w+)\.svg", text))
     assert shown == {path.stem for path in (BOOK.parent / "images" / "book").glob("*.svg")}

@@ -136,7 +136,7 @@ def test_the_passes_are_those_of_the_net(visit: Visit) -> None:
 
 
 def test_the_small_net_in_use(visit: Visit) -> None:
-    """Steps tell the numbers of chapter 4; an edited weight makes the pass anew; an update lowers the loss."""
+    """Steps tell the numbers of chapter 5; an edited weight makes the pass anew; an update lowers the loss."""
     tab = visit(page_of("small_net"))
     for _ in range(3):
         tab.get_by_role("button", name="Step").click()

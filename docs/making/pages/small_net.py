@@ -1,4 +1,4 @@
-"""Data of docs/small_net.html: the net of docs/book/small.prototxt as a list, with the weights of chapter 4."""
+"""Data of docs/small_net.html: the net of docs/book/small.prototxt as a list, with the weights of chapter 5."""
 
 from __future__ import annotations
 
