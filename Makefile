@@ -73,7 +73,7 @@ test: .venv/test
 SIMD := import numpy; print(*numpy.show_config("dicts").get("SIMD Extensions", {}).get("found", []))
 kernels: .venv/test
 	OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES="$$($(RUN) -c '$(SIMD)')" $(RUN) -m pytest -n auto \
-		--dist worksteal tests/docs/test_made.py tests/handpose/fitting/depth tests/handpose/predicting tests/layers/hand
+		--dist worksteal tests/docs/test_made.py tests/handpose/depth_fit tests/handpose/prediction tests/layers/hand
 
 faults: .venv/test
 	$(RUN) -m tests.faults.campaign --cases $(CASES) $(if $(SEED),--seed $(SEED)) $(if $(ONLY),--only "$(ONLY)")

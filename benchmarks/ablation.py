@@ -28,8 +28,8 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.data import parts
-from handpose.experiments.derived_solvers import with_fields
-from handpose.predicting import nets
+from handpose.experiments.table1.derived_solvers import with_fields
+from handpose.prediction import nets
 from handpose.scoring.held_out import figures_of, predict_all
 from handpose.synthetic import prior_file, recipes, workers
 from handpose.synthetic.flesh_prior import FleshPrior

@@ -23,12 +23,12 @@ tools.begin(__name__)
 
 import numpy as np
 
+from handpose.depth_fit.observation import observe
+from handpose.depth_fit.search import PLANS
 from handpose.facts.cameras import NYU
-from handpose.fitting.depth.observation import observe
-from handpose.fitting.depth.search import PLANS
-from handpose.predicting.many import TOGETHER, fit_crops
-from handpose.predicting.nets import hand_inputs
-from handpose.predicting.packaged import load_predictor
+from handpose.prediction.many import TOGETHER, fit_crops
+from handpose.prediction.nets import hand_inputs
+from handpose.prediction.packaged import load_predictor
 from handpose.synthetic.generator import Generator
 from netlib import engine
 from tools.common.arguments import parser_of, positive

@@ -1,4 +1,12 @@
 """What is known about hands and depth cameras.
 
-Rooms: facts, data, flesh, synthetic, recordings, fitting, predicting, tracking, tracks, scoring, drawing, experiments.
+facts, data, importers, sources (cameras and recordings), surface, joint_formats, synthetic, sequences,
+joint_fit, depth_fit, prediction, tracking, track_files, scoring, drawing, experiments.
+setup.cfg has the order of their imports.
 """
+
+import sys
+
+from handpose.moved import OldNames
+
+sys.meta_path.insert(0, OldNames())

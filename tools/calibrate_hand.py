@@ -34,15 +34,15 @@ tools.begin(__name__)
 import numpy as np
 
 from handpose.data.images import read_frame
+from handpose.depth_fit.size_calibration import GRID, sized
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import SOUGHT_SIDES, is_mirrored
-from handpose.fitting import calibration_report
-from handpose.fitting.calibration import calibrate
-from handpose.fitting.calibration_problem import FEWEST_FRAMES
-from handpose.fitting.depth.size_calibration import GRID, sized
-from handpose.fitting.observations import read_observations
-from handpose.predicting.packaged import load_predictor
-from handpose.predicting.person import hand_of
+from handpose.joint_fit import calibration_report
+from handpose.joint_fit.calibration import calibrate
+from handpose.joint_fit.calibration_problem import FEWEST_FRAMES
+from handpose.joint_fit.observations import read_observations
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.person import hand_of
 from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.files.paths import command

@@ -30,7 +30,7 @@ import numpy as np
 from handpose.drawing import flesh, hands, sheets
 from handpose.drawing.identities import percent
 from handpose.facts.cameras import NYU
-from handpose.predicting.packaged import load_predictor
+from handpose.prediction.packaged import load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic

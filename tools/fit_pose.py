@@ -31,10 +31,10 @@ import numpy as np
 from handpose.data.examples import spread
 from handpose.facts import nyu
 from handpose.facts.cameras import NYU
-from handpose.fitting.absolute_joints import fit_absolute, write_fit
-from handpose.fitting.companions import fit_list
-from handpose.fitting.levenberg_marquardt import fit_joints
-from handpose.fitting.particle_swarm import fit_joints_by_swarm
+from handpose.joint_fit.absolute_joints import fit_absolute, write_fit
+from handpose.joint_fit.companions import fit_list
+from handpose.joint_fit.levenberg_marquardt import fit_joints
+from handpose.joint_fit.particle_swarm import fit_joints_by_swarm
 from handpose.scoring import metrics
 from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons

@@ -38,10 +38,10 @@ tools.begin(__name__)
 
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.sides import SIDES
-from handpose.recordings.writing import RecordingWriter
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.synthetic.scripts import SCRIPTS
-from handpose.tracks.json_file import JsonWriter
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import SCRIPTS
+from handpose.sources.writing import RecordingWriter
+from handpose.track_files.json_file import JsonWriter
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
 from tools.common.arguments import camera, natural, parser_of, positive_number

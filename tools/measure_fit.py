@@ -32,13 +32,13 @@ tools.begin(__name__)
 
 import numpy as np
 
+from handpose.depth_fit.fit import DepthFitter
+from handpose.depth_fit.network_errors import GOOD_MM
+from handpose.depth_fit.objective import Weights
+from handpose.depth_fit.search import PLANS
 from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
-from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.network_errors import GOOD_MM
-from handpose.fitting.depth.objective import Weights
-from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import refuse_other_bodies, skeleton_to_fit, trained
-from handpose.predicting.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from handpose.prediction.nets import refuse_other_bodies, skeleton_to_fit, trained
+from handpose.prediction.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import MOST_SEED, Generator
 from netlib.blob import Array

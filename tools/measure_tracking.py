@@ -33,9 +33,9 @@ tools.begin(__name__)
 from handpose.experiments.tracking_figures import Alone, HandFigures, Tracked, follow, summary
 from handpose.facts.cameras import CAMERAS, Camera
 from handpose.facts.sides import SIDES
-from handpose.predicting.packaged import load_predictor
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.synthetic.scripts import SCRIPTS
+from handpose.prediction.packaged import load_predictor
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import SCRIPTS
 from handpose.tracking.tracker import Tracker
 from tools.common.arguments import add_engine, natural, parser_of, positive, positive_number
 from tools.common.console import DONE, aligned, guarded, say

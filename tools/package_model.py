@@ -23,16 +23,16 @@ import tools
 
 tools.begin(__name__)
 
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.fit import DepthFitter
+from handpose.depth_fit.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
+from handpose.depth_fit.search import PLANS
 from handpose.experiments import fit_figures
 from handpose.experiments.fit_figures import frames_of
 from handpose.experiments.model_file import rounded, write_model
 from handpose.facts.nyu import CUBE_MM
-from handpose.fitting.depth.body import FleshModel
-from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
-from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
-from handpose.predicting.packaged import net_content
+from handpose.prediction.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
+from handpose.prediction.packaged import net_content
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import MOST_SEED, Generator
 from netlib.errors import NetlibError

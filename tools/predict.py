@@ -44,15 +44,15 @@ from numpy.typing import NDArray
 
 from handpose.data.depth_images import UnitError
 from handpose.data.images import read_crop, read_frame
+from handpose.depth_fit.search import PLANS
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import SOUGHT_SIDES
-from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import best_fit
-from handpose.predicting.options import MOST_REFINE
-from handpose.predicting.packaged import load_predictor, predictor_of
-from handpose.predicting.prediction import FramePrediction
-from handpose.predicting.predictor import Predictor
+from handpose.prediction.nets import best_fit
+from handpose.prediction.options import MOST_REFINE
+from handpose.prediction.packaged import load_predictor, predictor_of
+from handpose.prediction.prediction import FramePrediction
+from handpose.prediction.predictor import Predictor
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import findings, hand_pages, outputs, pictures

@@ -25,9 +25,9 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.recordings.first_look import look
-from handpose.recordings.recording import Recording
-from handpose.recordings.writing import RecordingWriter
+from handpose.sources.first_look import look
+from handpose.sources.recording import Recording
+from handpose.sources.writing import RecordingWriter
 from netlib.errors import NetlibError
 from tools.common import outputs
 from tools.common.arguments import parser_of, positive, positive_number

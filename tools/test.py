@@ -32,9 +32,9 @@ tools.begin(__name__)
 
 import netlib
 from handpose.data.examples import spread
+from handpose.depth_fit.search import PLANS
 from handpose.drawing import comparisons
-from handpose.fitting.depth.search import PLANS
-from handpose.predicting.nets import centers_of, crops_of, data_layer, hand_layer
+from handpose.prediction.nets import centers_of, crops_of, data_layer, hand_layer
 from handpose.scoring.held_out import Predictions, errors_by_joint, figures_of, predict_all
 from handpose.scoring.held_out_fits import deploy_of, fit_all
 from handpose.scoring.metrics import joint_errors

@@ -38,13 +38,13 @@ tools.begin(__name__)
 
 from handpose.drawing.tracks import Painter
 from handpose.facts.sides import SOUGHT_SIDES
-from handpose.predicting.packaged import load_predictor
-from handpose.recordings.first_look import FirstLook, look
-from handpose.recordings.recording import Recording
+from handpose.prediction.packaged import load_predictor
+from handpose.sources.first_look import FirstLook, look
+from handpose.sources.recording import Recording
+from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.tracking import sizing
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import Tracker
-from handpose.tracks.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError
 from tools.common import findings, pictures
 from tools.common.arguments import add_engine, parser_of, positive, positive_number

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from docs.making.made import Made
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import body, content
-from handpose.synthetic.gestures import poses
+from handpose.sequences.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton

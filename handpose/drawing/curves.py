@@ -10,7 +10,7 @@ import numpy as np
 from handpose.drawing import strokes
 from handpose.drawing.identities import colour_of, spoken
 from handpose.drawing.strokes import Colour, Image
-from handpose.tracks.track import TrackedFrame
+from handpose.track_files.track import TrackedFrame
 from netlib.blob import Array
 
 SECONDS = 3.0

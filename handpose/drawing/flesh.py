@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.drawing import hands
 from handpose.drawing.strokes import Colour, Image
 from handpose.facts.cameras import Camera
-from handpose.flesh.render import Capsules, in_front, normalise_depth, render, render_crop
+from handpose.surface.render import Capsules, in_front, normalise_depth, render, render_crop
 from netlib.blob import Array
 
 SKIN: Colour = (120, 165, 235)  # blue, green, red

@@ -6,7 +6,7 @@ import math
 
 from handpose.drawing.strokes import Colour
 from handpose.facts.sides import Side
-from handpose.tracks.track import LostHand
+from handpose.track_files.track import LostHand
 
 # Blue, green, red: dark enough for white letters on them, and for curves on white.
 _COLOURS: tuple[Colour, ...] = (

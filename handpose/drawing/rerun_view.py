@@ -22,8 +22,8 @@ from handpose.data.crops import check_size
 from handpose.drawing.flesh import SKIN
 from handpose.drawing.hands import bones, colours
 from handpose.drawing.identities import colour_of
-from handpose.flesh.render import Capsules
-from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.surface.render import Capsules
+from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.files import atomic

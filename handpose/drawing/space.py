@@ -9,7 +9,7 @@ import numpy as np
 from handpose.drawing import flesh, hands, strokes
 from handpose.drawing.strokes import Colour, Image
 from handpose.facts.cameras import Camera
-from handpose.tracks.track import TrackedHand
+from handpose.track_files.track import TrackedHand
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 

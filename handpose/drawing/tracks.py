@@ -20,7 +20,7 @@ from handpose.drawing.space import Space
 from handpose.drawing.strokes import Colour, Image
 from handpose.drawing.tags import Tags
 from handpose.facts.cameras import Camera
-from handpose.tracks.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
 

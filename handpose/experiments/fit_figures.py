@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.depth_fit.fit import DepthFit, DepthFitter
 from handpose.facts.cameras import Camera
-from handpose.fitting.depth.fit import DepthFit, DepthFitter
-from handpose.predicting.many import fit_crops
-from handpose.predicting.starts import fit_starts
+from handpose.prediction.many import fit_crops
+from handpose.prediction.starts import fit_starts
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.generator import BLOCK, Generator
 from layers.hand.skeleton import Skeleton

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fitting.depth.network_errors import GROUP, NetworkErrors, arrays_of
+from handpose.depth_fit.network_errors import GROUP, NetworkErrors, arrays_of
 from netlib.files import hdf5
 from netlib.net import Net
 

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from handpose.facts.nyu import EVALUATION_JOINTS
 from handpose.facts.sides import Side
-from handpose.predicting.predictor import Predictor
+from handpose.prediction.predictor import Predictor
 from handpose.scoring.matching import BOUND_MM, Seen, match
 from handpose.scoring.tracks import HandScores, score
-from handpose.synthetic.recordings import SyntheticRecording
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.track_files.track import TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
-from handpose.tracks.track import TrackedFrame, TrackedHand
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 

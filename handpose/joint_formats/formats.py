@@ -22,10 +22,10 @@ from scipy.spatial.transform import Rotation
 
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
-from handpose.flesh.flesh import Flesh
 from handpose.joint_formats.angles import turned
 from handpose.joint_formats.frames import HandFrames, frames_of
 from handpose.joint_formats.points import FINGERS, POINTS, Point, weights_of
+from handpose.surface.model import Flesh
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 

@@ -15,8 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from handpose.facts import nyu
-from handpose.fitting import angles
-from handpose.fitting.absolute_joints import fit_absolute
+from handpose.joint_fit import angles
+from handpose.joint_fit.absolute_joints import fit_absolute
 from handpose.scoring import metrics
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

@@ -10,7 +10,7 @@ import numpy as np
 
 from handpose.data import labels
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.predicting.nets import data_layer, hand_layer
+from handpose.prediction.nets import data_layer, hand_layer
 from handpose.scoring import metrics
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton

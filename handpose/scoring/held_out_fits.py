@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from handpose.data import labels
-from handpose.fitting.depth.fit import DepthFitter
-from handpose.predicting.many import TOGETHER, fit_crops
-from handpose.predicting.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
+from handpose.depth_fit.fit import DepthFitter
+from handpose.prediction.many import TOGETHER, fit_crops
+from handpose.prediction.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
 from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.layer import TEST

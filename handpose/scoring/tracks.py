@@ -16,7 +16,7 @@ from handpose.facts.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
 from handpose.facts.sides import Side
 from handpose.scoring.matching import BOUND_MM, Followed, match
 from handpose.scoring.motion import bone_changes, jitter, lag_s
-from handpose.tracks.track import TrackedFrame, TrackHeader
+from handpose.track_files.track import TrackedFrame, TrackHeader
 from netlib.blob import Array
 
 NAN = float("nan")
@@ -111,7 +111,7 @@ def score(
     header    of the track
     bound_mm  on the joints' mean error of a hand that is found
 
-    Where a true hand is partly in sight, it is not scored (``handpose.tracks.reasons``). Raises DataError.
+    Where a true hand is partly in sight, it is not scored (``handpose.track_files.reasons``). Raises DataError.
     """
     true = list(truth)
     hands, invented = match(frames, true, bound_mm)

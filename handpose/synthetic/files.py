@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from handpose.data import nyu_files, parts
+from handpose.data import parts
 from handpose.data.parts import Columns, Part
+from handpose.importers import nyu_files
 from handpose.synthetic.many import Source, generate
 from handpose.synthetic.workers import processes
 from netlib.errors import DataError

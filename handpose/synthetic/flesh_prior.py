@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handpose.flesh.flesh import Flesh
-from handpose.flesh.render import Capsules, in_front
+from handpose.surface.model import Flesh
+from handpose.surface.render import Capsules, in_front
 from handpose.synthetic.pose_prior import cut_normal
 from netlib.blob import Array
 

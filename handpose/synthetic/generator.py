@@ -4,7 +4,7 @@ A frame is made in four steps, each described by one dataclass of numbers:
 
     PosePrior    how bodies are held: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
     FleshPrior   whose flesh it is: thickness, limbs, sleeve (``flesh_prior``); the capsules are the skeleton file's
-    render       the depth image, along the rays that the NYU crop picks (``handpose.flesh.render``)
+    render       the depth image, along the rays that the NYU crop picks (``handpose.surface.render``)
     Sensor       what a depth camera makes of it (``sensor``)
 
 A ``Recipe`` holds the numbers of all four; ``recipes`` has those with a name.
@@ -28,7 +28,7 @@ import numpy as np
 from handpose.data.crops import SIZE, window
 from handpose.data.frames import Frames, empty_frames
 from handpose.facts.cameras import NYU, Camera
-from handpose.flesh.render import Floats, normalise_depth, render_crop
+from handpose.surface.render import Floats, normalise_depth, render_crop
 from handpose.synthetic import prior_file
 from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal

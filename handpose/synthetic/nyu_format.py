@@ -14,11 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data import nyu_files, parts
+from handpose.data import parts
 from handpose.data.crops import restore_joints, window
 from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM, frame_name
+from handpose.importers import nyu_files
 from handpose.synthetic.generator import BLOCK, Generator, Recipe, Scene, Split
 from handpose.synthetic.workers import no_interrupt, processes
 from netlib import files

@@ -1,6 +1,6 @@
 """Crops of places in synthetic scenes: where there is a hand, and where there is something else.
 
-What a locator learns from (``handpose.predicting.locator``): is a hand near, and where is its middle?
+What a locator learns from (``handpose.prediction.locator``): is a hand near, and where is its middle?
 """
 
 from __future__ import annotations

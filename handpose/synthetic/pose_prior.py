@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.flesh.flesh import Flesh
+from handpose.surface.model import Flesh
 from handpose.synthetic import prior_file
 from handpose.synthetic.prior_file import BendParameter, PoseParameter, PosePrior, TurnParameter
 from layers.hand.bodies import kinematics_of

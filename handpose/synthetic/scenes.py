@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
-from handpose.flesh.render import Capsules, Floats, in_front, joined, render
+from handpose.surface.render import Capsules, Floats, in_front, joined, render
 from handpose.synthetic.flesh_prior import ANYBODY, draw_capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import NormalParameter, PosePrior, RangeParameter

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.facts.cameras import Camera
-from handpose.flesh.render import Floats
+from handpose.surface.render import Floats
 
 _CHUNK = 4  # frames worked on together: their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte

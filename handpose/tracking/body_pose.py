@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.fitting.depth.body import FleshModel
+from handpose.depth_fit.body import FleshModel
 from handpose.tracking.one_euro import turn_between, turned
 from layers.hand.kinematics import rotation
 from netlib.blob import Array

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.flying_pixels import clear_crop
+from handpose.depth_fit.fit import DepthFit
+from handpose.depth_fit.observation import observe
+from handpose.depth_fit.search import PLANS
+from handpose.depth_fit.strangeness import strangeness
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, is_mirrored, mirror_of
-from handpose.fitting.depth.fit import DepthFit
-from handpose.fitting.depth.observation import observe
-from handpose.fitting.depth.search import PLANS
-from handpose.fitting.depth.strangeness import strangeness
-from handpose.predicting.finding import recenter
-from handpose.predicting.predictor import Predictor
-from handpose.predicting.starts import fit_starts
+from handpose.prediction.finding import recenter
+from handpose.prediction.predictor import Predictor
+from handpose.prediction.starts import fit_starts
 from handpose.tracking.body_pose import Placed, Placer
 from netlib.blob import Array
 from netlib.errors import DataError

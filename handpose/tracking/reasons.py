@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.crops import crop, pixels_of
+from handpose.depth_fit.observation import BACKGROUND
 from handpose.facts.cameras import Camera
-from handpose.fitting.depth.observation import BACKGROUND
+from handpose.track_files.reasons import HIDDEN, LEFT
 from handpose.tracking.looking import Aim, Sight
-from handpose.tracks.reasons import HIDDEN, LEFT
 from netlib.errors import DataError
 
 NO_HAND = "what is seen where it was does not look like a hand"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from handpose.data.places import surface_places
 from handpose.facts.cameras import Camera
-from handpose.predicting.locator import Locator, odds_of
+from handpose.prediction.locator import Locator, odds_of
 from handpose.tracking.looking import LIKELY
 from netlib.blob import Array
 

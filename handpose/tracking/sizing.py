@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from handpose.depth_fit.body import SIZE, SIZE_LIMIT
+from handpose.depth_fit.observation import observe
+from handpose.depth_fit.search import PLANS
+from handpose.depth_fit.size_calibration import calibrate_size
 from handpose.facts.sides import is_mirrored
-from handpose.fitting.depth.body import SIZE, SIZE_LIMIT
-from handpose.fitting.depth.observation import observe
-from handpose.fitting.depth.search import PLANS
-from handpose.fitting.depth.size_calibration import calibrate_size
 from handpose.tracking.looking import Looker, Sight
 from netlib.errors import DataError
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.sides import Side
-from handpose.tracks.track import TrackedFrame
+from handpose.track_files.track import TrackedFrame
 from layers.hand.skeleton import Skeleton
 
 

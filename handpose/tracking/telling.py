@@ -1,14 +1,14 @@
-"""What is told of a hand that is followed: its pose in the words of ``handpose.tracks``."""
+"""What is told of a hand that is followed: its pose in the words of ``handpose.track_files``."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from handpose.depth_fit.body import SIZE
 from handpose.facts.sides import mirror_of
-from handpose.fitting.depth.body import SIZE
+from handpose.track_files.track import TrackedHand
 from handpose.tracking.following import Follower
 from handpose.tracking.looking import Looker
-from handpose.tracks.track import TrackedHand
 
 
 def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> TrackedHand:

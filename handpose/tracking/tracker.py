@@ -22,18 +22,18 @@ from handpose.data.crops import check_size
 from handpose.data.depth_images import check_unit, depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
-from handpose.predicting.nets import refuse_other_bodies
-from handpose.predicting.options import Fit, check_whole
-from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Predictor
-from handpose.recordings.recording import DepthFrame
+from handpose.prediction.nets import refuse_other_bodies
+from handpose.prediction.options import Fit, check_whole
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from handpose.sources.recording import DepthFrame
+from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader
 from handpose.tracking.following import COAST, ENOUGH, Follower
 from handpose.tracking.looking import LIKELY, Aim, Looker, Sight
 from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.scouting import NOWHERE, Scout
 from handpose.tracking.sizing import SizeKeeper, checked
 from handpose.tracking.telling import told
-from handpose.tracks.track import LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks import fit
-from handpose.fitting.depth.search import PLANS
+from handpose.depth_fit.search import PLANS
 
 
 def test_a_benchmark(monkeypatch: pytest.MonkeyPatch, keep_threads: None, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,13 +10,13 @@ from random_bodies import write_body
 
 import netlib
 from handpose.data.crops import crop_pixels, restore_joints
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.fit import DepthFitter
+from handpose.depth_fit.observation import observe
 from handpose.facts.cameras import KINECT2
-from handpose.fitting.depth.body import FleshModel
-from handpose.fitting.depth.fit import DepthFitter
-from handpose.fitting.depth.observation import observe
-from handpose.fitting.levenberg_marquardt import fit_joints
-from handpose.predicting.nets import hand_layer
-from handpose.predicting.predictor import Predictor
+from handpose.joint_fit.levenberg_marquardt import fit_joints
+from handpose.prediction.nets import hand_layer
+from handpose.prediction.predictor import Predictor
 from handpose.scoring.held_out import errors_by_joint, figures_of, predict_all
 from handpose.synthetic import prior_file
 from handpose.synthetic.files import DataSet

@@ -17,11 +17,11 @@ import netlib
 from handpose.data import crops
 from handpose.facts.cameras import KINECT2, NYU
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.recordings.recording import DepthFrame
-from handpose.recordings.writing import RecordingWriter
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sources.recording import DepthFrame
+from handpose.sources.writing import RecordingWriter
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.recordings import SyntheticRecording
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.proto import prototxt

@@ -414,7 +414,7 @@ def make_old_state() -> list[str]:
 
 def make_fit() -> list[str]:
     """Weights with what is known of the network's errors beside them."""
-    from handpose.fitting.depth.network_errors import SIGNS
+    from handpose.depth_fit.network_errors import SIGNS
 
     table = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
     with h5py.File("model.caffemodel.h5", "w") as file:
@@ -426,7 +426,7 @@ def make_fit() -> list[str]:
 
 @functools.cache
 def _flesh_model() -> Any:
-    from handpose.fitting.depth.body import FleshModel
+    from handpose.depth_fit.body import FleshModel
     from layers.hand import skeleton
 
     return FleshModel(skeleton.load(), 150.0)
@@ -434,7 +434,7 @@ def _flesh_model() -> Any:
 
 def read_fit(path: Path) -> Any:
     """The group beside the weights."""
-    from handpose.fitting.depth.network_errors import read_errors
+    from handpose.depth_fit.network_errors import read_errors
 
     read_errors(path, _flesh_model())
 
@@ -454,7 +454,7 @@ def make_card() -> list[str]:
 
 def read_packaged(path: Path) -> Any:
     """Its card, and its weights and net if they are those of the card."""
-    from handpose.predicting.packaged import checked_net, checked_weights, net_content, read_card
+    from handpose.prediction.packaged import checked_net, checked_weights, net_content, read_card
 
     card = read_card(Path("model"))
     return checked_weights(card).read_bytes(), net_content(checked_net(card))
@@ -660,7 +660,7 @@ def read_depth(path: Path) -> Any:
 
 def make_nyu() -> list[str]:
     """The annotation of a small split, of MATLAB's versions 5 and 7.3."""
-    from handpose.data.nyu_files import write_annotation
+    from handpose.importers.nyu_files import write_annotation
 
     xyz = np.random.default_rng(0).normal(0, 50, (6, 36, 3)) + (0, 0, 700)
     write_annotation(Path("five.mat"), xyz, "synthetic")
@@ -674,8 +674,8 @@ def make_nyu() -> list[str]:
 
 def read_nyu(path: Path) -> Any:
     """Its joints."""
-    from handpose.data import matlab_file
-    from handpose.data.nyu_files import read_annotation
+    from handpose.importers import matlab_file
+    from handpose.importers.nyu_files import read_annotation
 
     with mock.patch.object(matlab_file.subprocess, "run", _matlab_worker_forked):
         read_annotation(path)
@@ -684,9 +684,9 @@ def read_nyu(path: Path) -> Any:
 def _matlab_worker_forked(command: list[str], **options: Any) -> subprocess.CompletedProcess[bytes]:
     """What matlab_worker.py does, in a forked process: a new one would import SciPy again for every case.
 
-    tests/handpose/data/test_matlab_file.py tests the program itself, its crash and its time limit.
+    tests/handpose/importers/test_matlab_file.py tests the program itself, its crash and its time limit.
     """
-    from handpose.data import matlab_worker
+    from handpose.importers import matlab_worker
 
     with tempfile.TemporaryFile() as out:
         child = os.fork()
@@ -712,7 +712,7 @@ def make_icvl() -> list[str]:
 
 def read_icvl(path: Path) -> Any:
     """Its joints."""
-    from handpose.data.icvl_files import read_annotation
+    from handpose.importers.icvl_files import read_annotation
 
     read_annotation([path])
 
@@ -729,7 +729,7 @@ def make_centers() -> list[str]:
 
 def read_centers(path: Path) -> Any:
     """Of five frames."""
-    from handpose.data.published_frames import read_centers as read
+    from handpose.importers.published_frames import read_centers as read
 
     read(path, 5)
 
@@ -810,7 +810,7 @@ def make_companions() -> list[str]:
 
 
 def _fit_companion() -> Any:
-    from handpose.fitting import companions
+    from handpose.joint_fit import companions
     from layers.hand import skeleton
 
     with contextlib.suppress(OSError):
@@ -827,7 +827,7 @@ def make_ledger() -> list[str]:
     """An entry of the ledger of Table 1, the frames that are drawn, and a speed."""
     import made_ledger
 
-    from handpose.experiments import ledger, speed
+    from handpose.experiments.table1 import ledger, speed
 
     entry = ledger.write(Path("ledger"), made_ledger.entry())
     ledger.write_shown(Path("ledger"), "one_hand", made_ledger.shown())
@@ -837,7 +837,7 @@ def make_ledger() -> list[str]:
 
 def read_ledger(path: Path) -> Any:
     """As tools/table1.py --page does."""
-    from handpose.experiments import ledger, speed
+    from handpose.experiments.table1 import ledger, speed
 
     return (ledger.read_all(Path("ledger"), "one_hand"), ledger.read_shown(Path("ledger"), "one_hand"),
             speed.read(Path("ledger/speed.json")))  # fmt: skip
@@ -850,7 +850,7 @@ def make_components() -> list[str]:
 
 def read_components(path: Path) -> Any:
     """As tools/table1.py does for DeepPrior."""
-    from handpose.experiments.principal_components import write_components
+    from handpose.experiments.table1.principal_components import write_components
 
     write_components(Path("out.h5"), [Path("a.h5"), Path("b.h5")])
 
@@ -871,9 +871,9 @@ def make_frames() -> None:
 
 def _prepare() -> Any:
     from handpose.data.images import read_png, unpack_depth
-    from handpose.data.prepared_splits import PreparedSplit, refuse_foreign
-    from handpose.data.published_frames import PublishedFrames
     from handpose.facts.cameras import Camera
+    from handpose.importers.prepared_splits import PreparedSplit, refuse_foreign
+    from handpose.importers.published_frames import PublishedFrames
 
     joints = np.zeros((3, 31, 3)) + (0, 0, 700)
     camera = Camera("own", 60, 60, 32, 24, 64, 48)
@@ -899,8 +899,8 @@ def read_parts(path: Path) -> Any:
 def make_videos() -> list[str]:
     """A video as our writer leaves it, and one of raw values."""
     from handpose.facts.cameras import Camera
-    from handpose.recordings.recording import DepthFrame
-    from handpose.recordings.video_writer import VideoWriter
+    from handpose.sources.recording import DepthFrame
+    from handpose.sources.video_writer import VideoWriter
 
     depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.float32)
     for name, images in (("noise.mkv", depth), ("smooth.mkv", np.sort(depth, axis=2))):
@@ -931,8 +931,8 @@ def read_mixed_bag(path: Path) -> Any:
     import bags
 
     from handpose.facts.cameras import Camera
-    from handpose.recordings.given import Given
-    from handpose.recordings.ros_bag import open_bag
+    from handpose.sources.given import Given
+    from handpose.sources.ros_bag import open_bag
 
     if path.read_bytes() == DICE.encode():  # a good file is to be read
         return
@@ -1013,8 +1013,8 @@ def make_camera_json() -> list[str]:
 
 def read_camera_json(path: Path) -> Any:
     """And use the lens that it tells of."""
-    from handpose.recordings import camera_file
-    from handpose.recordings.raw import settle
+    from handpose.sources import camera_file
+    from handpose.sources.raw import settle
 
     given = camera_file.read(path)
     raw = np.full((48, 64), 4000, np.uint16)
@@ -1048,8 +1048,8 @@ def make_stacks() -> list[str]:
 
 def read_recording(path: Path) -> Any:
     """Look at it first, then read all its frames, of a folder those of the others, too."""
-    from handpose.recordings.first_look import look
-    from handpose.recordings.opening import open_recording
+    from handpose.sources.first_look import look
+    from handpose.sources.opening import open_recording
 
     with open_recording(path.parent if path.suffix in (".png", ".bin", ".yaml") else path) as recording:
         look(recording)
@@ -1067,7 +1067,7 @@ def make_tracks() -> list[str]:
     """Two hands over a few frames, in both layouts."""
     from made_tracks import any_track, header_of
 
-    from handpose.tracks.json_file import JsonLinesWriter, JsonWriter
+    from handpose.track_files.json_file import JsonLinesWriter, JsonWriter
     from layers.hand import skeleton
 
     header = header_of(skeleton.load())
@@ -1080,7 +1080,7 @@ def make_tracks() -> list[str]:
 
 def read_tracks(path: Path) -> Any:
     """All frames."""
-    from handpose.tracks.json_file import read_track
+    from handpose.track_files.json_file import read_track
 
     read_track(path)
 
@@ -1102,8 +1102,8 @@ READERS: tuple[Reader, ...] = (
     Reader("resume binary", ("netlib/snapshots/snapshot.py",), _hdf5("BINARYPROTO"), read_pair, exact=True),
     Reader("resume older", ("netlib/snapshots/snapshot.py", "netlib/snapshots/hdf5_format.py"),
            make_old_state, read_pair),
-    Reader("errors of a network", ("handpose/fitting/depth/network_errors.py",), make_fit, read_fit),
-    Reader("packaged model", ("handpose/predicting/packaged.py",), make_card, read_packaged, exact=True),
+    Reader("errors of a network", ("handpose/depth_fit/network_errors.py",), make_fit, read_fit),
+    Reader("packaged model", ("handpose/prediction/packaged.py",), make_card, read_packaged, exact=True),
     Reader("data hdf5", ("netlib/files/hdf5.py", "netlib/files/hdf5_check.py", "layers/data/hdf5_data.py"),
            make_hdf5, read_batches),
     Reader("data pictures", ("layers/data/image_data.py", "layers/data/images.py", "netlib/proto/binaryproto.py"),
@@ -1116,32 +1116,34 @@ READERS: tuple[Reader, ...] = (
     Reader("picture list", ("tools/convert_imageset.py", "layers/data/image_data.py"),
            lambda: [name for name in make_pictures() if name != "mean.binaryproto"], read_imageset),
     Reader("depth picture", ("handpose/data/images.py",), make_depth, read_depth, exact=True),
-    Reader("nyu annotation", ("handpose/data/nyu_files.py", "handpose/data/matlab_worker.py"), make_nyu, read_nyu),
-    Reader("icvl labels", ("handpose/data/icvl_files.py",), make_icvl, read_icvl),
-    Reader("centres", ("handpose/data/published_frames.py",), make_centers, read_centers),
+    Reader("nyu annotation", ("handpose/importers/nyu_files.py", "handpose/importers/matlab_worker.py"), make_nyu,
+           read_nyu),
+    Reader("icvl labels", ("handpose/importers/icvl_files.py",), make_icvl, read_icvl),
+    Reader("centres", ("handpose/importers/published_frames.py",), make_centers, read_centers),
     Reader("predictions", ("handpose/scoring/published_predictions.py", "netlib/files/hdf5.py"),
            make_predictions, read_predictions),
     Reader("log", ("tools/plot_log.py",), make_logs, read_log),
     Reader("examples", ("handpose/data/examples.py",), make_examples, read_examples),
     Reader("labels", ("netlib/files/hdf5.py", "handpose/data/labels.py"), make_labels, read_labels),
-    Reader("companions", ("handpose/fitting/companions.py", "handpose/data/parts.py"),
+    Reader("companions", ("handpose/joint_fit/companions.py", "handpose/data/parts.py"),
            make_companions, read_companions),
-    Reader("ledger of table 1", ("handpose/experiments/ledger.py", "handpose/experiments/speed.py"),
+    Reader("ledger of table 1", ("handpose/experiments/table1/ledger.py", "handpose/experiments/table1/speed.py"),
            make_ledger, read_ledger),
-    Reader("principal components", ("handpose/experiments/principal_components.py",), make_components, read_components),
-    Reader("video", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"), make_videos, read_recording),
-    Reader("azure kinect", ("handpose/recordings/ffmpeg.py", "handpose/recordings/video.py"),
+    Reader("principal components", ("handpose/experiments/table1/principal_components.py",), make_components,
+           read_components),
+    Reader("video", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"), make_videos, read_recording),
+    Reader("azure kinect", ("handpose/sources/ffmpeg.py", "handpose/sources/video.py"),
            make_azure, read_recording),
     Reader("records of a bag under other names", (), make_dice, read_mixed_bag),
     Reader("log of many names", (), make_dice, read_log_of_many_names),
-    Reader("ros bag", ("handpose/recordings/ros_bag.py", "handpose/recordings/ros_limits.py"),
+    Reader("ros bag", ("handpose/sources/ros_bag.py", "handpose/sources/ros_limits.py"),
            make_bags, read_recording),
-    Reader("camera.json", ("handpose/recordings/camera_file.py",), make_camera_json, read_camera_json),
-    Reader("depth folder", ("handpose/recordings/data_sets.py", "handpose/data/images.py"),
+    Reader("camera.json", ("handpose/sources/camera_file.py",), make_camera_json, read_camera_json),
+    Reader("depth folder", ("handpose/sources/data_sets.py", "handpose/data/images.py"),
            make_depth_folders, read_recording),
-    Reader("depth stack", ("handpose/recordings/stack.py", "handpose/recordings/npz_file.py"),
+    Reader("depth stack", ("handpose/sources/stack.py", "handpose/sources/npz_file.py"),
            make_stacks, read_recording),
-    Reader("prepared data", ("handpose/data/parts.py", "handpose/data/preparation.py", "netlib/files/atomic.py"),
+    Reader("prepared data", ("handpose/data/parts.py", "handpose/importers/preparation.py", "netlib/files/atomic.py"),
            make_parts, read_parts),
-    Reader("track", ("handpose/tracks/json_file.py",), make_tracks, read_tracks),
+    Reader("track", ("handpose/track_files/json_file.py",), make_tracks, read_tracks),
 )  # fmt: skip

@@ -135,7 +135,7 @@ def make_texts() -> None:
 def write_texts(word: str = "new") -> Any:
     """A text, a mean image, a picture, fitted poses and a model, over old ones."""
     from handpose.experiments.model_file import write_model
-    from handpose.fitting.absolute_joints import AbsoluteFit, write_fit
+    from handpose.joint_fit.absolute_joints import AbsoluteFit, write_fit
     from netlib.proto.binaryproto import write_blob
     from tools.common import pictures
 
@@ -222,7 +222,7 @@ def check_tracks(result: str) -> None:
     """Each is a whole one: the old one, the new one, or as much of that as there was room for."""
     import av
 
-    from handpose.tracks.json_file import read_track
+    from handpose.track_files.json_file import read_track
 
     read_track("a.json")
     readers.read_image(Path("a.png"))
@@ -243,8 +243,8 @@ RECORDINGS = ("frames", "stack.npz", "take.mkv")
 def write_recordings(value: int = 2) -> Any:
     """A folder of frames, a stack and a video, over old ones."""
     from handpose.facts.cameras import Camera
-    from handpose.recordings.recording import DepthFrame
-    from handpose.recordings.writing import RecordingWriter
+    from handpose.sources.recording import DepthFrame
+    from handpose.sources.writing import RecordingWriter
 
     for name in RECORDINGS:
         with RecordingWriter(Path(name), Camera("own", 60, 60, 4, 3, 8, 6), 0.5, 30, replace=True) as writer:
@@ -255,14 +255,14 @@ def write_recordings(value: int = 2) -> Any:
 
 def read_recordings() -> Any:
     """All that can be read of them."""
-    from handpose.recordings.opening import open_recording
+    from handpose.sources.opening import open_recording
 
     return [[(frame.time, frame.depth) for frame in open_recording(name)] for name in RECORDINGS]
 
 
 def check_recordings(result: str) -> None:
     """A stack or video is the old one or the new one; of a folder all frames that are there are whole."""
-    from handpose.recordings.opening import open_recording
+    from handpose.sources.opening import open_recording
 
     for name in RECORDINGS[1:]:
         means = [float(frame.depth.mean()) for frame in open_recording(name)]
@@ -299,7 +299,7 @@ def make_old_recordings() -> None:
 
 def read_pair_of_recording(name: str) -> Any:
     """Depth and truth; None for what is not there."""
-    from handpose.recordings.opening import open_recording
+    from handpose.sources.opening import open_recording
 
     truth = Path(f"{Path(name).stem}.truth.json")
     frames = [(frame.time, frame.depth) for frame in open_recording(name)] if Path(name).exists() else None

@@ -18,10 +18,10 @@ SOURCES = [
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
-    "handpose/experiments/machine.py": "reads what Linux says of the processor",
-    "handpose/experiments/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
+    "handpose/experiments/table1/machine.py": "reads what Linux says of the processor",
+    "handpose/experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
     "handpose/drawing/page/assembly.py": "reads the page that comes with the project",
-    "handpose/recordings/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
+    "handpose/sources/video_writer.py": "looks whether a frame of what it has written itself reached the disk",
     "netlib/system/memory.py": "reads what Linux says of the memory that there is",
     "netlib/files/reading.py": "opens for all others what a user names",
     "netlib/files/locks.py": "opens a file to lock it, and reads the number of the process that has it",
@@ -32,9 +32,9 @@ NO_READERS = {
     "exercises/recorded.py": "reads numbers that come with the project",
     "exercises/stubs.py": "reads the project's own source",
     "tools/export_onnx.py": "reads back what it has just written",
-    "tools/record.py": "opens recordings by handpose.recordings.opening",
+    "tools/record.py": "opens recordings by handpose.sources.opening",
     "tools/common/sitting.py": "asks netlib/files/hdf5.py how many rows there are",
-    "tools/track.py": "opens recordings by handpose.recordings.opening",
+    "tools/track.py": "opens recordings by handpose.sources.opening",
     "tools/package_model.py": "reads back what it has just written",
 }
 # What opens a file, by the name that is called; of those that also write, the mode decides.

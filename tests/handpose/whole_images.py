@@ -6,7 +6,7 @@ import numpy as np
 
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
-from handpose.flesh.render import Capsules, Floats, render
+from handpose.surface.render import Capsules, Floats, render
 from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior, draw_capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from handpose.experiments.ledger import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
-from handpose.experiments.networks import NETWORKS
-from handpose.experiments.recipes import PAPER, Recipe
-from handpose.experiments.settings import ONE_HAND, Setting
+from handpose.experiments.table1.ledger import DRAWN, JOINTS, ROTATIONS, THRESHOLDS_MM, Entry, Figures, Shown
+from handpose.experiments.table1.networks import NETWORKS
+from handpose.experiments.table1.recipes import PAPER, Recipe
+from handpose.experiments.table1.settings import ONE_HAND, Setting
 
 # Joint error in mm, angle error in degrees, frames out of limits: as the paper has them, and of the others anything.
 PAPERS = {

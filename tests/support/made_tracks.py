@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.facts.cameras import NYU
-from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
+from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader, joints_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema

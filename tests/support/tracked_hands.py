@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from handpose.depth_fit.body import FleshModel
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import Side, mirror_of
-from handpose.fitting.depth.body import FleshModel
-from handpose.flesh.render import Capsules, render
-from handpose.tracks.track import TrackedHand, TrackHeader, joints_of
+from handpose.surface.render import Capsules, render
+from handpose.track_files.track import TrackedHand, TrackHeader, joints_of
 from layers.hand import skeleton
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import ICVL
-from handpose.recordings.opening import open_recording
 from handpose.scoring.tracks import score
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.tracks.json_file import read_track
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sources.opening import open_recording
+from handpose.track_files.json_file import read_track
 from netlib.files import atomic
 from tools import make_recording
 
@@ -85,11 +85,11 @@ def contents() -> dict[str, bytes]:
 
 
 PLACES = {
-    "a frame of a folder": ("a", "handpose.recordings.folder_writer.FolderWriter.write", 3),
-    "a frame of a stack": ("a.npz", "handpose.recordings.stack_writer.StackWriter.write", 3),
-    "the end of a stack": ("a.npz", "handpose.recordings.stack_writer.StackWriter._fill", 1),
-    "a frame of a video": ("a.mkv", "handpose.recordings.video_writer.VideoWriter.write", 3),
-    "a frame of the truth": ("a.npz", "handpose.tracks.growing.GrowingFile.append", 3),
+    "a frame of a folder": ("a", "handpose.sources.folder_writer.FolderWriter.write", 3),
+    "a frame of a stack": ("a.npz", "handpose.sources.stack_writer.StackWriter.write", 3),
+    "the end of a stack": ("a.npz", "handpose.sources.stack_writer.StackWriter._fill", 1),
+    "a frame of a video": ("a.mkv", "handpose.sources.video_writer.VideoWriter.write", 3),
+    "a frame of the truth": ("a.npz", "handpose.track_files.growing.GrowingFile.append", 3),
 }
 
 

@@ -2,7 +2,7 @@
 
 import json
 
-from handpose.predicting.locator import Locator
+from handpose.prediction.locator import Locator
 from netlib.errors import DataError
 from tools import measure_finding
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.network_errors import read_errors
 from handpose.experiments.model_file import rounded
-from handpose.fitting.depth.body import FleshModel
-from handpose.fitting.depth.network_errors import read_errors
-from handpose.predicting.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card
+from handpose.prediction.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card
 from layers.hand import skeleton
 from tools import measure_fit, package_model
 

@@ -16,8 +16,8 @@ from handpose.data.crops import crop
 from handpose.data.images import pack_depth, read_crop, read_frame
 from handpose.facts.cameras import KINECT2, NYU, SR305, Camera
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.predicting import finding, packaged
-from handpose.predicting import nets as nets_of_hands
+from handpose.prediction import finding, packaged
+from handpose.prediction import nets as nets_of_hands
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton

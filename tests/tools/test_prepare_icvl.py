@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.data import icvl_files
 from handpose.data.crops import crop
 from handpose.facts.cameras import ICVL
+from handpose.importers import icvl_files
 from netlib.proto import prototxt
 from tools import prepare_icvl
 

@@ -18,11 +18,12 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handpose.data import matlab_file, matlab_worker, nyu_files, parts
+from handpose.data import parts
 from handpose.data.crops import crop, window
 from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, frame_name
+from handpose.importers import matlab_file, matlab_worker, nyu_files
 from tools import make_synthetic, prepare_nyu
 
 ROOT = Path(__file__).parents[2]

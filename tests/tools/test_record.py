@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.recordings.opening import open_recording
+from handpose.sources.opening import open_recording
 from tools import record
 
 CAMERA = ["--camera", "60,60,31.5,23.5"]

@@ -16,12 +16,12 @@ import pytest
 from made_ledger import entry, shown, trained
 
 import netlib
-from handpose.experiments import ledger, trainings
-from handpose.experiments.networks import LAMBDAS, NETWORKS
-from handpose.experiments.plan import Job
-from handpose.experiments.recipes import ADAM, PAPER
-from handpose.experiments.settings import MANY_HANDS, ONE_HAND, REAL
-from handpose.experiments.trainings import Training, data_name
+from handpose.experiments.table1 import ledger, trainings
+from handpose.experiments.table1.networks import LAMBDAS, NETWORKS
+from handpose.experiments.table1.plan import Job
+from handpose.experiments.table1.recipes import ADAM, PAPER
+from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL
+from handpose.experiments.table1.trainings import Training, data_name
 from netlib.errors import DataError
 from netlib.training.solver_parameter import read
 from tools import table1

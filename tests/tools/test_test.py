@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.predicting.packaged import SYNTHETIC_HAND, read_card
+from handpose.prediction.packaged import SYNTHETIC_HAND, read_card
 from netlib import engine
 from tests.tools.conftest import ROOT
 from tools import test, train

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import ICVL
-from handpose.recordings.opening import open_recording
-from handpose.recordings.recording import DepthFrame
-from handpose.recordings.writing import RecordingWriter
-from handpose.synthetic.recordings import SyntheticRecording
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sources.opening import open_recording
+from handpose.sources.recording import DepthFrame
+from handpose.sources.writing import RecordingWriter
+from handpose.track_files.json_file import read_track
 from handpose.tracking.tracker import Tracker, load_tracker
-from handpose.tracks.json_file import read_track
 from tools import track
 
 RAW = ["--camera", "icvl", "--unit", "1", "--rate", "15"]  # what nothing says of a bare stack

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.drawing.contact_sheets import ContactSheet
-from handpose.tracks.json_file import JsonWriter
+from handpose.track_files.json_file import JsonWriter
 from netlib.errors import NetlibError
 from tools import track
 

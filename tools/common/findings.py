@@ -11,9 +11,9 @@ import numpy as np
 from handpose.drawing import flesh, hands, sheets
 from handpose.drawing.identities import percent
 from handpose.joint_formats.formats import FORMATS, FormatName
-from handpose.predicting.prediction import FramePrediction, Prediction
-from handpose.predicting.predictor import Predictor
-from handpose.tracks import joint_values
+from handpose.prediction.prediction import FramePrediction, Prediction
+from handpose.prediction.predictor import Predictor
+from handpose.track_files import joint_values
 from netlib.blob import Array
 from tools.common import pictures
 

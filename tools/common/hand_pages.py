@@ -9,10 +9,10 @@ from typing import Any
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content, hand
 from handpose.facts.sides import as_right
-from handpose.predicting.nets import hand_inputs
-from handpose.predicting.prediction import FramePrediction, Prediction
-from handpose.predicting.predictor import Predictor
-from handpose.synthetic.gestures import poses
+from handpose.prediction.nets import hand_inputs
+from handpose.prediction.prediction import FramePrediction, Prediction
+from handpose.prediction.predictor import Predictor
+from handpose.sequences.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.files import atomic
 from tools.common import findings

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from handpose.data import parts
 from handpose.data.bad_frames import BadFrameError
-from handpose.data.flaws import Flaw
-from handpose.data.preparation import Outcome
-from handpose.data.prepared_splits import PreparedSplit, refuse_foreign
-from handpose.data.published_frames import PublishedFrames
+from handpose.importers.flaws import Flaw
+from handpose.importers.preparation import Outcome
+from handpose.importers.prepared_splits import PreparedSplit, refuse_foreign
+from handpose.importers.published_frames import PublishedFrames
 from netlib import engine
 from tools.common.arguments import parser_of, positive
 from tools.common.console import DONE, FAILED, duration, say

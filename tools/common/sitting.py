@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.experiments import ledger, results, trainings
-from handpose.experiments.ledger import Entry
-from handpose.experiments.machine import machine
-from handpose.experiments.plan import Job, next_length, of_job, verdict
-from handpose.experiments.results import Truth
-from handpose.experiments.settings import ONE_HAND, Setting, is_real_nyu
-from handpose.experiments.trainings import Step, Training
-from handpose.experiments.true_angles import fit_true_angles
-from handpose.predicting.nets import trained
+from handpose.experiments.table1 import ledger, results, trainings
+from handpose.experiments.table1.ledger import Entry
+from handpose.experiments.table1.machine import machine
+from handpose.experiments.table1.plan import Job, next_length, of_job, verdict
+from handpose.experiments.table1.results import Truth
+from handpose.experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
+from handpose.experiments.table1.trainings import Step, Training
+from handpose.experiments.table1.true_angles import fit_true_angles
+from handpose.prediction.nets import trained
 from handpose.scoring.held_out import predict_all
 from handpose.synthetic.generator import Split
 from layers.hand import skeleton as skeletons

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
-from handpose.recordings import camera_file
-from handpose.recordings.camera_file import RANGES
-from handpose.recordings.first_look import FirstLook, doubts
-from handpose.recordings.given import Given
-from handpose.recordings.lens import Lens
-from handpose.recordings.opening import EXPECTED, open_recording
-from handpose.recordings.recording import Recording
+from handpose.sources import camera_file
+from handpose.sources.camera_file import RANGES
+from handpose.sources.first_look import FirstLook, doubts
+from handpose.sources.given import Given
+from handpose.sources.lens import Lens
+from handpose.sources.opening import EXPECTED, open_recording
+from handpose.sources.recording import Recording
 from netlib.errors import DataError
 from tools.common import arguments
 from tools.common.console import say

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from handpose.drawing.comparisons import side_by_side
-from handpose.experiments import ledger, table1_page
-from handpose.experiments.ledger import THRESHOLDS_MM, Entry, Shown
-from handpose.experiments.recipes import RECIPES
-from handpose.experiments.settings import Setting
-from handpose.experiments.summary import Line, curve_of, spread_text, value_of
-from handpose.fitting.angles import rotations
+from handpose.experiments.table1 import ledger
+from handpose.experiments.table1 import page as table1_page
+from handpose.experiments.table1.ledger import THRESHOLDS_MM, Entry, Shown
+from handpose.experiments.table1.recipes import RECIPES
+from handpose.experiments.table1.settings import Setting
+from handpose.experiments.table1.summary import Line, curve_of, spread_text, value_of
+from handpose.joint_fit.angles import rotations
 from layers.hand.skeleton import Skeleton
 from tools.common import pictures
 from tools.common.plots import COLOURS

@@ -17,11 +17,11 @@ from handpose.drawing.contact_sheets import ContactSheet
 from handpose.drawing.rerun_view import RerunView
 from handpose.drawing.tracks import Painter
 from handpose.drawing.video_file import VideoFile
-from handpose.recordings import camera_file
-from handpose.recordings.folder import PICTURES, FolderRecording
-from handpose.recordings.recording import Recording
-from handpose.tracks.track import TrackedFrame, TrackHeader
-from handpose.tracks.writing import TrackWriter, open_writer
+from handpose.sources import camera_file
+from handpose.sources.folder import PICTURES, FolderRecording
+from handpose.sources.recording import Recording
+from handpose.track_files.track import TrackedFrame, TrackHeader
+from handpose.track_files.writing import TrackWriter, open_writer
 from netlib.errors import NetlibError
 from tools.common import outputs, pictures
 from tools.common.arguments import add_joints_option, name_in

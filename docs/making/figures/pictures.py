@@ -11,7 +11,7 @@ import numpy as np
 import netlib
 from docs.making.figures.drawn import new_figure
 from docs.making.figures.palette import DEPTH, FIRST, SECOND, SIGNS
-from handpose.predicting.packaged import PAPER_HAND, checked_weights, read_card
+from handpose.prediction.packaged import PAPER_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
 from netlib.blob import Array
 from netlib.files.paths import ROOT

@@ -13,8 +13,8 @@ from handpose.data.crops import crop_pixels, restore_joints
 from handpose.drawing.hands import bones, colours
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import CUBE_MM
-from handpose.predicting.nets import skeleton_to_fit, trained
-from handpose.predicting.packaged import PAPER_HAND
+from handpose.prediction.nets import skeleton_to_fit, trained
+from handpose.prediction.packaged import PAPER_HAND
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

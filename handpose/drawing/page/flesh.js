@@ -1,4 +1,4 @@
-/* The flesh of a skeleton: capsules, which are round cones between two joints, as handpose/flesh/flesh.py has them.
+/* The flesh of a skeleton: capsules, which are round cones between two joints, as handpose/surface/model.py has them.
 
    A wedge is drawn as its three edges, which are capsules; the facets between them are left out.
    Where a capsule ends beside its joint j, the offset o_j says how far, along axes that turn with a joint f:

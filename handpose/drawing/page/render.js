@@ -1,4 +1,4 @@
-/* Depth images of capsules, as handpose/flesh/render.py computes them: which sphere of a round cone a ray meets first
+/* Depth images of capsules, as handpose/surface/render.py computes them: which sphere of a round cone a ray meets first
    follows from the infinite cone that the spheres touch; that file derives the formulas.
 
    Capsules are {a, b, ra, rb} in mm, camera axes: x right, y up, z away. Rays have the slopes x, y (y DOWN) and 1. */

@@ -21,9 +21,9 @@ from handpose.data.crops import (
     restore_joints,
     window,
 )
-from handpose.data.nyu_files import read_nyu_depth
 from handpose.facts.cameras import CAMERAS, NYU, Camera
 from handpose.facts.nyu import CENTER_JOINT, CUBE_MM
+from handpose.importers.nyu_files import read_nyu_depth
 from netlib.errors import DataError
 
 

@@ -8,7 +8,7 @@ from tracked_hands import tracked
 from handpose.drawing.curves import ConfidenceCurves
 from handpose.drawing.identities import colour_of
 from handpose.drawing.strokes import Image
-from handpose.tracks.track import LostHand, TrackedFrame
+from handpose.track_files.track import LostHand, TrackedFrame
 
 PLOT = slice(56, 1280 - 130)
 

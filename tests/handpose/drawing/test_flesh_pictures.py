@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from handpose.depth_fit.body import FleshModel
 from handpose.drawing import hands
 from handpose.drawing.flesh import over_crop, paint
 from handpose.facts.cameras import NYU, Camera
-from handpose.fitting.depth.body import FleshModel
-from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from handpose.surface.render import Capsules, normalise_depth, render_crop
 from layers.hand import skeleton
 
 

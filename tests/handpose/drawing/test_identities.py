@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from handpose.drawing.identities import colour_of, percent, spoken, spoken_loss
-from handpose.tracks.track import LostHand
+from handpose.track_files.track import LostHand
 
 
 def test_colours() -> None:

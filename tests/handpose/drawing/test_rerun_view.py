@@ -14,8 +14,8 @@ from tracked_hands import CAMERA, HEADER, seen, tracked
 
 from handpose.drawing import hands
 from handpose.drawing.rerun_view import RerunView, capsules_in_rerun
-from handpose.flesh.render import Capsules
-from handpose.tracks.track import LostHand, TrackedFrame
+from handpose.surface.render import Capsules
+from handpose.track_files.track import LostHand, TrackedFrame
 from netlib.errors import DataError, NetlibError
 
 RIGHT, LEFT = tracked("right", (-75, 0, 600), 1), tracked("left", (75, 0, 640), 2)

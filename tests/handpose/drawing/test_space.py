@@ -10,7 +10,7 @@ from tracked_hands import HEADER, tracked
 from handpose.drawing import hands
 from handpose.drawing.space import Space
 from handpose.drawing.strokes import Image
-from handpose.tracks.track import TrackedHand
+from handpose.track_files.track import TrackedHand
 
 
 def shown(space: Space, time: float, told: Sequence[TrackedHand]) -> Image:

@@ -13,7 +13,7 @@ from handpose.drawing.identities import colour_of
 from handpose.drawing.strokes import Image
 from handpose.drawing.tracks import HEAD, STRIP, Painter, annotated
 from handpose.facts.cameras import CAMERAS, Camera
-from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand
+from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
 
 RIGHT = tracked("right", (-120, 0, 600), 1, 0.93)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.fit import DepthFitter
 from handpose.experiments.fit_figures import auc, frames_of, measure, roll_of
-from handpose.fitting.depth.body import FleshModel
-from handpose.fitting.depth.fit import DepthFitter
-from handpose.predicting.packaged import load_predictor
-from handpose.predicting.starts import fit_starts
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.starts import fit_starts
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator

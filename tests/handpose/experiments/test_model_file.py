@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import netlib
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.network_errors import NetworkErrors, read_errors
 from handpose.experiments.model_file import rounded, write_model
-from handpose.fitting.depth.body import FleshModel
-from handpose.fitting.depth.network_errors import NetworkErrors, read_errors
-from handpose.predicting.packaged import SYNTHETIC_HAND
+from handpose.prediction.packaged import SYNTHETIC_HAND
 from layers.hand import skeleton
 
 

@@ -10,10 +10,10 @@ from tracked_hands import HEADER, tracked
 
 from handpose.experiments.tracking_figures import Alone, follow, summary
 from handpose.facts.cameras import ICVL
-from handpose.predicting.packaged import load_predictor
-from handpose.recordings.recording import DepthFrame
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.tracks.track import TrackedFrame, TrackHeader
+from handpose.prediction.packaged import load_predictor
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sources.recording import DepthFrame
+from handpose.track_files.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.data.crops import crop
 from handpose.facts.cameras import NYU
-from handpose.flesh.render import CLEAR_MM, Capsules, normalise_depth, render_crop
+from handpose.surface.render import CLEAR_MM, Capsules, normalise_depth, render_crop
 from handpose.synthetic.flesh_prior import DEFAULT_FLESH, FleshPrior
 from handpose.synthetic.pose_prior import BodySampler
 from tests.handpose.whole_images import capsules_of, render_image

@@ -6,18 +6,18 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
+from handpose.depth_fit.body import FleshModel
 from handpose.facts.cameras import ICVL
-from handpose.fitting.depth.body import FleshModel
-from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Predictor
-from handpose.recordings.recording import DepthFrame
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
 from handpose.scoring.tracks import TrackScores, score
-from handpose.synthetic.acts import Act
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.synthetic.scripts import Role, Script
+from handpose.sequences.acts import Act
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import Role, Script
+from handpose.sources.recording import DepthFrame
+from handpose.track_files.track import TrackedFrame
 from handpose.tracking import sizing
 from handpose.tracking.tracker import Tracker
-from handpose.tracks.track import TrackedFrame
 from layers.hand import skeleton
 
 RATE = 15.0

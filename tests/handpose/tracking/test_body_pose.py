@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_tracks import skeleton_of
 
-from handpose.fitting.depth.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, FleshModel
 from handpose.tracking.body_pose import Placed, Placer, motion_between, moved
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError

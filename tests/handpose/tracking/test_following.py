@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.depth_fit.fit import DepthFit
 from handpose.facts.sides import SIDES
-from handpose.fitting.depth.fit import DepthFit
 from handpose.tracking.body_pose import Placed
 from handpose.tracking.following import Follower
 from handpose.tracking.looking import Aim, Sight

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from handpose.facts.cameras import ICVL, Camera
 from handpose.facts.sides import MIRROR, mirror_of
-from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Predictor
-from handpose.synthetic.acts import Act
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.synthetic.scripts import Role, Script
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from handpose.sequences.acts import Act
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import Role, Script
 from handpose.tracking import looking
 from handpose.tracking.body_pose import Placed
 from handpose.tracking.looking import Aim, Looker, Sight

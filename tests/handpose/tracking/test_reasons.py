@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
+from handpose.track_files.reasons import HIDDEN, LEFT
 from handpose.tracking.looking import Aim
 from handpose.tracking.reasons import NO_HAND, reason
-from handpose.tracks.reasons import HIDDEN, LEFT
 from tests.handpose.tracking.test_following import sight
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)

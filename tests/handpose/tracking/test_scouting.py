@@ -9,7 +9,7 @@ import pytest
 
 from handpose.data.places import CUBE_MM, SIZE
 from handpose.facts.cameras import NYU
-from handpose.predicting.locator import Locator
+from handpose.prediction.locator import Locator
 from handpose.tracking.scouting import Scout
 
 FRAME = 1 / 30

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.fit import DepthFitter
 from handpose.facts.cameras import NYU
-from handpose.fitting.depth.body import SIZE, FleshModel
-from handpose.fitting.depth.fit import DepthFitter
-from handpose.flesh.render import normalise_depth, render_crop
+from handpose.surface.render import normalise_depth, render_crop
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.tracking.looking import Aim, Sight

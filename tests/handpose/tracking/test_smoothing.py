@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.fitting.depth.body import FleshModel
+from handpose.depth_fit.body import FleshModel
 from handpose.tracking.body_pose import Placer
 from handpose.tracking.smoothing import PoseFilter
 

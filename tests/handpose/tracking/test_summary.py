@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from tracked_hands import HEADER, tracked
 
+from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand
 from handpose.tracking.summary import Summary
-from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand
 
 
 def summed(*hands: tuple[TrackedHand | LostHand, ...], first: float = 3.0) -> Summary:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.depth_fit.body import SIZE, FleshModel
 from handpose.facts.cameras import NYU
 from handpose.facts.sides import mirror_of
-from handpose.fitting.depth.body import SIZE, FleshModel
+from handpose.track_files.track import joints_of
 from handpose.tracking.body_pose import Placer
 from handpose.tracking.looking import Aim, Sight
 from handpose.tracking.telling import told
-from handpose.tracks.track import joints_of
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
 

@@ -10,13 +10,13 @@ import pytest
 
 from handpose.data.depth_images import UnitError
 from handpose.facts.cameras import ICVL, NYU
-from handpose.predicting.packaged import load_predictor
-from handpose.predicting.predictor import Predictor
-from handpose.recordings.recording import DepthFrame
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from handpose.sources.recording import DepthFrame
+from handpose.track_files.reasons import LEFT
+from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, joints_of
 from handpose.tracking.following import Follower
 from handpose.tracking.tracker import Tracker, load_tracker
-from handpose.tracks.reasons import LEFT
-from handpose.tracks.track import LostHand, TrackedFrame, TrackedHand, joints_of
 from netlib.errors import DataError, NetlibError
 from tests.handpose.tracking.conftest import RATE, Take, tracked
 

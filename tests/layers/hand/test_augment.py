@@ -10,7 +10,7 @@ import pytest
 
 import netlib
 from handpose.facts.cameras import NYU
-from handpose.flesh.render import Capsules, normalise_depth, render_crop
+from handpose.surface.render import Capsules, normalise_depth, render_crop
 from netlib.errors import LayerError
 
 LAYER = """

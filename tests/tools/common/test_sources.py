@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import SR305, Camera
-from handpose.recordings.first_look import look
+from handpose.sources.first_look import look
 from tools.common.sources import add_source_options, opened, say_doubts, say_first_look
 
 

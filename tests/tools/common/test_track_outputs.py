@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from tracked_hands import HEADER, seen, tracked
 
-from handpose.tracks.json_file import read_track
-from handpose.tracks.track import TrackedFrame
+from handpose.track_files.json_file import read_track
+from handpose.track_files.track import TrackedFrame
 from netlib.errors import NetlibError
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, settle_outputs
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.depth_fit.body import FleshModel
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content, hand
 from handpose.facts.cameras import KINECT2
-from handpose.fitting.depth.body import FleshModel
-from handpose.flesh.render import normalise_depth, render_crop
+from handpose.surface.render import normalise_depth, render_crop
 from layers.hand.kinematics import Kinematics
 from netlib.proto import schema
 from tests.handpose.drawing.page.conftest import ARM, any_body, body_of

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.depth_fit.body import FleshModel
 from handpose.facts.cameras import CAMERAS, KINECT2, NYU, Camera
-from handpose.fitting.depth.body import FleshModel
-from handpose.flesh.flesh import Flesh
-from handpose.flesh.render import CLEAR_MM, Capsules, in_front, render_crop
+from handpose.surface.model import Flesh
+from handpose.surface.render import CLEAR_MM, Capsules, in_front, render_crop
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of

@@ -1,0 +1,187 @@
+r"""A body of flesh as a function of few variables, and how every capsule's ends move with them.
+
+The variables x (N, V) of a frame are the free inputs of the whole body, its flesh's own too, and last the logarithms of
+its size, by which bones, offsets and radii are larger, and of its girth, by which the radii are larger still. With a
+capsule's end E_j = X_j + R_f o_j (``handpose.surface``), a turn about the unit axis a through P moves
+
+    dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
+    dE_j / d log size  =  E_j - (where the root stands)
+
+A point between two ends moves as they do, c = (1 - s) E_i + s E_j, so nothing else about the body has to be
+differentiated (``residuals``).
+
+Lengths here are in mm: those of the skeleton times ``unit_mm``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.surface.model import Flesh
+from handpose.surface.render import Capsules
+from layers.hand.bodies import kinematics_of
+from layers.hand.kinematics import Pose
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import NetlibError
+
+Floats = NDArray[np.float32]
+
+SIZE, GIRTH = -2, -1  # places in x
+SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton's size
+
+
+class Posed(NamedTuple):
+    """The capsules of N bodies, in mm, and how they move. E of the joints are ends of capsules."""
+
+    ends: Floats  # (N, E, 3)
+    motion: Floats  # (N, E, 3, V): of the ends
+    girth: Floats  # (N,) the factor of all radii
+
+
+class FleshModel:
+    """The capsules of a skeleton with flesh, for fitting.
+
+    free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log girth
+    lower, upper  (V,) limits
+    root          the variables that move the whole body
+    limbs         the variables that move a part of the skeleton
+    own           the variables that only the flesh has
+    deviation     (V - 2,) of the inputs that occur, where the file says it
+    rigid         the ends that move with the root alone
+    start, end    (M,) the capsules' ends, among the E
+    radii         (M, 2) mm
+    """
+
+    def __init__(self, skeleton: Skeleton, unit_mm: float) -> None:
+        self.flesh = flesh = Flesh(skeleton)
+        self.skeleton, self.whole, self.unit_mm = skeleton, flesh.whole, unit_mm
+        whole = self.whole
+        self.free = np.unique(whole.driven)
+        self._order = np.argsort(whole.driven, kind="stable")  # of the motions, as the variables have them
+        driven = whole.driven[self._order]
+        self._one_each = np.array_equal(driven, self.free)
+        self._sums = (driven[:, None] == self.free).astype(float)
+        self.lower = np.append(whole.lower[self.free], [-SIZE_LIMIT] * 2)
+        self.upper = np.append(whole.upper[self.free], [SIZE_LIMIT] * 2)
+        self.deviation = flesh.deviation[self.free]
+        roots = np.flatnonzero(whole.parents < 0)
+        slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]
+        if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
+            raise NetlibError(f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates")
+        self._root_joint = int(roots[0])
+        everything = self._sums.T @ whole.moves[self._order] > 0  # (V - 2, K)
+        self.root = np.flatnonzero(everything[:, roots[0]])
+        self.own = np.flatnonzero(self.free >= len(skeleton.initial))
+        self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
+        used = np.unique(np.concatenate([flesh.start, flesh.end]))
+        self._used = used
+        self.start, self.end = np.searchsorted(used, flesh.start), np.searchsorted(used, flesh.end)
+        self.radii = (flesh.radii * unit_mm).astype(np.float32)
+        with_joint = whole.moves[:, used].T  # (E, Q): what moves E_j as it moves X_j ...
+        with_axes = with_joint.copy()
+        for f, (own_joints, _) in flesh.offsets.items():
+            own = np.isin(used, own_joints)
+            with_axes[own] = whole.moves[:, f]
+        unlike = (with_joint != with_axes) & whole.turns
+        self._with_joint = with_joint[:, self._order].astype(np.float32)
+        self._apart = np.flatnonzero(unlike.any(axis=1))  # ... and what turns o_j beside, or moves X_j alone
+        only_axes = unlike * np.where(with_axes, 1, -1)
+        self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
+        self._kinematics = kinematics_of(whole)
+        self._turns = whole.turns[self._order].astype(np.float32)
+        alone = ~np.isin(whole.driven, self.free[self.root])
+        self.rigid = np.flatnonzero(~(with_joint | unlike)[:, alone].any(axis=1))
+
+    @property
+    def variables(self) -> int:
+        """V."""
+        return len(self.free) + 2
+
+    def variables_of(self, inputs: ArrayLike) -> Array:
+        """x (N, V) of the skeleton's inputs (N, D), limbs within their limits, of the skeleton's size."""
+        given = np.asarray(inputs, dtype=np.float64)
+        x = np.zeros((len(given), self.variables))
+        skeletons = self.free < given.shape[1]
+        x[:, :SIZE][:, skeletons] = given[:, self.free[skeletons]]
+        x[:, self.limbs] = np.clip(x[:, self.limbs], self.lower[self.limbs], self.upper[self.limbs])
+        return x
+
+    def inputs_of(self, x: Array) -> Array:
+        """The skeleton's inputs (N, D) of x (N, V)."""
+        return self.whole_inputs_of(x)[:, : len(self.skeleton.initial)]
+
+    def whole_inputs_of(self, x: Array) -> Array:
+        """The whole body's inputs (N, D'), its flesh's own after the skeleton's."""
+        inputs = np.zeros((len(x), len(self.whole.initial)))
+        inputs[:, self.free] = x[:, :SIZE]
+        return inputs
+
+    def joints(self, x: Array) -> Array:
+        """The skeleton's joints (N, K, 3) in mm."""
+        bones = self.skeleton.bones * np.exp(x[:, [SIZE]])
+        return kinematics_of(self.skeleton).joints(self.inputs_of(x), bones) * self.unit_mm
+
+    def ends(self, x: Array) -> Floats:
+        """The ends of the capsules (N, E, 3) at x (N, V)."""
+        return self._ends(x)[1]
+
+    def posed(self, x: Array) -> Posed:
+        """The body at x (N, V)."""
+        N, Q, E = len(x), len(self._order), len(self._used)
+        joints, ends, pose = self._ends(x)
+        axis, pivot = (
+            np.ascontiguousarray(v[:, self._order].transpose(2, 0, 1), np.float32) for v in self._kinematics.axes(pose)
+        )  # (3, N, Q)
+        turn = axis * self._turns
+        shift = (axis - turn - _cross(turn, pivot)) * np.float32(self.unit_mm)
+        turn = turn[:, :, None]
+        motion = np.empty((N, E, 3, Q + 2), np.float32)
+        by_axis = motion[..., :Q].transpose(2, 0, 1, 3)
+        moved = _cross(turn, _columns(ends))  # a turn moves E by a x E - a x P
+        moved += shift[:, :, None]
+        np.multiply(moved, self._with_joint, out=by_axis)
+        if len(self._apart):
+            beside = ends[:, self._apart] - joints[:, self._used[self._apart]]
+            by_axis[:, :, self._apart] += _cross(turn, _columns(beside)) * self._only_axes
+        motion[..., Q] = ends - joints[:, [self._root_joint]]
+        motion[..., Q + 1] = 0
+        if not self._one_each:
+            motion = np.concatenate([(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1)
+        return Posed(ends, motion, self._girth(x).astype(np.float32))
+
+    def capsules(self, x: Array, center_mm: Array) -> Capsules:
+        """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is where the origin is."""
+        p = self.posed(x)
+        ends = p.ends.astype(np.float64) + center_mm[:, None]
+        radii = self.radii.astype(np.float64) * self._girth(x)[:, None, None]
+        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.flesh.facets)
+
+    def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
+        """All joints (N, K, 3), the capsules' ends (N, E, 3), and the pose that they are of."""
+        unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
+        pose = self._kinematics.glance(self.whole_inputs_of(x), self.whole.bones * size[:, None])
+        joints = np.asarray(pose.joints, np.float32) * unit
+        rotations = {f: np.asarray(self._kinematics.rotation_of(pose, f), np.float32) for f in self.flesh.offsets}
+        return joints, self.flesh.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
+
+    def _girth(self, x: Array) -> Array:
+        """The factor of all radii (N,)."""
+        return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
+
+
+def _columns(points: Floats) -> Floats:
+    """(3, N, E, 1) of points (N, E, 3)."""
+    return points.transpose(2, 0, 1)[..., None]
+
+
+def _cross(a: Floats, X: Floats) -> Floats:
+    """The cross product along the first axis, (3, ...); a matrix product would depend on the processor."""
+    out = np.empty((3, *np.broadcast_shapes(a.shape[1:], X.shape[1:])), np.float32)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], X[k], out=out[i])
+        out[i] -= a[k] * X[j]
+    return out

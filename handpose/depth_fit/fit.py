@@ -1,0 +1,194 @@
+"""Fit the flesh of a body to depth crops, from where a network put it: half the error, and how sure one may be.
+
+fitter = DepthFitter(FleshModel(skeleton, CUBE_MM / 2), errors)
+seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
+found = fitter.fit(seen, starts, "accurate")   # starts: what the network sees, per quarter turn of the plan
+found.joints                                        # (N, K, 3) mm from the crops' centres
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
+from handpose.depth_fit.objective import Objective, Weights
+from handpose.depth_fit.observation import Observation
+from handpose.depth_fit.search import PLANS, Found, Plan, drawn, search
+from handpose.joint_fit.parallel import for_each
+from handpose.rounding import NETWORK_STEP, rounded
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.system.memory import blocks
+
+FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
+STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good
+HOLD = 5.0  # a limb that is followed is so many times as likely where it is expected as where a network saw it
+# Nothing tells how a hand goes on beyond the image's edge: a fit explains what is left of it well. The longer the edge
+# that cuts it, the less is sure. Measured on whole hands that an edge was laid across: docs/fit.md.
+CUT_MM, CUT_CONFIDENCE, CUT_ERROR = (40.0, 80.0, 160.0), (1.0, 0.8, 0.6), (1.0, 1.6, 2.2)
+STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
+
+
+@dataclass(frozen=True)
+class DepthFit:
+    """The body in N frames.
+
+    inputs      (N, D) of the skeleton: radians and units of the bones
+    size        (N,) relative to the skeleton
+    joints      (N, K, 3) mm from the crops' centres
+    network     (N, K, 3) the same as the first prediction has them, of fits that follow as they were expected
+    misfit      (N,) how badly the flesh explains the picture, from where it started: what is left of all terms
+    doubt       (N,) how much speaks against the fit (``network_errors``)
+    error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
+    confidence  (N,) chance that this error is below 30 mm; NaN likewise
+    x           (N, V) all variables, for ``FleshModel``
+    signs       (N, 5) what the doubt is made of: the parts of the misfit, and how far in mm the joints moved; infinite
+                where there is nothing to be seen
+    start       (N,) which start it came from: first the quarter turns, then the frame before, then those drawn
+    """
+
+    inputs: Array
+    size: Array
+    joints: Array
+    network: Array
+    misfit: Array
+    doubt: Array
+    error_mm: Array
+    confidence: Array
+    x: Array
+    signs: Array
+    start: Array
+
+
+class DepthFitter:
+    """Fits of one body.
+
+    errors   of the network that fits start from; by default an unknown one's
+    weights  of the terms
+    """
+
+    def __init__(self, model: FleshModel, errors: NetworkErrors | None = None, weights: Weights | None = None) -> None:
+        self.model = model
+        self.errors = errors or unknown_errors(self.model)
+        self.objective = Objective(self.model, weights or Weights())
+        self.precision = np.linalg.inv(self.errors.limbs)
+
+    @classmethod
+    def of_file(
+        cls, skeleton: Skeleton, path: str | Path, unit_mm: float, weights: Weights | None = None
+    ) -> DepthFitter:
+        """Of crops of two such units, by what a file of weights knows of its network's errors. Raises DataError."""
+        model = FleshModel(skeleton, unit_mm)
+        return cls(model, read_errors(path, model), weights)
+
+    def fit(
+        self, seen: Observation, starts: Sequence[Array], plan: str, *, size: float | Array | None = None,
+        before: Array | None = None, seed: int = 0,
+    ) -> DepthFit:  # fmt: skip
+        """The best fit of every frame. Raises DataError.
+
+        The same frames give the same fits, bit for bit, whatever other frames are fitted with them and on any
+        processor, but for rare cases (docs/reliability.md, "What repeats exactly").
+
+        starts  x (N, V) that the network sees in the crops, turned by each of the quarters of the plan
+        size    the body's, one or (N,), if it is known
+        before  x (N, V) as the frames before let it be expected: one more start, with a prior about itself
+        seed    of the drawn starts
+        """
+        how, model = PLANS[plan], self.model
+        if len(starts) != len(how.quarters):
+            raise DataError(f"{len(starts)} starts, expected {len(how.quarters)} for the plan {plan!r}")
+        own = np.stack([rounded(x, NETWORK_STEP) for x in starts])
+        if before is not None:
+            own = np.concatenate([own, before[None]])
+        if own.shape[1] != len(seen):
+            raise DataError(f"starts of {own.shape[1]} frames for {len(seen)} crops")
+        network = model.joints(own[0])
+        tried, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
+        if how.draws:
+            tried.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
+            priors.append(np.tile(own[:1], (how.draws, 1, 1)))
+        handicap = np.ones(len(own) + how.draws)
+        if before is not None:
+            handicap[len(own) - 1] = STAY
+        found = self._searched(seen, np.concatenate(tried), np.concatenate(priors), how, size, handicap)
+        return self._told(found, seen, network, plan)
+
+    def follow(
+        self, seen: Observation, before: Array, moved_mm: Array, plan: str, *, size: float | Array | None = None
+    ) -> DepthFit:
+        """The fits that are near what the frames before let expect, x (N, V): a few iterations, without the network.
+
+        Limbs that the picture hardly tells are held there (``HOLD``), as they would tremble otherwise; the signs of
+        doubt are counted without that, as for any other fit.
+
+        moved_mm  (N,) how far a fit was from the network's joints when that was asked last: a sign of doubt, still
+        """
+        network = self.model.joints(before)
+        priors = self._expected(before)[None]
+        found = self._searched(seen, before[None].copy(), priors, PLANS[plan].near(), size, np.ones(1), HOLD)
+        off = (found.x - priors[0])[:, self.model.limbs]
+        found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
+        return self._told(found, seen, network, plan, moved_mm)
+
+    def _expected(self, before: Array) -> Array:
+        """The prior of x (N, V): about itself, but for what only the flesh has and its girth, about their means."""
+        prior = before.copy()
+        prior[:, self.model.own] = 0
+        prior[:, GIRTH] = 0
+        return prior
+
+    def _searched(
+        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None, handicap: Array,
+        hold: float = 1.0,
+    ) -> Found:  # fmt: skip
+        """The best of starts (K, N, V) with these priors, in pieces that suit the cache.
+
+        hold  by how much the limbs' precision is larger than that of the network
+        """
+        objective, (K, N, V) = self.objective, starts.shape
+        precision = hold * self.precision
+        if size is not None:
+            starts[:, :, SIZE] = priors[:, :, SIZE] = np.log(size)
+            objective = objective.of_known_size()
+        found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
+
+        def job(rows: slice) -> None:
+            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, how, handicap)
+            for whole, values in zip(found, part):
+                whole[rows] = values
+
+        for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
+        return found
+
+    def _told(
+        self, found: Found, seen: Observation, network: Array, plan: str, moved_mm: Array | float = 0.0
+    ) -> DepthFit:
+        """What is told of fits, that moved away from the network's joints (N, K, 3), or ``moved_mm`` at least."""
+        model, joints = self.model, self.model.joints(found.x)
+        moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
+        signs = np.column_stack([found.parts, moved])
+        shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
+        signs[shown < FEWEST] = np.inf  # what is not there does not contradict any hand
+        doubt, error_mm, confidence = self.errors.expected(plan, signs)
+        error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
+        confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
+        return DepthFit(
+            inputs=model.inputs_of(found.x),
+            size=np.exp(found.x[:, SIZE]),
+            joints=joints,
+            network=network,
+            misfit=found.parts.sum(axis=1),
+            doubt=doubt,
+            error_mm=error_mm,
+            confidence=confidence,
+            x=found.x,
+            start=found.start,
+            signs=signs,
+        )

@@ -1,0 +1,167 @@
+"""How a network errs, and what a fit after it is worth: measured once, kept in the file of the weights.
+
+A file of weights in Caffe's HDF5 layout has a group ``data``; beside it stands a group ``fit`` that Caffe does not look
+at:
+
+    fit/limbs          (L, L) covariance of the errors of the limbs' inputs: where else to start, how near to stay
+    fit/PLAN           (k, 3) of each plan, ascending: doubt, expected error in mm, chance of an error below 30 mm
+    fit/PLAN.signs     (5,) weights, 0 or more, with the sum 1: what the doubt is made of
+
+The misfit alone says less than its parts: a limb that stands in the air (outline) is a worse sign than a thick body
+(surface). So the doubt is the weighted geometric mean of 1 + each sign, with those weights that best tell fits that
+failed from others (logistic regression). The signs are the four parts of the cost, and how far in mm the joints moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handpose.depth_fit.body import FleshModel
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.files import hdf5
+from netlib.snapshots import snapshot
+
+GROUP = "fit"
+LIMBS = "limbs"
+GOOD_MM = 30.0  # a fit with a larger error has failed
+UNKNOWN_STD = 0.3  # radians: what a network's limbs are taken to be off by when nobody has measured it
+LOST_MM = 150.0  # no larger error is expected: the hand is not there, then
+KNOTS = 24  # of a table
+SIGNS = ("surface", "outline", "front", "prior", "moved")
+_SUFFIX = ".signs"
+_RIDGE = 1e-4  # keeps weights finite where every failure can be told
+
+
+@dataclass(frozen=True)
+class NetworkErrors:
+    """What is known of a network that a fit starts from.
+
+    limbs   (L, L) covariance of the errors of the limbs' inputs
+    tables  per plan (k, 3): doubt, expected error in mm, chance of an error below GOOD_MM; none where not measured
+    weights per plan (5,): of the signs
+    """
+
+    limbs: Array
+    tables: dict[str, Array]
+    weights: dict[str, Array]
+
+    def expected(self, plan: str, signs: Array) -> tuple[Array, Array, Array]:
+        """Of signs (N, 5): the doubt, the expected error in mm, and the chance that it is below GOOD_MM, (N,) each.
+
+        Where nobody has measured them, the weights are even, and error and chance NaN. With a doubt beyond all that
+        were measured, the error grows in proportion, up to LOST_MM, and the chance falls.
+        """
+        doubt = doubt_of(signs, self.weights.get(plan, np.full(len(SIGNS), 1 / len(SIGNS))))
+        table = self.tables.get(plan)
+        if table is None:
+            return doubt, np.full(len(doubt), np.nan), np.full(len(doubt), np.nan)
+        beyond = np.maximum(doubt / table[-1, 0], 1)
+        return (
+            doubt,
+            np.minimum(np.interp(doubt, table[:, 0], table[:, 1]) * beyond, LOST_MM),
+            np.interp(doubt, table[:, 0], table[:, 2]) / beyond,
+        )
+
+
+def unknown_errors(model: FleshModel) -> NetworkErrors:
+    """Of a network that nobody has measured."""
+    return NetworkErrors(np.eye(len(model.limbs)) * UNKNOWN_STD**2, {}, {})
+
+
+def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
+    """Those that stand in a file of weights, or those of an unknown network. Raises DataError."""
+    if not snapshot.begins_as_hdf5(path, "weights"):
+        return unknown_errors(model)
+    with hdf5.opened(path, f"the group {GROUP!r}") as file:
+        if GROUP not in file:
+            return unknown_errors(model)
+        found = {name: np.asarray(item, dtype=np.float64) for name, item in file[GROUP].items()}
+    limbs = found.pop(LIMBS, np.zeros(0))
+    L = len(model.limbs)
+    if limbs.shape != (L, L) or not np.isfinite(limbs).all() or np.linalg.eigvalsh(limbs).min(initial=1.0) <= 0:
+        raise DataError(f"{path}: {GROUP}/{LIMBS} of shape {limbs.shape}, expected a covariance ({L}, {L})")
+    weights = {name.removesuffix(_SUFFIX): found.pop(name) for name in list(found) if name.endswith(_SUFFIX)}
+    if set(weights) != set(found):
+        raise DataError(f"{path}: {GROUP}: {', '.join(sorted(set(weights) ^ set(found)))}: a table without weights of "
+                        "signs, or weights without a table; package the weights again")  # fmt: skip
+    for name, own in weights.items():
+        if own.shape != (len(SIGNS),) or not (own >= 0).all() or not np.isclose(own.sum(), 1):
+            raise DataError(f"{path}: {GROUP}/{name}{_SUFFIX} of shape {own.shape}, expected {len(SIGNS)} weights with "
+                            "the sum 1")  # fmt: skip
+    for name, table in found.items():
+        good = table.ndim == 2 and table.shape[1:] == (3,) and len(table) > 1 and np.isfinite(table).all()
+        if not good or table[0, 0] <= 0 or (np.diff(table[:, 0]) <= 0).any():
+            raise DataError(f"{path}: {GROUP}/{name} of shape {table.shape}, expected rows of doubt, error, chance")
+    return NetworkErrors(limbs, found, weights)
+
+
+def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
+    """What a file has in its group, by name: what ``read_errors`` reads."""
+    weights = {plan + _SUFFIX: own for plan, own in errors.weights.items()}
+    return {LIMBS: errors.limbs, **errors.tables, **weights}
+
+
+def doubt_of(signs: Array, weights: Array) -> Array:
+    """(N,): the geometric mean of 1 + each of the signs (N, 5), weighted (5,)."""
+    return np.asarray(np.exp(np.log1p(signs) @ weights))
+
+
+def weights_of(signs: Array, error_mm: Array) -> Array:
+    """The weights (5,) with which the doubt best tells fits with errors beyond GOOD_MM from the others.
+
+    signs     (N, 5) of fits
+    error_mm  (N,) of their joints
+    """
+    from scipy.optimize import minimize  # imported here: it takes a third of a second
+
+    X, failed = np.log1p(signs), error_mm > GOOD_MM
+    if not failed.any() or failed.all():
+        return np.full(len(SIGNS), 1 / len(SIGNS))
+    side = np.where(failed, 1.0, -1.0)
+
+    def loss(w: Array) -> tuple[float, Array]:
+        margin = side * (X @ w[:-1] + w[-1])
+        slope = -side / (1 + np.exp(np.clip(margin, -500, 500))) / len(side)
+        gradient = np.append(X.T @ slope + 2 * _RIDGE * w[:-1], slope.sum())
+        return float(np.logaddexp(0, -margin).mean() + _RIDGE * (w[:-1] ** 2).sum()), gradient
+
+    bounds = [(0, None)] * len(SIGNS) + [(None, None)]
+    w = minimize(loss, np.zeros(len(SIGNS) + 1), jac=True, method="L-BFGS-B", bounds=bounds).x[:-1]
+    return np.asarray(w / w.sum()) if w.sum() > 0 else np.full(len(SIGNS), 1 / len(SIGNS))
+
+
+def covariance(errors: Array) -> Array:
+    """(L, L) of errors (N, L), about 0."""
+    return np.asarray(errors.T @ errors / len(errors))
+
+
+def table_of(doubt: Array, error_mm: Array) -> Array:
+    """The table (k, 3) of fits with these doubts (N,) and errors of their joints (N,) in mm. Raises DataError.
+
+    Means of groups of equal size, made ascending by pooling neighbours that are not (isotonic regression).
+    """
+    order = np.argsort(doubt, kind="stable")
+    groups = np.array_split(order, min(KNOTS, len(order)))
+    x = np.array([doubt[g].mean() for g in groups])
+    y = _pooled(np.array([error_mm[g].mean() for g in groups]))
+    chance = 1 - _pooled(np.array([(error_mm[g] > GOOD_MM).mean() for g in groups]))
+    apart = np.append(True, np.diff(x) > 0)
+    if apart.sum() < 2:
+        raise DataError(f"{len(doubt)} fits with the same doubt, expected many different ones to measure")
+    return np.stack([x, y, chance], axis=1)[apart]
+
+
+def _pooled(values: Array) -> Array:
+    """The ascending values nearest to these in the least squares: neighbours in the wrong order get their mean."""
+    blocks: list[list[float]] = []  # mean, count
+    for value in values.tolist():
+        blocks.append([value, 1])
+        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
+            mean, count = blocks.pop()
+            total = blocks[-1][1] + count
+            blocks[-1] = [(blocks[-1][0] * blocks[-1][1] + mean * count) / total, total]
+    return np.repeat([mean for mean, _ in blocks], [int(count) for _, count in blocks])

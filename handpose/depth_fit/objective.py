@@ -1,0 +1,137 @@
+r"""What a fit minimises: the terms, each in units of its own deviation squared, and their sum.
+
+surface  points on the capsules, robust (Geman-McClure): k q / (k + q) of the squared distance q, k the square of
+         ``robust``. Neighbouring points err together, so all of a frame count as ``independent`` ones.
+outline  spheres out of the silhouette, robust likewise
+front    spheres before the surface, robust likewise
+prior    limbs near their start's angles (covariance of the network's errors), what moves with the root near where
+         the network has it, what only the flesh has near its mean, size and girth near the skeleton's
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.depth_fit.body import FleshModel, Posed
+from handpose.depth_fit.observation import Floats, Observation
+from handpose.depth_fit.residuals import Residuals, cones_of, joined, normal_equations
+from handpose.depth_fit.silhouette import sphere_residuals, spheres_of
+from handpose.depth_fit.surface import nearest_capsules, point_residuals
+from handpose.facts.nyu import CUBE_MM
+from netlib.blob import Array
+
+SMALLEST_SIZE = 1e-4  # deviation of the logarithm of a size that is known
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much each term counts. Chosen on synthetic frames of hands that no reported figure is of.
+
+    Of a body in a larger cube than a hand's, lengths in mm and the robust distance are as much larger.
+    """
+
+    sigma: float = 4.0  # mm that capsules are off real flesh: the unit of the first three terms
+    independent: float = 150.0  # independent points that a frame is worth
+    outline: float = 0.3
+    front: float = 0.1
+    slack: float = 3.0  # mm that a sphere may stand in free space
+    limbs: float = 1.0
+    rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
+    size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
+    girth: float = 0.08  # deviation of the logarithm of the girth
+
+
+class Prior(NamedTuple):
+    """Where the start of each of N fits was."""
+
+    x: Array  # (N, V); what only the flesh has, and the size, where they are on the mean
+    rigid: Floats  # (N, n, 3) mm, its ends that move with the root
+    curvature: Array  # (V, V) of what depends on the variables themselves: limbs, the flesh's own, size and girth
+
+
+class Measured(NamedTuple):
+    """Of N fits at some x."""
+
+    posed: Posed
+    residuals: Residuals
+    prior: Array  # (N,) its cost
+    prior_curvature: Array  # (N, V, V)
+    prior_gradient: Array  # (N, V) half of it
+
+
+class Cost(NamedTuple):
+    """Of N fits at some x."""
+
+    total: Array  # (N,)
+    parts: Array  # (N, 4) surface, outline, front, prior
+    weight: Floats  # (N, 2, R) of the residuals' squares, as near this x
+
+
+class Objective:
+    """The terms of frames, as a function of x."""
+
+    def __init__(self, model: FleshModel, weights: Weights) -> None:
+        self.model, self.weights = model, weights
+        self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
+        self.spheres = spheres_of(model)
+        deviation = np.append(model.deviation, [max(weights.size, SMALLEST_SIZE), weights.girth])
+        self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
+        self.plain_precision = deviation[self.plain] ** -2.0
+
+    def of_known_size(self) -> Objective:
+        """The same terms for bodies whose size is that of their start."""
+        return Objective(self.model, replace(self.weights, size=0.0))
+
+    def prior_of(self, x: Array, precision: Array) -> Prior:
+        """The prior of fits that start at x (N, V), with the precision (L, L) of the limbs' variables."""
+        A = np.zeros((self.model.variables,) * 2)
+        A[np.ix_(self.model.limbs, self.model.limbs)] = self.weights.limbs * precision
+        A[self.plain, self.plain] = self.plain_precision
+        return Prior(x, self.model.ends(x)[:, self.model.rigid], A)
+
+    def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
+        """All that does not depend on the robust distance, at x (N, V)."""
+        model = self.model
+        posed = model.posed(x)
+        cones = cones_of(model, posed)
+        points = point_residuals(cones, seen, nearest_capsules(cones, seen))
+        spheres = sphere_residuals(cones, seen, self.spheres, self.weights.slack * self.larger)
+        return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
+
+    def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
+        """The cost with a robust distance in mm, as for a hand."""
+        w, P = self.weights, seen.points.shape[2]
+        k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
+        q = m.residuals.value * m.residuals.value
+        q[:, :, :P] = q[:, :1, :P] + q[:, 1:, :P]  # a point's two residuals are robust together
+        weight = np.empty_like(q)
+        unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
+        weight[:, :, :P] = (seen.known * unit.astype(np.float32))[:, None]
+        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(sigma**2)
+        robustly = k / (k + q)
+        weight *= robustly
+        q *= weight
+        weight *= robustly
+        spheres = q[:, :, P:].sum(axis=2)
+        parts = np.stack([q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1).astype(np.float64)
+        return Cost(parts.sum(axis=1), parts, weight)
+
+    def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:
+        """The curvature (N, V, V), as Gauss and Newton have it, and half the gradient (N, V) of the cost."""
+        A, b = normal_equations(self.model, m.posed, m.residuals, cost.weight)
+        return A + m.prior_curvature, b + m.prior_gradient
+
+    def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
+        """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""
+        model, rigid = self.model, np.float32(self.weights.rigid * self.larger)
+        d = x - prior.x
+        b = d @ prior.curvature
+        cost = (b * d).sum(axis=1)
+        d = (posed.ends[:, model.rigid] - prior.rigid).reshape(len(x), -1) / rigid
+        J = posed.motion[:, model.rigid].reshape(*d.shape, -1).astype(np.float64) / rigid
+        A = J.swapaxes(1, 2) @ J + prior.curvature
+        b += (J.swapaxes(1, 2) @ d[..., None])[..., 0]
+        return cost + (d * d).sum(axis=1), A, b

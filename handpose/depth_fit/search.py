@@ -1,0 +1,127 @@
+"""A tournament of starts: all of them for a few iterations on few points, the best of them to the end.
+
+The fit falls into the valley where it starts, and a network that mistakes one limb for another, or sees a body
+from the wrong side, starts in the wrong one. Other starts are the network's predictions in the crop turned by quarters,
+and its prediction with limbs drawn from the errors that it makes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.descent import Stage, descend
+from handpose.depth_fit.objective import Objective, Prior
+from handpose.depth_fit.observation import Observation
+from netlib.blob import Array
+from netlib.errors import NetlibError
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a fit searches.
+
+    points    that a frame is sampled at
+    quarters  of a turn by which the crop is turned for the network; 0 is the crop as it is
+    draws     further starts about the first prediction, with limbs drawn from the network's errors
+    first     what all starts go through, on every ``thin``-th of the points
+    keep      so many of them go on to
+    last      to the end, on all points
+    """
+
+    points: int
+    quarters: tuple[int, ...]
+    draws: int
+    thin: int
+    first: tuple[Stage, ...]
+    keep: int
+    last: tuple[Stage, ...]
+
+    def near(self) -> Plan:
+        """From one start that is near already."""
+        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, NEAR),))
+
+
+NEAR = 4  # iterations from a start that is near
+PLANS = {
+    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(13, 6),)),
+    "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),)),
+}
+
+
+class Found(NamedTuple):
+    """The best fit of each of N frames."""
+
+    x: Array  # (N, V)
+    parts: Array  # (N, 4) of its cost: surface, outline, front, prior
+    start: NDArray[np.int_]  # (N,) which start it came from
+
+
+def search(
+    objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan,
+    handicap: Array | float = 1.0,
+) -> Found:  # fmt: skip
+    """The best of K starts (K, N, V), each with the prediction (K, N, V) that its prior is about.
+
+    handicap  (K,) factors of the misfits that are compared
+    """
+    K, N, _ = starts.shape
+    every, handicaps = np.tile(np.arange(N), K), np.broadcast_to(handicap, K)
+    x, own = starts.reshape(K * N, -1), objective.prior_of(priors.reshape(K * N, -1), precision)
+    chosen = np.arange(K * N)
+    if plan.first and K > 1:
+        x, cost = descend(objective, x, seen.thinned(plan.thin).take(every), own, plan.first)
+        order = (handicaps[:, None] * misfit(cost.parts).reshape(K, N)).argsort(axis=0)[: plan.keep]
+        chosen = (order * N + np.arange(N)).reshape(-1)
+    own = Prior(own.x[chosen], own.rigid[chosen], own.curvature)
+    x, cost = descend(objective, x[chosen], seen.take(every[chosen]), own, plan.last)
+    compared = handicaps[chosen // N] * misfit(cost.parts)
+    best = compared.reshape(-1, N).argmin(axis=0) * N + np.arange(N)
+    return Found(x[best], cost.parts[best], chosen[best] // N)
+
+
+def misfit(parts: Array) -> Array:
+    """What chooses between starts (N,): how badly the flesh explains the picture, wherever it started."""
+    return np.asarray(parts[:, :3].sum(axis=1))
+
+
+def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
+    """(count, N, V): x (N, V) with limbs off by errors that the network makes, within their limits."""
+    rng = np.random.default_rng(seed)
+    starts = np.tile(x, (count, 1, 1))
+    errors = rng.multivariate_normal(np.zeros(len(model.limbs)), covariance, (count, 1), method="cholesky")
+    starts[:, :, model.limbs] += errors
+    return np.clip(starts, model.lower, model.upper)
+
+
+def turned_back(model: FleshModel, x: Array, quarter: int) -> Array:
+    """Variables (N, V) found in crops that were turned counter-clockwise by quarters, for the crops as they were.
+
+    A turn about the line of sight turns the root's place, and is added to its outermost angle. Raises NetlibError for a
+    skeleton whose root does not translate along x and y and turn about z first.
+    """
+    if quarter % 4 == 0:
+        return x
+    skeleton = model.skeleton
+    motions = skeleton.motions[int(np.flatnonzero(skeleton.parents < 0)[0])]
+    slides = {m.axis: m for m in motions if m.kind == "translate"}
+    turns = [m for m in motions if m.kind == "rotate"]
+    if not {0, 1} <= set(slides) or not turns or turns[0].axis != 2:
+        raise NetlibError(
+            f"skeleton {skeleton.name!r}: its root does not translate along x and y and turn about z first, so it "
+            "cannot be turned with the picture; expected a plan without quarter turns"
+        )
+    column = {int(dof): i for i, dof in enumerate(model.free)}
+    right, up = (slides[a].sign * (x[:, column[slides[a].dof]] + skeleton.initial[slides[a].dof]) for a in (0, 1))
+    c, s = [(0, -1), (-1, 0), (0, 1)][quarter % 4 - 1]  # cosine and sine of -quarter * 90 degrees
+    result = x.copy()
+    for axis, value in ((0, c * right - s * up), (1, s * right + c * up)):
+        m = slides[axis]
+        result[:, column[m.dof]] = m.sign * value - skeleton.initial[m.dof]
+    angle = result[:, column[turns[0].dof]] - turns[0].sign * quarter * np.pi / 2
+    result[:, column[turns[0].dof]] = (angle + np.pi) % (2 * np.pi) - np.pi
+    return result

@@ -1,0 +1,101 @@
+"""The size and the girth of one person's hand, from depth frames alone.
+
+In one frame a larger hand farther away looks nearly the same, and a bent limb is a short one. All frames of a person
+have the same size, so that it is tried: with every size of a grid all frames are fitted once more from where they were,
+and the size that leaves the least misfit of all frames together is the hand's (a parabola through the three lowest). A
+frame counts robustly, for some are fitted wrongly whatever the size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handpose.depth_fit.body import GIRTH, SIZE, SIZE_LIMIT
+from handpose.depth_fit.descent import Stage, descend
+from handpose.depth_fit.fit import STARTS_TOGETHER, DepthFitter
+from handpose.depth_fit.objective import Objective
+from handpose.depth_fit.observation import Observation
+from handpose.depth_fit.search import misfit
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.system.memory import blocks
+
+GRID = np.exp(np.linspace(-SIZE_LIMIT, SIZE_LIMIT, 21))  # sizes that are tried: all that fits allow
+FEWEST = 5  # frames of which a size can be said
+STAGES = (Stage(15, 4), Stage(10, 3))
+
+
+@dataclass(frozen=True)
+class HandSize:
+    """Of one hand.
+
+    size       relative to the skeleton
+    girth      radii relative to those of a skeleton of this size
+    deviation  of the size: from halves of the frames
+    sizes, misfits  those that were tried, and the mean misfit of a frame with each
+    """
+
+    size: float
+    girth: float
+    deviation: float
+    sizes: Array
+    misfits: Array
+
+    @property
+    def at_the_edge(self) -> bool:
+        """Is the first or the last of the sizes the best one? Then the hand may be beyond it."""
+        return int(self.misfits.argmin()) in (0, len(self.sizes) - 1)
+
+
+def calibrate_size(
+    fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None,
+    sizes: Array = GRID,
+) -> HandSize:  # fmt: skip
+    """The size of the hand that all frames show, fitted as x (N, V). Raises DataError for too few frames.
+
+    progress  is told how many more frames were fitted, once with each size
+    sizes     that are tried, at least three, evenly apart in their logarithms
+    """
+    if len(x) < FEWEST:
+        raise DataError(f"{len(x)} frames to tell a hand's size from, expected {FEWEST} or more")
+    # The poses are free here: a prior about poses that were found with another size would keep the size.
+    weights = replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
+    objective = Objective(fitter.model, weights)
+    left, girths = np.zeros((2, len(sizes), len(x)))
+    for i, size in enumerate(sizes):
+        for rows in blocks(len(x), STARTS_TOGETHER):
+            start = x[rows].copy()
+            start[:, SIZE] = np.log(size)
+            prior = objective.prior_of(start, fitter.precision)
+            found, cost = descend(objective, start, seen.take(rows), prior, STAGES)
+            left[i, rows], girths[i, rows] = misfit(cost.parts), found[:, GIRTH]
+            progress(rows.stop - rows.start)
+    bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # a frame that no size explains says nothing
+    whole = _lowest(sizes, bounded.mean(axis=1))
+    order = np.random.default_rng(0).permutation(len(x))
+    halves = [_lowest(sizes, bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
+    girth = float(np.exp(np.median(girths[np.abs(np.log(sizes / whole)).argmin()])))
+    return HandSize(whole, girth, abs(halves[0] - halves[1]) / 2, sizes, bounded.mean(axis=1))
+
+
+def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
+    """The skeleton of this size, with flesh of this girth."""
+    larger = skeleton.scaled(found.size).param
+    flesh = larger.flesh
+    assert flesh is not None  # a fit has been made with it
+    thicker = tuple(replace(c, radius=tuple(r * found.girth for r in c.radius)) for c in flesh.capsule)
+    return Skeleton(replace(larger, flesh=replace(flesh, capsule=thicker)))
+
+
+def _lowest(sizes: Array, values: Array) -> float:
+    """Where a parabola through the lowest value and its neighbours, over the logarithm of the size, is lowest."""
+    i = int(np.clip(values.argmin(), 1, len(sizes) - 2))
+    before, here, after = values[i - 1 : i + 2]
+    curve = before - 2 * here + after
+    shift = 0.5 * (before - after) / curve if curve > 0 else 0.0
+    step = np.log(sizes[1] / sizes[0])
+    return float(np.exp(np.log(sizes[i]) + np.clip(shift, -1, 1) * step))

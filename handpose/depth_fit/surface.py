@@ -1,0 +1,107 @@
+r"""The surface: every observed point belongs on a capsule.
+
+Of a point p, the nearest place of a capsule's axis is c(s) = a + s (b - a), with the radius r(s) there. The point
+should lie at that distance, on the side that faces the camera. With the ray v through the point and y = p - c,
+
+    f = max(y . v, 0)         how far the point is behind the axis, as the camera looks
+    rho = |y - f v|           how far beside it
+
+A point on the facing side has f = 0 and the residual |y| - r. A point behind cannot have been seen there: the nearest
+place that could is on the capsule's outline, so that it is off by rho - r sideways and by f along the ray (Tagliasacchi
+et al., Robust Articulated-ICP for Real-Time Hand Tracking, 2015). Both are residuals, both are 0 on the surface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.depth_fit.observation import Floats, Observation
+from handpose.depth_fit.residuals import Cones, Residuals, belonging
+
+_TINY = np.float32(1e-6)
+POSITION_BITS = 11  # of a position of half the cube's edge: 1/8 mm for a hand
+DIRECTION_STEP = np.float32(2.0**-10)
+
+
+def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
+    """For every point the capsule (N, P) on whose facing side it nearly lies.
+
+    All capsules are tried for all points, so the axis' nearest place is taken as if both radii were the same. What is
+    linear in the points comes from two products; with t the place on the axis in mm,
+
+        t = clip((p - a) . d)        |y|² = |p - a|² - t (2 (p - a) . d - t)        f = (p - a) . v - t d . v
+
+    Here, positions are rounded to some 0.1 mm and directions to 0.001. All products and their sums are then exact in
+    float32, so that the same capsule is nearest whatever the order in which a processor sums.
+    """
+    mm = np.ldexp(np.float32(1), np.frexp(seen.half)[1] - POSITION_BITS)[:, None, None]
+    p, v, a = _on_grid(seen.points, mm), _on_grid(seen.rays, DIRECTION_STEP), _on_grid(cones.a, mm)
+    N, _, P = p.shape
+    M = a.shape[2]
+    length = np.sqrt((cones.along * cones.along).sum(axis=1)) + _TINY
+    d = _on_grid(cones.along / length[:, None], DIRECTION_STEP)
+    ones = np.ones((N, 1, P), np.float32)
+    rows = np.empty((N, 2 * M, 5), np.float32)
+    rows[:, :M, :3], rows[:, :M, 3], rows[:, :M, 4] = d.swapaxes(1, 2), -(a * d).sum(axis=1), 0
+    rows[:, M:, :3], rows[:, M:, 3], rows[:, M:, 4] = -2 * a.swapaxes(1, 2), (a * a).sum(axis=1), 1
+    both = rows @ np.concatenate([p, ones, (p * p).sum(axis=1, keepdims=True)], axis=1)
+    along, beside = both[:, :M], both[:, M:]
+    rows[:, :M, 3], rows[:, M:, :3], rows[:, M:, 3] = 0, -a.swapaxes(1, 2), 1
+    both = rows[:, :, :4] @ np.concatenate([v, (p * v).sum(axis=1, keepdims=True)], axis=1)
+    away, behind = both[:, :M], both[:, M:]
+    t = np.maximum(along, 0)
+    np.minimum(t, length[..., None], out=t)
+    along += along
+    along -= t
+    along *= t
+    beside -= along  # |y|²
+    away *= t
+    behind -= away
+    np.maximum(behind, 0, out=behind)
+    behind *= behind  # f²
+    beside -= behind
+    np.maximum(beside, 0, out=beside)
+    np.sqrt(beside, out=beside)  # rho
+    t *= (cones.wider / length)[..., None]
+    beside -= t
+    beside -= cones.radius[..., None]
+    beside *= beside
+    beside += behind
+    return beside.argmin(axis=1)
+
+
+def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:
+    """The nearest multiples of a power of two."""
+    on_grid = values / step
+    np.rint(on_grid, out=on_grid)
+    on_grid *= step
+    return on_grid
+
+
+def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) -> Residuals:
+    """rho - r and f of each point on its capsule (N, P).
+
+    Where the radii differ, the nearest place of the axis is so far towards the thinner end that the surface's normal
+    points from it to p.
+    """
+    N, P = capsule.shape
+    own = cones.of(belonging(capsule, cones.a.shape[2]))
+    q, w = seen.points - own.a, own.wider
+    LL, t = np.maximum((own.along * own.along).sum(axis=1), _TINY), (q * own.along).sum(axis=1)
+    h = np.sqrt(np.maximum((q * q).sum(axis=1) * LL - t * t, 0))
+    s = (t + h * w / np.sqrt(np.maximum(LL - w * w, 1e-3))) / LL
+    np.maximum(s, 0, out=s)
+    np.minimum(s, 1, out=s)
+    c, radius = own.at(s)
+    y = seen.points - c
+    f = np.maximum((y * seen.rays).sum(axis=1), 0)
+    y -= f[:, None] * seen.rays
+    rho = np.sqrt((y * y).sum(axis=1)) + _TINY
+    direction, swell, value = (np.zeros((N, *shape, P), np.float32) for shape in ((3, 2), (2,), (2,)))
+    np.divide(y, -rho[:, None], out=direction[:, :, 0])
+    np.multiply(seen.rays, -(f > 0).astype(np.float32)[:, None], out=direction[:, :, 1])
+    np.negative(radius, out=swell[:, 0])
+    np.subtract(rho, radius, out=value[:, 0])
+    value[:, 1] = f
+    return Residuals(capsule, s, direction, swell, value)

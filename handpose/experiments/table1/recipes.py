@@ -1,0 +1,77 @@
+"""The two ways in which the networks of Table 1 are trained, each for any number of iterations.
+
+A training of N iterations is a trunk of constant rate and an end, in which the rate falls:
+
+    paper   the solver of nyu_solver.prototxt: a tenth of the rate for the last tenth
+    adam    that of synthetic_solver.prototxt: for the last 30% in a straight line to 0
+
+The trunk does not depend on N, so trainings of several lengths share it: it goes on where the last end branched off.
+Each length is the one before and half of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+from handpose.experiments.table1.derived_solvers import with_fields
+from handpose.experiments.table1.networks import PROTOTXT
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Message
+from netlib.training import solver_parameter
+
+GROWTH = Fraction(3, 2)  # of one length to the next
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A solver, and what it changes in a net.
+
+    solver   its file
+    lengths  of the trainings, in iterations, rising
+    end      the fraction of the iterations in which the rate falls
+    batch    frames
+    every    iterations from one snapshot to the next
+    robust   SmoothL1Loss, no dropout, FC2 filled by xavier: as synthetic_train_test.prototxt has them
+    """
+
+    name: str
+    title: str
+    solver: Path
+    lengths: tuple[int, ...]
+    end: Fraction
+    batch: int
+    every: int
+    robust: bool = False
+
+    def branch(self, iterations: int) -> int:
+        """The iteration at which the end of a training begins; an end has one iteration at least."""
+        return iterations - max(1, int(iterations * self.end))
+
+    def trunk(self, own: Mapping[str, object]) -> Message:
+        """The tree of the trunk's solver, with the fields ``own``."""
+        return with_fields(prototxt.parse_file(self.solver), {"lr_policy": '"fixed"', **own})
+
+    def ending(self, iterations: int, own: Mapping[str, object]) -> Message:
+        """The tree of the solver of the end of a training."""
+        begin = self.branch(iterations)
+        if not self.robust:
+            return with_fields(prototxt.parse_file(self.solver), {"stepvalue": begin, **own})
+        # poly falls from base_lr at iteration 0 to 0 at max_iter: where the end begins, it is at the trunk's rate
+        rate = solver_parameter.read(self.solver).base_lr / (1 - begin / iterations)
+        return with_fields(prototxt.parse_file(self.solver), {"base_lr": rate, "rampup_interval": 0, **own})
+
+
+def lengths(base: int, count: int) -> tuple[int, ...]:
+    """So many lengths from ``base`` on, whole numbers as long as they are."""
+    return tuple(int(base * GROWTH**k) for k in range(count))
+
+
+# At the paper's rate errors fall for longer than anybody waits. The longest is beyond the 10,000 of the solver's file.
+PAPER = Recipe("paper", "the paper's solver", PROTOTXT / "nyu_solver.prototxt", lengths(4000, 4), Fraction(1, 10),
+               batch=512, every=1000)  # fmt: skip
+ADAM = Recipe("adam", "our recipe", PROTOTXT / "synthetic_solver.prototxt", lengths(20000, 5), Fraction(3, 10),
+              batch=64, every=5000, robust=True)  # fmt: skip
+RECIPES = {recipe.name: recipe for recipe in (ADAM, PAPER)}  # ours is done sooner

@@ -1,0 +1,71 @@
+"""How many frames per second the network of Table 1 takes here, beside the paper's 125."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+import netlib
+from handpose.data.json_fields import Fields, parsed
+from handpose.experiments.table1.machine import machine
+from handpose.experiments.table1.networks import PROTOTXT
+from handpose.synthetic.generator import Generator
+from netlib import engine, files
+from netlib.blob import Array
+from netlib.files import atomic
+from netlib.net import Net
+
+DEPLOY = PROTOTXT / "nyu_deploy.prototxt"
+BATCH, ROUNDS = 64, 50
+WHERE = "speed.json"  # in the folder of the ledger
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Frames per second of one forward pass: medians over ``ROUNDS``."""
+
+    single: float
+    batched: float
+    batch: int
+    engine: str
+    threads: int
+    machine: str
+
+
+def measure(rounds: int = ROUNDS) -> Speed:
+    """Measure it on synthetic hands, with weights that no speed depends on. Raises NetlibError."""
+    net = Net(DEPLOY, netlib.TEST, seed=1)
+    depth = Generator(seed=1, split="test").block(0).depth[:BATCH]
+    single, batched = (count / _seconds(net, depth[:count], rounds) for count in (1, BATCH))
+    used = engine.get()
+    return Speed(single, batched, BATCH, used.name, used.threads(), machine())
+
+
+def _seconds(net: Net, depth: Array, rounds: int) -> float:
+    """The median of one forward pass, after a first one that makes the buffers."""
+    net.blobs["depth"].reshape(*depth.shape)
+    net.forward(depth=depth)
+    times = []
+    for _ in range(rounds):
+        begun = time.perf_counter()
+        net.forward(depth=depth)
+        times.append(time.perf_counter() - begun)
+    return float(np.median(times))
+
+
+def write(path: Path, speed: Speed) -> None:
+    """Write it, whole or not at all. Raises OSError."""
+    atomic.replace_bytes(path, (json.dumps(asdict(speed), indent=1) + "\n").encode())
+
+
+def read(path: Path) -> Speed | None:
+    """What was measured; None if nothing was. Raises DataError."""
+    if not path.is_file():
+        return None
+    of = Fields(parsed(files.read_text(path, "the speed"), str(path)), str(path))
+    return Speed(of.positive("single"), of.positive("batched"), of.whole("batch"), of.text("engine"),
+                 of.whole("threads"), of.text("machine"))  # fmt: skip

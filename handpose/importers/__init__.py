@@ -1,0 +1,1 @@
+"""Data sets as published: NYU and ICVL, their files and the frames that are scored."""

@@ -1,0 +1,155 @@
+"""Write the frames of a published split as parts: crops are made on threads, a few chunks ahead of the writer."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import json
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from handpose.data import parts as files
+from handpose.data.bad_frames import BadFrameError
+from handpose.data.crops import SIZE
+from handpose.data.frames import Frames
+from handpose.data.parts import Columns, Part, is_whole, write_part
+from handpose.importers.published_frames import PublishedFrames
+from netlib.files import hdf5
+
+_CHUNK = 16  # frames that a thread makes crops of at a time
+_AHEAD = 8  # chunks ahead of the writer, per thread
+
+Chunk = tuple[int, Frames, list[tuple[int, BadFrameError]]]  # number of frames, the good ones, the bad ones
+
+
+@dataclass
+class Outcome:
+    """What became of the frames of a split."""
+
+    parts: list[Part]
+    index: list[int] = field(default_factory=list)  # of the good frames
+    bad: dict[int, str] = field(default_factory=dict)  # kind by index
+    made: int = 0  # good frames that were not there before
+
+
+def parts_of(frames: PublishedFrames, out: Path) -> list[Part]:
+    """The files that a split becomes."""
+    parts = []
+    for i, start in enumerate(range(0, len(frames), files.FRAMES_PER_FILE)):
+        stop = min(start + files.FRAMES_PER_FILE, len(frames))
+        parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
+    return parts
+
+
+def is_current(frames: PublishedFrames, part: Part) -> bool:
+    """Is the file of a part whole, and are those frames that it leaves out still bad, and bad in the same way?
+
+    The recipe knows the images by their sizes, so one that was repaired may have left it as it was.
+    """
+    return is_whole(part) and all(frames.flaw(i) == kind for i, kind in _left_out(part))
+
+
+def _left_out(part: Part) -> list[tuple[int, str]]:
+    """The frames that a whole part has no rows of: index and kind of flaw."""
+    with hdf5.opened(part.path, "the data") as file:
+        kinds = json.loads(file.attrs["bad"])
+    return [(i, kind) for kind, indices in kinds.items() for i in indices]
+
+
+def write_parts(
+    frames: PublishedFrames,
+    parts: Sequence[Part],
+    missing: Sequence[Part],
+    workers: int,
+    advance: Callable[[int], None],
+    on_bad: Callable[[int, BadFrameError], None],
+) -> Outcome:
+    """Write those parts of a split that are missing, and take the others as they are.
+
+    workers  number of threads
+    advance  is called with numbers of frames that were dealt with
+    on_bad   is called for every bad frame with its index, for those of parts that were kept, too
+
+    An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
+    """
+    with ThreadPoolExecutor(workers, "prepare") as pool:
+        writer = _Writer(frames, Outcome(list(parts)), pool, _AHEAD * workers, advance, on_bad)
+        start = 0
+        for part in parts:
+            if part in missing:
+                writer.write(part, start)
+            else:
+                writer.recall(part)
+            start += part.rows
+    return writer.outcome
+
+
+@dataclass
+class _Writer:
+    """Writes one part after the other."""
+
+    frames: PublishedFrames
+    outcome: Outcome
+    pool: ThreadPoolExecutor
+    ahead: int  # chunks that are begun before the first is waited for
+    advance: Callable[[int], None]
+    on_bad: Callable[[int, BadFrameError], None]
+
+    def recall(self, part: Part) -> None:
+        """Take the outcome of a part from its file."""
+        with hdf5.opened(part.path, "the data") as file:
+            self.outcome.index += file["index"][...].tolist()
+        for i, kind in _left_out(part):
+            self.outcome.bad[i] = kind
+            self.on_bad(i, BadFrameError(self.frames.files[i], kind))
+
+    def write(self, part: Part, start: int) -> None:
+        """Write a part of the frames from ``start`` on."""
+        frames, index = self.frames, list[int]()
+        bad: dict[int, str] = {}
+
+        def pieces() -> Iterator[Columns]:
+            with contextlib.closing(self._chunks(start, start + part.rows)) as chunks:
+                for count, good, failed in chunks:
+                    for i, error in failed:
+                        bad[i] = error.kind
+                        self.on_bad(i, error)
+                    index.extend(good.index.tolist())
+                    yield good.arrays()
+                    self.advance(count)
+
+        def attributes() -> dict[str, object]:
+            kinds: dict[str, list[int]] = {}
+            for i, kind in bad.items():
+                kinds.setdefault(kind, []).append(i)
+            description = (
+                f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
+                "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
+            )
+            # "bad": the frames that were left out
+            return {"made_from": frames.made_from, "description": description, "bad": json.dumps(kinds)}
+
+        write_part(part, frames.columns(), pieces(), attributes)
+        self.outcome.index += index
+        self.outcome.bad.update(bad)
+        self.outcome.made += len(index)
+
+    def _chunks(self, start: int, stop: int) -> Generator[Chunk, None, None]:
+        """All chunks in order; while OpenCV decodes for one, other threads run."""
+        begun: collections.deque[tuple[int, Future[Any]]] = collections.deque()
+        try:
+            for first in range(start, stop, _CHUNK):
+                last = min(first + _CHUNK, stop)
+                begun.append((last - first, self.pool.submit(self.frames.crops, first, last)))
+                if len(begun) > self.ahead:
+                    count, future = begun.popleft()
+                    yield count, *future.result()
+            while begun:
+                count, future = begun.popleft()
+                yield count, *future.result()
+        finally:
+            for _, future in begun:
+                future.cancel()

@@ -1,0 +1,135 @@
+"""Fit a skeleton to given joints by Levenberg-Marquardt, many frames at once.
+
+With A and b of the problem (``pose_problem``), each iteration solves for every frame
+
+    (A + mu diag(A)) step  =  -b
+
+takes the step if it lowers the cost, and then trusts the quadratic model more (mu / 3), else less (4 mu). With limits,
+steps are cut at them, and an angle that stands at a limit and wants beyond it is held.
+
+``fit_joints`` starts several times (``starts``): first from the initial pose of the limbs in the best rotation of the
+whole body; then in turn from the best so far with some limbs drawn anew, and as at first but with all limbs drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from handpose.joint_fit.damped_step import damped_step
+from handpose.joint_fit.parallel import for_each
+from handpose.joint_fit.pose_problem import JointFit, PoseProblem, checked
+from handpose.joint_fit.starts import RotationGrid, limb_poses, redrawn_limbs
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.system.memory import blocks
+
+Progress = Callable[[int], None]
+
+CHUNK = 256  # frames that one thread works on together
+SMALLEST_GAIN = 1e-7  # relative; a frame whose cost falls less is done
+EXACT = 5e-6  # root mean square distance of the joints at which a frame needs no other start
+
+# Damping. TRUST and DOUBT are the factors of mu after a step that was taken, and after one that was not. Little depends
+# on them: with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a third more work. FIRST_MU
+# from 0.001 to 0.1 is as good; with 1 the steps are so small that frames are taken for done on their way.
+FIRST_MU, TRUST, DOUBT = 1e-2, 1 / 3, 4
+SMALLEST_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
+RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
+LARGEST_MU = 1e8  # above it a step is lost in rounding: there is no lower place near
+
+
+def fit_joints(
+    skeleton: Skeleton,
+    targets: ArrayLike,
+    joints: Sequence[int] | None = None,
+    *,
+    limits: bool = True,
+    ridge: float = 0.0,
+    starts: int = 8,
+    iterations: int = 100,
+    seed: int = 0,
+    progress: Progress = lambda done: None,
+) -> JointFit:
+    """Fit every frame by itself. Results do not depend on the number of threads. Raises DataError.
+
+    targets     (N, K, 3) where the joints should be; NaN for a joint that is not known in a frame
+    joints      the K joints of the skeleton that they are; by default all
+    limits      keep the inputs within the skeleton's limits
+    ridge       weight of the squared inputs (rotations of limbs) beside the squared distances: pulls angles that the
+                joints hardly determine towards the initial pose
+    starts      how often to start; a frame that fits exactly is not started again
+    iterations  at most so many per start
+    seed        of the random starts
+    progress    is told how many frames more are done, by any thread
+    """
+    goal, chosen = checked(skeleton, targets, joints)
+    if starts < 1 or iterations < 1 or not ridge >= 0:
+        raise DataError(
+            f"{starts} starts of {iterations} iterations with ridge {ridge:g}, expected 1 or more, ridge 0 or more"
+        )
+    problem = PoseProblem(skeleton, chosen, limits, ridge)
+    grids = [RotationGrid(problem, limbs) for limbs in limb_poses(problem, 1 + (starts - 1) // 2, seed)]
+    inputs = np.zeros((len(goal), len(skeleton.initial)))
+
+    def job(rows: slice) -> None:
+        rng = np.random.default_rng([seed, rows.start])
+        inputs[rows] = _best(problem, grids, goal[rows], starts, iterations, rng)
+        progress(rows.stop - rows.start)
+
+    for_each(blocks(len(goal), CHUNK), job)
+    return problem.result(inputs, goal, limits)
+
+
+def _best(
+    problem: PoseProblem,
+    grids: Sequence[RotationGrid],
+    goal: Array,
+    starts: int,
+    iterations: int,
+    rng: np.random.Generator,
+) -> Array:
+    """Inputs (N, D) of the best of all starts."""
+    inputs, cost = _descend(problem, grids[0].near(goal), goal, iterations)
+    for start in range(1, starts):
+        todo = np.flatnonzero(cost > EXACT**2 * len(problem.joints))
+        if not len(todo):
+            break
+        trial = redrawn_limbs(problem.skeleton, inputs[todo], rng) if start % 2 else grids[start // 2].near(goal[todo])
+        found, found_cost = _descend(problem, trial, goal[todo], iterations)
+        better = found_cost < cost[todo]
+        inputs[todo[better]], cost[todo[better]] = found[better], found_cost[better]
+    return inputs
+
+
+def _descend(problem: PoseProblem, inputs: Array, goal: Array, iterations: int) -> tuple[Array, Array]:
+    """Levenberg-Marquardt from ``inputs`` (N, D), which are used up; returns inputs (N, D) and their cost (N,).
+
+    A frame that is done drops out: ``active`` are the numbers of the others, and A and b are theirs alone.
+    """
+    cost, A, b = problem.evaluate(inputs, goal)
+    mu = np.full(len(goal), FIRST_MU)
+    active = np.arange(len(goal))
+    for _ in range(iterations):
+        x = inputs[active][:, problem.free]
+        step = damped_step(A.copy(), b, mu[active], x, problem.lower, problem.upper, RIDGE)
+        trial = inputs[active]
+        trial[:, problem.free] = np.clip(x + step, problem.lower, problem.upper)
+        trial_cost, trial_A, trial_b = problem.evaluate(trial, goal[active])
+
+        better = trial_cost < cost[active]
+        small = cost[active] - trial_cost <= SMALLEST_GAIN * cost[active]
+        taken = active[better]
+        inputs[taken], cost[taken] = trial[better], trial_cost[better]
+        A[better], b[better] = trial_A[better], trial_b[better]
+        mu[active] = np.maximum(mu[active] * np.where(better, TRUST, DOUBT), SMALLEST_MU)
+
+        exact = cost[active] <= 1e-24  # (1e-12)²: what rounding leaves of the positions of a few joints
+        going = ~(better & small) & (mu[active] < LARGEST_MU) & ~exact
+        active, A, b = active[going], A[going], b[going]
+        if not len(active):
+            break
+    return inputs, cost

@@ -1,0 +1,109 @@
+"""The least-squares problem of a pose: which inputs put the model's joints where they were seen?
+
+With r the differences (3 k) of the chosen joints and J their derivative by the F free DoFs, the cost of a frame is
+
+    |r|² + ridge |x|²                gradient / 2  =  b  =  J r + ridge x        A  =  J Jᵀ + ridge
+
+``J`` is (F, 3 k), as ``Kinematics.jacobian`` has it. Joints that are not known in a frame leave r and J.
+Everything is in the unit of the skeleton's bones: half-cubes for the NYU hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from handpose.joint_fit.angles import canonical, rotations
+from layers.hand.bodies import kinematics_of
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+from netlib.errors import DataError
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """The best pose of every frame.
+
+    inputs     (N, D) canonical inputs of the model, within its limits if they were kept; radians and units of the
+               bones; fixed DoFs 0
+    residuals  (N, K) distance of each chosen joint from where it should be, in the same unit; NaN where not known
+    """
+
+    inputs: Array
+    residuals: Array
+
+
+class PoseProblem:
+    """What is the same for all frames.
+
+    free        (F,) the DoFs that are fitted
+    lower, upper  (F,) their limits, infinite if they are not kept
+    ridge       (F,) weight of the squared inputs: that of the rotations of limbs, else 0
+    root_turns  the DoFs that turn the whole body
+    root_moves  the motions that move it
+    limb_turns  the DoFs of all other rotations
+    """
+
+    def __init__(self, skeleton: Skeleton, joints: Sequence[int], limits: bool, ridge: float) -> None:
+        self.skeleton, self.joints = skeleton, list(joints)
+        self.kinematics = kinematics_of(skeleton)
+        self.free = np.unique(skeleton.driven)
+        self.sums = (skeleton.driven[:, None] == self.free).astype(float)  # (Q, F): motions of one DoF are added
+        self.one_each = np.array_equal(skeleton.driven, self.free)
+        self.lower = np.where(limits, skeleton.lower, -np.inf)[self.free]
+        self.upper = np.where(limits, skeleton.upper, np.inf)[self.free]
+        roots = np.flatnonzero(skeleton.parents < 0)
+        motions = [motion for j in roots for motion in skeleton.motions[j] if motion.row >= 0]
+        self.root_turns = [motion.dof for motion in motions if motion.kind == "rotate"]
+        self.root_moves = [motion for motion in motions if motion.kind == "translate"]
+        self.limb_turns = np.setdiff1d(rotations(skeleton), self.root_turns)
+        self.ridge = np.where(np.isin(self.free, self.limb_turns), ridge, 0.0)
+
+    def evaluate(self, inputs: Array, goal: Array) -> tuple[Array, Array, Array]:
+        """Cost (N,), A (N, F, F) and b (N, F) of inputs (N, D), given where the joints should be (N, K, 3)."""
+        pose = self.kinematics.forward(inputs)
+        r = (pose.joints[:, self.joints] - goal).reshape(len(goal), -1)
+        J = self.kinematics.jacobian(pose, self.joints)
+        J = np.ascontiguousarray(J) if self.one_each else self.sums.T @ J
+        unknown = np.isnan(r)
+        if unknown.any():
+            r[unknown] = 0
+            J *= ~unknown[:, None]
+        x = inputs[:, self.free]
+        A = J @ J.swapaxes(1, 2)
+        A[:, np.arange(len(self.free)), np.arange(len(self.free))] += self.ridge
+        b = (J @ r[:, :, None])[:, :, 0] + self.ridge * x
+        return (r * r).sum(axis=1) + (self.ridge * x * x).sum(axis=1), A, b
+
+    def cost(self, inputs: Array, goal: Array) -> Array:
+        """Cost (N,) alone."""
+        r = np.nan_to_num(self.kinematics.forward(inputs).joints[:, self.joints] - goal)
+        x = inputs[:, self.free]
+        return np.asarray((r * r).sum(axis=(1, 2)) + (self.ridge * x * x).sum(axis=1))
+
+    def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
+        """Inputs (N, D) in canonical form, within the limits or not, and what they leave of the goal (N, K, 3)."""
+        final = canonical(self.skeleton, inputs, limits=limits)
+        final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)  # takes rounding back
+        found = self.kinematics.forward(final).joints[:, self.joints]
+        return JointFit(final, np.linalg.norm(found - goal, axis=2))
+
+
+def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None) -> tuple[Array, list[int]]:
+    """Where joints should be (N, K, 3), wholly NaN where one is not known, and which they are. Raises DataError."""
+    goal = np.asarray(targets, dtype=np.float64)
+    chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
+    if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):
+        raise DataError(f"joints of shape {goal.shape}, expected (N, {len(chosen)}, 3)")
+    if np.isinf(goal).any():
+        raise DataError(f"frame {int(np.isinf(goal).any(axis=(1, 2)).argmax())} has an infinite joint")
+    goal = np.where(np.isnan(goal).any(axis=2, keepdims=True), np.nan, goal)
+    empty = np.isnan(goal).all(axis=(1, 2))
+    if empty.any():
+        raise DataError(f"frame {int(empty.argmax())} has no known joint ({np.count_nonzero(empty)} such frames)")
+    if not all(0 <= j < len(skeleton.parents) for j in chosen) or len(set(chosen)) < len(chosen) or not chosen:
+        raise DataError(f"joints {chosen}, expected different numbers from 0 to {len(skeleton.parents) - 1}")
+    return goal, chosen

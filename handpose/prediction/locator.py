@@ -1,0 +1,129 @@
+"""Where hands are in a depth image: a small network looks at places all over the surface that was seen.
+
+It says of each how likely a hand is near, and where that hand's middle is. The likely ones are looked at again from
+there, and of what comes together in one place the likeliest is kept. It does not know left from right.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data.depth_images import depth_image
+from handpose.data.places import CUBE_MM, FAR_MM, NEAREST_MM, SIZE, place_crops, surface_places
+from handpose.facts.cameras import Camera
+from handpose.prediction.finding import find_hand
+from handpose.rounding import PLACE_STEP_MM, rounded
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError
+from netlib.net import Net
+
+LIKELIEST = 12  # of the places, the likeliest are looked at again ...
+TIMES = 3  # ... so often, each time from where the hand was said to be
+APART_MM = 60.0  # hands nearer to each other are one
+HANDS = 4  # at most so many are told, and the nearest thing
+TOGETHER = 64  # crops that are looked at together
+# A hand is held towards the camera: the odds of a place fall by e with every so many mm that it is farther away.
+FARTHER_MM = 100.0
+SURE = 1e-5  # nothing is more certain than this
+
+
+class Located(NamedTuple):
+    """Where hands may be, the likeliest first, and at the end the nearest thing, if it is not one of them already."""
+
+    center: Array  # (C, 3) mm, camera axes: the middles of crops about them
+    odds: Array  # (C,) logarithms of the odds that there is a hand: the net's, less 1 for each FARTHER_MM of depth
+
+
+class Locator:
+    """A net with the input depth (N, 1, 64, 64) and the outputs chance (N, 2) and where (N, 3). Raises NetlibError."""
+
+    def __init__(self, net: Net) -> None:
+        for name, shape in (("depth", (1, SIZE, SIZE)), ("chance", (2,)), ("where", (3,))):
+            found = net.blobs[name].shape[1:] if name in net.blobs else None
+            if found != shape:
+                raise NetlibError(
+                    f"{net.source}: blob {name!r} of shape {found} an item, expected {shape} of a locator"
+                )
+        self.net = net
+
+    def hands(self, depth: NDArray[np.generic], camera: Camera) -> Located:
+        """Where hands may be in a depth image (height, width) in mm, 0 where nothing was read.
+
+        Raises DataError if nothing is seen that may be one, and for an image of another camera.
+        """
+        image = depth_image(depth)
+        if not (image > 0).any():
+            raise DataError("no depth anywhere in the image")
+        crops, centers = place_crops(image, surface_places(image, camera), camera)
+        if not len(centers):
+            raise DataError(f"nothing as large as a hand is seen nearer than {FAR_MM:.0f} mm")
+        chance, where = self.look(crops)
+        for _ in range(TIMES):
+            likeliest = np.argsort(-odds_of(chance, centers), kind="stable")[:LIKELIEST]
+            crops, centers = place_crops(image, (centers + where)[likeliest], camera)
+            if not len(centers):
+                raise DataError("what may be a hand is out of sight")
+            chance, where = self.look(crops)
+        odds, centers = odds_of(chance, centers), centers + where
+        shown = _in_sight(centers, camera)
+        if not shown.any():
+            raise DataError("what may be a hand is out of sight")
+        found = _apart(odds[shown], centers[shown], HANDS)
+        try:
+            nearest = camera.unproject(find_hand(image, camera))[None]
+        except DataError:  # too small for a hand
+            return found
+        crops, nearest = place_crops(image, nearest, camera)
+        if len(nearest) and np.linalg.norm(found.center - nearest, axis=1).min() > APART_MM:
+            odds = odds_of(self.look(crops)[0], nearest)
+            found = Located(np.concatenate([found.center, nearest]), np.concatenate([found.odds, odds]))
+        return found
+
+    def at(self, depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[Array, Array]:
+        """Chances (n,) that hands are near the places (N, 3) that are in sight, and where (n, 3) their middles are; mm.
+
+        Raises NetlibError for answers that are not finite.
+        """
+        crops, kept = place_crops(depth, places, camera)
+        chance, where = self.look(crops)
+        return chance, kept + where
+
+    def look(self, crops: NDArray[np.floating]) -> tuple[Array, Array]:
+        """Chance (N,) that a hand is near in crops (N, SIZE, SIZE), and how far (N, 3) in mm its middle is off.
+
+        Raises NetlibError for answers that are not finite.
+        """
+        chance, where = [np.zeros(0)], [np.zeros((0, 3))]
+        for first in range(0, len(crops), TOGETHER):
+            some = np.ascontiguousarray(crops[first : first + TOGETHER, None], np.float32)
+            found = self.net.forward(blobs=["where"], depth=some)
+            chance.append(found["chance"][:, 1].astype(np.float64))
+            where.append(rounded(found["where"] * (CUBE_MM / 2), PLACE_STEP_MM))
+        if not all(np.isfinite(values).all() for values in (*chance, *where)):
+            raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
+        return np.concatenate(chance), np.concatenate(where)
+
+
+def odds_of(chance: Array, center: Array) -> Array:
+    """Logarithms (N,) of the odds of places (N, 3) with these chances (N,)."""
+    sure = np.clip(chance, SURE, 1 - SURE)
+    return np.asarray(np.log(sure / (1 - sure)) - center[:, 2] / FARTHER_MM)
+
+
+def _in_sight(center: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Which of the places (N, 3) are in the image."""
+    before = center[:, 2] > NEAREST_MM
+    u, v, _ = camera.project(np.where(before[:, None], center, (0, 0, NEAREST_MM))).T
+    return np.asarray(before & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
+
+
+def _apart(odds: Array, center: Array, count: int) -> Located:
+    """The likeliest of places (N, 3) that are not the same."""
+    kept: list[int] = []
+    for i in np.argsort(-odds, kind="stable"):
+        if all(np.linalg.norm(center[i] - center[j]) > APART_MM for j in kept):
+            kept.append(int(i))
+    return Located(center[kept[:count]], odds[kept[:count]])

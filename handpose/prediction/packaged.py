@@ -1,0 +1,111 @@
+"""The weights that come with the repository, and what a model's card says of them.
+
+A model is a folder, in the way of Caffe's model zoo: ``readme.md`` begins with front matter, lines ``key: value``
+between two lines ``---``: name, caffemodel (the file of weights), license, sha256 (its checksum), net_sha256 (that of
+``deploy.prototxt``, the net, with line ends of Unix).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.network_errors import read_errors
+from handpose.facts.cameras import NYU, Camera
+from handpose.facts.sides import SoughtSide
+from handpose.prediction.locator import Locator
+from handpose.prediction.nets import cube_of, hand_layer, trained
+from handpose.prediction.options import Fit, check_options
+from handpose.prediction.predictor import Predictor
+from netlib import files
+from netlib.errors import NetlibError, WeightsError
+from netlib.files.paths import ROOT
+
+SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
+PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book
+HAND_LOCATOR = ROOT / "models" / "hand_locator"
+KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a model's readme.md says in its front matter."""
+
+    name: str
+    weights: Path
+    license: str
+    sha256: str
+    net: Path
+    net_sha256: str
+
+
+def read_card(folder: Path) -> Card:
+    """The card of a model's folder. Raises NetlibError."""
+    path = folder / "readme.md"
+    lines = files.read_text(path, "the model's card", NetlibError).splitlines()
+    if lines[:1] != ["---"] or "---" not in lines[1:]:
+        raise NetlibError(f"{path}: no front matter; expected lines 'key: value' between two lines '---'")
+    said = dict(line.split(":", 1) for line in lines[1 : lines.index("---", 1)] if ":" in line)
+    values = {key.strip(): value.strip() for key, value in said.items()}
+    missing = [key for key in KEYS if not values.get(key)]
+    if missing:
+        raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
+    return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"],
+                folder / "deploy.prototxt", values["net_sha256"])  # fmt: skip
+
+
+def checked_weights(card: Card) -> Path:
+    """The file of weights, after comparing its checksum. Raises WeightsError."""
+    _check(card.weights, files.read_bytes(card.weights, "weights", WeightsError), card.sha256)
+    return card.weights
+
+
+def checked_net(card: Card) -> Path:
+    """The net, after comparing its checksum, so that a modified net does not run. Raises WeightsError."""
+    _check(card.net, net_content(card.net), card.net_sha256)
+    return card.net
+
+
+def net_content(path: Path) -> bytes:
+    """The bytes of a net's file of which net_sha256 is the checksum. Raises WeightsError."""
+    return files.read_bytes(path, "the net", WeightsError).replace(b"\r\n", b"\n")
+
+
+def _check(path: Path, content: bytes, expected: str) -> None:
+    found = hashlib.sha256(content).hexdigest()
+    if found != expected:
+        raise WeightsError(f"{path}: SHA-256 {found[:12]}..., the card says {expected[:12]}...; the file is damaged or "
+                           "of another version: get it again")  # fmt: skip
+
+
+def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
+    """The packaged locator. Raises NetlibError."""
+    card = read_card(folder)
+    return Locator(trained(checked_net(card), checked_weights(card), engine))
+
+
+def load_predictor(
+    camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
+    fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
+) -> Predictor:  # fmt: skip
+    """A predictor with a packaged model; the options are those of ``Predictor``. Raises NetlibError."""
+    card = read_card(folder)
+    return predictor_of(checked_net(card), checked_weights(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
+                        fit=fit, engine=engine)  # fmt: skip
+
+
+def predictor_of(
+    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float | None, hand: SoughtSide, refine: int,
+    fit: Fit, engine: str | None = None,
+) -> Predictor:  # fmt: skip
+    """A predictor with any net and its weights. Raises NetlibError."""
+    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)  # before the weights are read for them
+    net = trained(model, weights, engine)
+    layer = hand_layer(net)
+    errors = None
+    if fit != "no" and layer is not None:
+        errors = read_errors(weights, FleshModel(layer.skeleton, cube_of(layer.skeleton, cube_mm) / 2))
+    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, errors=errors,
+                     locator=load_locator(engine=engine))  # fmt: skip

@@ -1,0 +1,83 @@
+"""The next pose of a moving hand: as the prior has it, and such that a person can get there."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from handpose.facts.sides import Side, mirror_of
+from handpose.sequences.movements import posed
+from handpose.sequences.person import Person
+from handpose.synthetic.pose_prior import BodySampler
+from netlib.blob import Array
+
+MOST_TURN = np.deg2rad(80)  # of a palm in one stroke
+ARM_DEVIATION = 0.6  # of the skeleton file's, which are for any hand
+TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5  # the most of a forearm's direction to the camera, up, and to the other hand
+CANDIDATES = 16  # of which the first that is possible is taken, or the best
+ON_THE_WAY = 5  # places, the last one included, where fingers are looked at
+
+
+class Choices:
+    """Draws the next pose of one hand.
+
+    side     "right" or "left"
+    outward  -1 or 1: the side, along x, on which its elbow stays; 0 for none
+    """
+
+    def __init__(
+        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, outward: float
+    ) -> None:  # fmt: skip
+        self.rng, self.sampler, self.person, self.side, self.outward = rng, sampler, person, side, outward
+
+    def fingers(self, before: Array) -> Array:
+        """Fingers (D,), which can be reached from those before without running through each other."""
+        drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
+        drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
+        depth = self.depth_between(before, drawn)
+        return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])
+
+    def depth_between(self, before: Array, after: Array) -> Array:
+        """How deep (N,) mm fingers get into each other on the way from one pose (D,) to others (N, D)."""
+        way = before + np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None] * (after - before)
+        whole = np.zeros((way[..., 0].size, len(self.person.flesh.whole.initial)))
+        whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
+        return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
+
+    def palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
+        """A palm and the inputs of its forearm, such that the arm may be a person's before the camera.
+
+        before  the palm that turns there, if there is one
+        facing  factor of pitch and yaw
+        """
+        sampler, flesh = self.sampler, self.sampler.flesh
+        own = len(sampler.skeleton.initial)
+        palms = Rotation.from_euler("ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing))
+        free = own + np.flatnonzero(~flesh.whole.fixed[own:])
+        arms = np.zeros((CANDIDATES, len(flesh.whole.initial)))
+        arms[:, free] = ARM_DEVIATION * flesh.deviation[free] * self.rng.standard_normal((CANDIDATES, len(free)))
+        arms = np.clip(arms, flesh.whole.lower, flesh.whole.upper)[:, own:]
+        chosen = _first(self._strain(before, palms, arms), 0.0)
+        return palms[chosen], arms[chosen]
+
+    def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
+        """How far (N,) palms and forearms are from what a person would do, 0 for not at all, on the way, too."""
+        flesh, count = self.sampler.flesh, len(arms)
+        steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
+        over = np.zeros(count)
+        for left in (0.0, 0.5):
+            way = palms * Rotation.from_rotvec(-left * steps)
+            none = np.zeros((count, len(self.sampler.skeleton.initial)))
+            ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
+            limb = (ends[:, flesh.end[flesh.limbs]] - ends[:, flesh.start[flesh.limbs]])[:, 0]
+            limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
+            x, y, z = limb.T
+            too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
+            over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
+        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MOST_TURN, 0))
+
+
+def _first(found: Array, most: float) -> int:
+    """The first that is not more than so much, or the least."""
+    possible = np.flatnonzero(found <= most)
+    return int(possible[0] if len(possible) else found.argmin())

@@ -1,0 +1,83 @@
+"""One person: bones and flesh that stay the same from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handpose.facts.sides import Side, mirror_of
+from handpose.surface.model import Flesh
+from handpose.surface.render import Capsules
+from handpose.synthetic.flesh_prior import ANYBODY, FleshPrior
+from handpose.synthetic.pose_prior import BodySampler, cut_normal
+from netlib.blob import Array
+
+WHOLE_ARM = replace(ANYBODY, cut=0.0)  # nobody's arm ends in thin air
+
+
+@dataclass(frozen=True)
+class Person:
+    """A hand with its forearm, as a right hand. Lengths are in units of ``unit_mm``.
+
+    flesh    of the skeleton, whose capsules these are
+    bones    (K,) of the whole body, signed
+    size     relative to the skeleton's
+    radii    (M, 2) of the capsules
+    offset   how far capsules end beside their joints, of the skeleton file's
+    sleeve   from which part of the forearm on it is worn, and how much thicker it is; thickness 0 is none
+    unit_mm  what a length of 1 stands for
+    center   (3,) in units, palm frame: where the middle of a crop is
+    """
+
+    flesh: Flesh
+    bones: Array
+    size: float
+    radii: Array
+    offset: float
+    sleeve: tuple[float, float]
+    unit_mm: float
+    center: Array
+
+    @staticmethod
+    def draw(rng: np.random.Generator, sampler: BodySampler, prior: FleshPrior = WHOLE_ARM) -> Person:
+        """Anybody."""
+        hand, flesh = sampler.draw(rng, 1), sampler.flesh
+        size, unit_mm = float(hand.scale[0]), sampler.cube_mm / 2
+        radii = flesh.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))
+        radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
+        radii[flesh.limbs] *= rng.uniform(*prior.limb)
+        worn = rng.random() < prior.sleeve
+        sleeve = float(rng.uniform(*prior.sleeve_from)), worn * float(rng.uniform(*prior.sleeve_mm)) / unit_mm
+        offset = float(rng.uniform(*prior.offsets))
+        return Person(flesh, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size)
+
+    def joints(self, inputs: Array) -> Array:
+        """Joints (N, K, 3) in units of inputs (N, D) of the whole body."""
+        return self.flesh.kinematics.joints(inputs, self._bones(len(inputs)))
+
+    def ends(self, inputs: Array) -> Array:
+        """Where the capsules of each joint end, (N, K, 3) in units, for inputs (N, D) of the whole body."""
+        pose = self.flesh.kinematics.forward(inputs, self._bones(len(inputs)))
+        return self.flesh.ends(pose, self.size, self.offset)
+
+    def penetration_mm(self, inputs: Array) -> Array:
+        """How deep (N,) fingers are in each other or in the palm."""
+        radii = np.broadcast_to(self.radii, (len(inputs), *self.radii.shape))
+        return self.flesh.penetration(self.ends(inputs), radii) * self.unit_mm
+
+    def capsules(self, inputs: Array, origin_mm: Array, side: Side) -> Capsules:
+        """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their origin at (3,)."""
+        ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
+        radii = self.radii[None] * self.unit_mm
+        return Capsules(ends[:, self.flesh.start], ends[:, self.flesh.end], radii[..., 0], radii[..., 1],
+                        self.flesh.facets)  # fmt: skip
+
+    def worn(self, capsules: Capsules) -> Capsules:
+        """The sleeve (1, 1) over the forearm of ``capsules``."""
+        a, b, ra, rb, _ = capsules.chosen(self.flesh.limbs)
+        first, thicker = self.sleeve[0], self.sleeve[1] * self.unit_mm
+        return Capsules(a + first * (b - a), b, ra + first * (rb - ra) + thicker, rb + thicker)
+
+    def _bones(self, count: int) -> Array:
+        return np.broadcast_to(self.bones, (count, len(self.bones)))

@@ -1,0 +1,143 @@
+"""Recordings of hands that move, made up, with all that is to be known of every frame.
+
+recording = SyntheticRecording("minute", KINECT2, rate=30, seed=1)
+for frame in recording: ...            # as of any recording, and the same every time
+recording.truth(frame.number)          # where the hands are
+
+A hand is told of where nine of ten of its joints are in the image and nothing hides half of its surface. It is lost
+where at most one of ten is in the image, or its surface is hidden. In between it is ``PARTLY`` in sight, and nobody can
+say what a tracker should say.
+
+Hands, surroundings and the levels of the sensor's faults depend on the seed, the faults of a frame on its number, too.
+Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels costs one core some 10 to 35 ms,
+most of it the sensor's faults; its truth alone, 5 to 10 ms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from handpose.facts.cameras import NYU, UNIT_MM, Camera
+from handpose.facts.nyu import CUBE_MM
+from handpose.sequences.scripts import SCRIPTS, Script
+from handpose.sequences.stage import SURROUNDINGS, Shot, Stage
+from handpose.sequences.surroundings import NOWHERE_MM
+from handpose.sources.recording import DepthFrame, Recording
+from handpose.synthetic.sensor import Sensor, sense, sensor_of
+from handpose.track_files.reasons import PARTLY
+from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from netlib.errors import DataError, did_you_mean
+
+LONGEST_S = 36000.0
+LARGEST = 1 << 14  # pixels either way, as in a camera.json
+FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # what random numbers are for, beside those of the stage
+
+
+class SyntheticRecording(Recording):
+    """A script, played before a camera.
+
+    script    or the name of one of ``SCRIPTS``
+    camera    one without a size has its principal point in the middle
+    rate      frames per second
+    seconds   its length; the script's if none is given
+    sensor    its faults, whose levels are drawn once; None has none
+    mirrored  take the other hands for it
+
+    Raises DataError.
+    """
+
+    count: int
+    rate: float
+
+    def __init__(
+        self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
+        seed: int = 0, sensor: Sensor | Literal["camera's"] | None = "camera's", mirrored: bool = False,
+    ) -> None:  # fmt: skip
+        if isinstance(script, str) and script not in SCRIPTS:
+            raise DataError(f"script {script!r}{did_you_mean(script, SCRIPTS)}; expected one of {', '.join(SCRIPTS)}")
+        self.script = SCRIPTS[script] if isinstance(script, str) else script
+        if mirrored:
+            self.script = self.script.mirrored()
+        self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
+        length = self.script.seconds if seconds is None else seconds
+        if not (0 < rate < np.inf and 0 < length <= LONGEST_S) or seed < 0:
+            raise DataError(f"{length:g} s at rate {rate:g}, seed {seed}; expected more than 0 and at most "
+                            f"{LONGEST_S:g} s, the seed 0 or more")  # fmt: skip
+        if not camera.width:
+            camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
+        if not (0 < camera.width <= LARGEST and 0 < camera.height <= LARGEST):
+            raise DataError(f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
+                            f"{LARGEST} each way (u0 and v0 are taken for half of it)")  # fmt: skip
+        self.camera, self.rate, self.seed = camera, rate, seed
+        self.count = max(1, round(length * rate))
+        self.unit_mm = UNIT_MM.get(camera.name, 1.0)
+        kind = sensor_of(camera) if isinstance(sensor, str) else sensor
+        self.sensor = kind and kind.settled(self._numbers(FAULTS))
+        self.stage = Stage(self.script, camera, length, self._numbers)
+        self._last: tuple[int, Shot] | None = None
+        self._unseen: dict[int, list[str]] = {}
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        return (self.frame(number) for number in range(self.count))
+
+    def frame(self, number: int) -> DepthFrame:
+        """Frame ``number``, the same whenever it is asked for, in whole units as a file would hold it."""
+        depth = self.shot(number).depth
+        if self.sensor:
+            far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES, number)
+            depth = sense(faults, depth[None], far, self.sensor, self.camera)[0]
+        unit = np.float32(self.unit_mm)
+        read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))
+        return DepthFrame(number, number / self.rate, read)
+
+    def shot(self, number: int) -> Shot:
+        """What there is at the time of frame ``number``."""
+        if self._last is None or self._last[0] != number:
+            self._last = number, self.stage.shot(number / self.rate)
+            self._unseen[number] = self._last[1].unseen
+        return self._last[1]
+
+    # ------------------------------------------------------------------------------------------ the truth
+
+    @property
+    def header(self) -> TrackHeader:
+        """What holds for all frames of the truth."""
+        return TrackHeader(self.name, self.camera, self.stage.sampler.skeleton, CUBE_MM / 2, smoothed=False)
+
+    def truths(self) -> Iterator[TrackedFrame]:
+        """The truth of each frame."""
+        return (self.truth(number) for number in range(self.count))
+
+    def truth(self, number: int) -> TrackedFrame:
+        """What is to be told of frame ``number``: confidence 1, error 0; the id of a hand is the number of its role.
+
+        A hand that was never in sight is not told of, unless it is partly so.
+        """
+        time, hands, lost = number / self.rate, [], []
+        shot = self.shot(number)
+        for id, (role, pose, unseen) in enumerate(zip(self.script.roles, shot.poses, shot.unseen)):
+            if not unseen:
+                middle = self.camera.project(pose.origin_mm)
+                hands.append(TrackedHand(id, role.side, 1.0, 0.0, *pose[:4], middle, CUBE_MM, pose.capsules))
+                continue
+            since = self._last_in_sight(id, number)
+            if since is not None or unseen == PARTLY:
+                lost.append(LostHand(id, role.side, time if since is None else since, unseen))
+        return TrackedFrame(number, time, tuple(hands), tuple(lost))
+
+    def _last_in_sight(self, id: int, number: int) -> float | None:
+        """When a hand was last in sight, s, before frame ``number``; None for never."""
+        for n in range(number - 1, -1, -1):
+            if n not in self._unseen:
+                self._unseen[n] = self.stage.shot(n / self.rate).unseen
+            if not self._unseen[n][id]:
+                return n / self.rate
+        return None
+
+    def _numbers(self, *what: int) -> np.random.Generator:
+        """The random numbers for one thing."""
+        return np.random.Generator(np.random.SFC64(np.random.SeedSequence([self.seed, *what])))

@@ -1,0 +1,63 @@
+"""Scripts of synthetic recordings: who is before the camera, and does what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from handpose.facts.sides import Side, other_side
+from handpose.sequences.acts import Act
+
+
+@dataclass(frozen=True)
+class Role:
+    """One hand.
+
+    side    "right" or "left"
+    acts    what it does, again and again until the recording ends
+    person  whose it is: hands of one person have the same bones and flesh
+    """
+
+    side: Side
+    acts: tuple[Act, ...]
+    person: int = 0
+
+
+@dataclass(frozen=True)
+class Script:
+    """A recording to be made.
+
+    seconds  how long it is, if nobody says otherwise
+    roles    the hands; their numbers here are their ids
+    body     is the first person seen behind the hands, or are arms all there is?
+    apart    does each of two hands keep to a half of the image, or may one hide the other?
+    """
+
+    seconds: float
+    roles: tuple[Role, ...]
+    body: bool = False
+    apart: bool = True
+
+    def mirrored(self) -> Script:
+        """The same with the other hands."""
+        return replace(self, roles=tuple(replace(role, side=other_side(role.side)) for role in self.roles))
+
+
+_LIVELY = (Act("moving", 6), Act("rest", 1.5), Act("gestures", 6), Act("wave", 2.5), Act("rest", 1.5))
+SCRIPTS = {
+    "rest": Script(10, (Role("right", (Act("rest", 10),)),)),
+    "gestures": Script(20, (Role("right", (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))),)),
+    "moving": Script(20, (Role("right", (Act("rest", 1.5), Act("moving", 18.5))),)),
+    "leaves": Script(20, (Role("right", (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))),)),
+    "two_hands": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2])))),
+    "two_people": Script(20, (Role("right", _LIVELY), Role("right", (*_LIVELY[2:], *_LIVELY[:2]), person=1))),
+    "left": Script(20, (Role("left", _LIVELY),)),
+    "body": Script(20, (Role("right", _LIVELY),), body=True),
+    "minute": Script(
+        60,
+        (
+            Role("right", (Act("rest", 2), Act("gestures", 10), Act("moving", 11), Act("away", 4), *_LIVELY, *_LIVELY)),
+            Role("left", (Act("away", 30), *_LIVELY, Act("away", 20))),
+        ),
+        body=True,
+    ),
+}

@@ -1,0 +1,101 @@
+"""What is before the camera at any time of a script: hands, arms, surroundings, and which hands are in sight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.facts.cameras import Camera
+from handpose.sequences.acts import Actor
+from handpose.sequences.movements import HandPose, Movement
+from handpose.sequences.person import Person
+from handpose.sequences.scripts import Script
+from handpose.sequences.surroundings import NOWHERE_MM, draw_surroundings
+from handpose.sequences.volume import Volume
+from handpose.surface.render import Floats, in_front, joined
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.scenes import render_image
+from handpose.track_files.reasons import HIDDEN, LEFT, PARTLY
+
+BODY_FAR = 700.0  # mm: before a body hands stay so near
+MOSTLY, HARDLY = 0.9, 0.1  # part of the joints in the image: in sight if as many, gone if not more
+SEEN, COVERED = 0.5, 0.05  # part of the surface that nothing hides: in sight if as much, hidden if less
+PEOPLE, HANDS, SURROUNDINGS = range(3)  # what random numbers are for
+
+Numbers = Callable[..., np.random.Generator]
+
+
+class Shot(NamedTuple):
+    """What there is at one time.
+
+    depth    (height, width) mm, ``NOWHERE_MM`` where nothing is read, without the sensor's faults
+    poses    of each role
+    unseen   of each role: why it is not in sight, or empty
+    """
+
+    depth: Floats
+    poses: list[HandPose]
+    unseen: list[str]
+
+
+class Stage:
+    """A script before a camera, for ``seconds``.
+
+    numbers  the random numbers for one thing, which is named by whole numbers from ``PEOPLE`` to ``SURROUNDINGS``
+    """
+
+    def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
+        self.script, self.camera = script, camera
+        prior = prior_file.load().turned("palm_rot_z", any=0.0).turned("palm_rot_y", any=0.1)
+        self.sampler = BodySampler(prior)  # most of the time a palm or a back is seen
+        who = {role.person for role in script.roles}
+        self.people = {person: Person.draw(numbers(PEOPLE, person), self.sampler) for person in who}
+        volumes = [self._volume(n) for n in range(len(script.roles))]
+        self.movements: list[Movement] = []
+        for n, (role, (volume, outward)) in enumerate(zip(script.roles, volumes)):
+            person = self.people[role.person]
+            actor = Actor(numbers(HANDS, n), self.sampler, person, role.side, volume, outward)
+            self.movements.append(actor.act(role.acts, seconds))
+        farthest = max(volume.far for volume, _ in volumes)
+        self.surroundings = draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
+
+    def _volume(self, n: int) -> tuple[Volume, float]:
+        """Where a role's hand moves, and the side of its elbow; people look at the camera."""
+        roles, own = self.script.roles, self.script.roles[n].side
+        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
+        if not self.script.apart or len(roles) == 1:
+            return volume.roomy(), 0.0
+        first = own == "right" if len({role.side for role in roles}) > 1 else n == 0
+        volume = volume._replace(left=0.0 if first else 0.5, right=0.5 if first else 1.0)
+        return volume.roomy(), -1.0 if first else 1.0
+
+    def shot(self, time: float) -> Shot:
+        """What there is at a time in s."""
+        poses = [movement.pose_at(time) for movement in self.movements]
+        limbs = self.sampler.flesh.limbs
+        hands, arms = [], []
+        for role, pose in zip(self.script.roles, poses):
+            hands.append(pose.capsules.chosen(~limbs))
+            forearm = pose.capsules.chosen(limbs)
+            upper_arm = self.surroundings.upper_arm(forearm.b[0, -1], role.side, role.person)
+            arms += [forearm, self.people[role.person].worn(pose.capsules), upper_arm]
+        layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
+        everything = in_front(joined(arms))
+        depth = np.minimum(self.surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
+        np.minimum(depth, layers.min(axis=0), out=depth)
+        return Shot(depth, poses, [self._unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
+
+    def _unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
+        """Why a hand, which alone looks like ``layer``, is not in sight, or empty."""
+        u, v, _ = self.camera.project(pose.xyz).T
+        inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
+        shown = np.isfinite(layer)
+        if inside <= HARDLY or not shown.any():
+            return LEFT
+        seen = (depth >= layer)[shown].mean()
+        if seen < COVERED:
+            return HIDDEN
+        return "" if inside >= MOSTLY and seen >= SEEN else PARTLY

@@ -1,0 +1,78 @@
+"""Recordings whose frames one file holds, read by a library that may fail at any of them."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from handpose.sources.raw import Settled
+from handpose.sources.recording import DepthFrame, Recording
+from netlib.errors import DataError, NetlibError, reason_of
+
+FARTHEST_BACK = 1.0  # s: a clock that goes back by more was set anew
+
+
+class Contained(Recording):
+    """What is read until the file, or what is whole of it, ends. Every iteration opens it anew."""
+
+    def __init__(self, path: Path, settled: Settled, count: int | None = None) -> None:
+        self.name = str(path)
+        self.camera, self.unit_mm, self.rate, self.count = settled.camera, settled.unit_mm, settled.rate, count
+        self.remarks = self._assumed = settled.remarks
+        self._path, self._develop = path, settled.developer(self.name)
+
+    @abstractmethod
+    def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
+        """Seconds by the source's clock, and stored values, of frame after frame.
+
+        Raises DataError for frames that make no sense, and whatever the library raises: there the file is damaged.
+        """
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        self.cut, self.remarks = "", self._assumed
+        clock = Clock(self.name)
+        number = -1
+        try:
+            for number, (time, raw) in enumerate(self._stored()):
+                seconds = clock(time)
+                if seconds is not None:
+                    yield DepthFrame(number, seconds, self._develop(raw, f"{self.name}: frame {number}"))
+        except NetlibError:
+            raise
+        except Exception as error:  # of a damaged file a library may raise anything
+            if number < 0:
+                raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
+            self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
+        if clock.late:
+            self.remarks += (f"frames left out because they are not later than the one before: {clock.late}",)
+
+
+class Clock:
+    """Seconds since the first frame; raises DataError where the clock was set anew.
+
+    late  how many frames were not later than the one before them
+    """
+
+    def __init__(self, where: str) -> None:
+        self.late = 0
+        self._where = where
+        self._first: float | None = None
+        self._last = 0.0
+
+    def __call__(self, time: float) -> float | None:
+        """Of a frame; None if it is not later than the one before."""
+        if self._first is None:
+            self._first = self._last = time
+            return 0.0
+        if time < self._last - FARTHEST_BACK:
+            raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
+                            "expected one recording")  # fmt: skip
+        if time - self._first <= self._last - self._first:
+            self.late += 1
+            return None
+        self._last = time
+        return time - self._first

@@ -1,0 +1,171 @@
+"""A first look at a recording: what it is said to be, what its first frames show, and what is likely wrong with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.cameras import Camera
+from handpose.sources.recording import DepthFrame, Recording
+from netlib.errors import DataError
+
+FRAMES = 10  # that are looked at
+NEAREST_SHARE = 0.5  # per cent of what was read: fewer pixels are noise
+BEHIND = 1.25  # of its distance, which is as far as the nearest thing is taken to reach; a factor knows no unit
+NEAR_MM, FAR_MM = 120.0, 2500.0  # between which the hands of all depth cameras are seen
+NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shoulder behind it
+USUAL_MM = (300.0, 1200.0)  # where a hand is held
+UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
+RATES = (1.0, 1000.0)  # frames per second of depth cameras
+OFF_RATE = 0.2  # of a rate, that frames may come faster or slower
+VIEW_DEGREES = (20.0, 130.0)
+OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What is seen.
+
+    name, count, rate, live, camera, unit_mm, remarks  of the recording
+    frames    the first ones, which were looked at
+    depth_mm  the 1st, 50th and 99th percentile of what was read; None if nothing was
+    zeros     share of pixels where nothing was read
+    view      (2,) degrees that the picture is wide and high
+    nearest   distance and width in mm of the nearest thing, where there is any
+    warnings  what is likely wrong, and what to do about it: a line each
+    """
+
+    name: str
+    count: int | None
+    rate: float | None
+    live: bool
+    camera: Camera
+    unit_mm: float
+    remarks: tuple[str, ...]
+    frames: tuple[DepthFrame, ...]
+    depth_mm: tuple[float, float, float] | None
+    zeros: float
+    view: tuple[float, float]
+    nearest: tuple[float, float] | None
+    warnings: tuple[str, ...]
+
+
+def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
+    """At the first frames of a recording. Raises DataError if there is none that can be read."""
+    seen = tuple(islice(recording, frames))
+    if not seen:
+        raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
+    camera = recording.camera
+    values = np.concatenate([frame.depth[frame.depth > 0] for frame in seen])
+    low, middle, high = np.percentile(values, (1, 50, 99)).tolist() if len(values) else (0.0, 0.0, 0.0)
+    near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
+    warnings = [
+        *_of_camera(camera),
+        *_of_values(seen, bool(len(values))),
+        *_of_times(seen, recording.rate),
+        *(_of_unit(near, recording.unit_mm) if near else ()),
+    ]
+    return FirstLook(
+        name=recording.name,
+        count=recording.count,
+        rate=recording.rate,
+        live=recording.live,
+        camera=camera,
+        unit_mm=recording.unit_mm,
+        remarks=recording.remarks,
+        frames=seen,
+        depth_mm=(low, middle, high) if len(values) else None,
+        zeros=1 - len(values) / sum(frame.depth.size for frame in seen),
+        view=_view_of(camera),
+        nearest=near,
+        warnings=tuple(warnings),
+    )
+
+
+def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
+    """What is likely wrong with the camera and the unit of a single frame (height, width) in mm: a line each.
+
+    With ``unit_is_known`` only the camera is checked.
+    """
+    near = None if unit_is_known else nearest_thing(depth, camera)
+    return [*_of_camera(camera), *(_of_unit(near, unit_mm) if near else ())]
+
+
+def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
+    """Distance and width in mm of the nearest thing in a frame, None where nothing was read.
+
+    What it is does not depend on the unit: all that hangs together, up to a quarter farther away than its front.
+    """
+    seen = depth > 0
+    if not seen.any():
+        return None
+    front = float(np.percentile(depth[seen], NEAREST_SHARE))
+    slab = (seen & (depth <= front * BEHIND)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(slab, connectivity=8)
+    one = labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    distance = float(np.median(depth[one]))
+    left, right = np.percentile(np.nonzero(one)[1], (2, 98))
+    return distance, float((right - left + 1) * distance / camera.fx)
+
+
+def _view_of(camera: Camera) -> tuple[float, float]:
+    """Degrees that its picture is wide and high."""
+    return _angle(camera.width, camera.u0, camera.fx), _angle(camera.height, camera.v0, camera.fy)
+
+
+def _angle(size: int, middle: float, focal: float) -> float:
+    """Degrees that a picture is wide."""
+    return math.degrees(math.atan2(middle + 0.5, focal) + math.atan2(size - 0.5 - middle, focal))
+
+
+def _of_camera(camera: Camera) -> Iterator[str]:
+    view, size = _view_of(camera), f"{camera.width} x {camera.height}"
+    if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
+        yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px see {view[0]:.0f} x {view[1]:.0f} degrees in "
+               f"{size} pixels; check fx and fy, which may be of another size of picture")  # fmt: skip
+    ways = ((camera.u0, camera.width), (camera.v0, camera.height))
+    if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
+        where = "far from the middle" if all(0 <= middle < size for middle, size in ways) else "outside"
+        yield (f"the principal point {camera.u0:g}, {camera.v0:g} lies {where} of {size} pixels; check u0 and v0, "
+               "which may be of another size of picture")  # fmt: skip
+
+
+def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
+    if not any_read:
+        yield (f"nothing was read in the first {len(seen)} frames: every depth is 0; is the camera covered, or too "
+               "near?")  # fmt: skip
+    elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
+        yield (f"the first {len(seen)} frames are the same to the last value; is it one frame again and again, or a "
+               "camera that hangs?")  # fmt: skip
+
+
+def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]:
+    if len(seen) < 2:
+        return
+    step = float(np.median(np.diff([frame.time for frame in seen])))
+    if not 1 / RATES[1] <= step <= 1 / RATES[0]:
+        yield f"a frame comes every {step:g} s; check its times, which are seconds, or --rate"
+    elif rate and abs(step * rate - 1) > OFF_RATE:
+        yield f"{rate:g} frames a second are told, but by their times {1 / step:.3g} come; the times count"
+
+
+def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
+    distance, width = nearest
+    if NEAR_MM <= distance <= FAR_MM and NARROW_MM <= width <= WIDE_MM:
+        return
+    usual = [unit for unit in UNITS if USUAL_MM[0] <= distance * unit / unit_mm <= USUAL_MM[1] and unit != unit_mm]
+    advice = (
+        f"with --unit {usual[0]:g} it would be {distance * usual[0] / unit_mm / 1000:.2f} m away; " if usual else ""
+    )
+    yield (f"the nearest thing is {_length(distance)} away and {_length(width)} wide, where no hand is held: "
+           f"{advice}check the unit, here {unit_mm:g} mm")  # fmt: skip
+
+
+def _length(mm: float) -> str:
+    return f"{mm / 1000:.3g} m" if mm >= 1000 else f"{mm:.3g} mm"

@@ -1,0 +1,151 @@
+"""Folders of depth frames: one 16-bit grey picture (PNG or TIFF) each, in the order and at the times of their names.
+
+open_folder(Path("frames"), given)          # all pictures in it, which must be one sequence
+open_folder(Path("frames/left_*.png"), given)    # those of one
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.data.images import read_picture, unpack_depth
+from handpose.facts.cameras import NYU
+from handpose.sources import camera_file
+from handpose.sources.data_sets import MSRA_FRAME, DataSet, read_msra, recognised
+from handpose.sources.folder_writer import put_back
+from handpose.sources.frame_names import NamedFrames, in_order
+from handpose.sources.given import NOTHING, Given
+from handpose.sources.raw import Settled, settle
+from handpose.sources.recording import DepthFrame, Recording
+from netlib.errors import DataError, did_you_mean
+from netlib.files.paths import exists, names_in
+
+PICTURES = (".png", ".tif", ".tiff")
+OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # that a message tells of
+
+
+def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
+    """The frames in a folder, or those that a pattern of names, or one name, stands for. Raises DataError."""
+    folder, names = _frames_in(source)
+    data_set = recognised(folder, names)
+    if data_set is not None:
+        names = data_set.frames(names)
+    own = NOTHING if data_set is None else data_set.given
+    beside = camera_file.beside(folder)
+    known = given.else_by(own).else_by(beside)
+    packed = known.camera == NYU or own.camera == NYU
+    frames = in_order(names, str(folder))
+    path, image = _first_whole(folder, frames)
+    raw = _grey(image, packed, path)
+    if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
+        raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
+    settled = settle(given, own, beside, raw.shape, raw.dtype, str(path))
+    return FolderRecording(source, folder, frames, settled, packed, data_set)
+
+
+class FolderRecording(Recording):
+    """One picture a frame. A damaged one is left out, and ``remarks`` counts them.
+
+    folder  in which they are
+    """
+
+    def __init__(
+        self, source: Path, folder: Path, frames: NamedFrames, settled: Settled, packed: bool, data_set: DataSet | None
+    ) -> None:
+        self.name = str(source)
+        self.camera, self.unit_mm, self.count = settled.camera, settled.unit_mm, len(frames.names)
+        self.rate = settled.rate
+        told = [frames.told, *settled.remarks]
+        if data_set is not None:
+            told.insert(0, f"frames of {data_set.name}, by their names")
+        if not frames.ticks and len(frames.names) > 1:
+            self.rate, assumed = settled.paced()
+            told += assumed
+        self.remarks = self._told = tuple(told)
+        self.folder, self._frames, self._packed = folder, frames, packed
+        self._develop = settled.developer(self.name)
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        """The frames that can be read. Raises DataError for one of another size or kind."""
+        damaged, first = 0, ""
+        ticks = self._frames.ticks or self.rate or 1.0
+        for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
+            path = self.folder / name
+            try:
+                image = _read(path)
+            except DataError as error:
+                damaged, first = damaged + 1, first or str(error)
+                self.remarks = (*self._told, f"{damaged} damaged frames are left out, the first: {first}")
+                continue
+            yield DepthFrame(number, time / ticks, self._develop(_grey(image, self._packed, path), str(path)))
+
+
+def _frames_in(source: Path) -> tuple[Path, list[str]]:
+    """The folder, and the names of all pictures in it, of those that fit a pattern, or of a single one."""
+    for place in (source, source.parent):
+        if not exists(place):
+            put_back(place)
+    if exists(source) and source.is_dir():
+        names = [name for name in names_in(source) if _is_frame(name)]
+        if not names:
+            raise DataError(_no_frames(source))
+        return source, names
+    if exists(source):
+        return source.parent, [source.name]
+    there = names_in(source.parent)
+    names = [name for name in fnmatch.filter(there, source.name) if _is_frame(name)]
+    if not names:
+        pattern = any(character in source.name for character in "*?[")
+        said = "no picture has such a name" if pattern else "no such file or folder"
+        raise DataError(f"{source}: {said}{did_you_mean(source.name, there)}")
+    return source.parent, names
+
+
+def _is_frame(name: str) -> bool:
+    return not name.startswith(".") and (name.lower().endswith(PICTURES) or MSRA_FRAME.fullmatch(name) is not None)
+
+
+def _no_frames(folder: Path) -> str:
+    """What a folder without frames holds instead."""
+    names = sorted(names_in(folder))
+    inner = [name for name in names if any(map(_is_frame, names_in(folder / name)))]
+    others = sorted({suffix for name in names if (suffix := Path(name).suffix.lower()) in OTHERS})
+    if inner:
+        found = f"; {', '.join(inner[:6])} in it {'do' if len(inner) > 1 else 'does'}: name one"
+    else:
+        found = f", but {', '.join(others)}" if others else ""
+    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF){found}"
+
+
+def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]:
+    """The first frame that can be read. Raises DataError if none can."""
+    first = None
+    for name in frames.names:
+        try:
+            return folder / name, _read(folder / name)
+        except DataError as error:
+            first = first or error
+    assert first is not None
+    raise first
+
+
+def _read(path: Path) -> NDArray[Any]:
+    """The pixels of a frame's file as they are. Raises DataError for one that is damaged or gone."""
+    return read_msra(path) if path.suffix == ".bin" else read_picture(path)
+
+
+def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
+    """Stored depths of the pixels of a picture; ``packed`` is NYU's way. Raises DataError for another picture."""
+    if packed and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
+        return unpack_depth(image).astype(np.uint16)
+    if image.ndim != 2 or image.dtype == np.uint8:
+        kind = "colours" if image.ndim == 3 else "grey values"
+        raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture")
+    return image

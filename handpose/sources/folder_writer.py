@@ -1,0 +1,137 @@
+"""Folders of 16-bit PNG that ``folder`` reads back: a frame's name is its time, camera.json says the rest.
+
+camera.json  000000000000us.png  000000033333us.png  000000066667us.png
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from pathlib import Path
+
+import cv2
+
+from handpose.facts.cameras import Camera
+from handpose.sources import camera_file
+from handpose.sources.given import Given
+from handpose.sources.raw import stored
+from handpose.sources.recording import DepthFrame
+from netlib import files
+from netlib.errors import DataError, NetlibError
+from netlib.files import atomic, locks
+from netlib.files.paths import exists, names_in
+
+OURS = re.compile(r"\d{12,}us\.png")
+MICRO = 10**6
+
+
+class FolderWriter:
+    """Writes each frame at once, whole or not at all; times are rounded to microseconds.
+
+    replace  a recording that was written in the same way; nothing else is ever removed. It stands till the end, when
+             the new one, which grew beside it, takes its place, if that has a frame
+    """
+
+    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, replace: bool = False) -> None:
+        self._path, self._unit, self._last = path, unit_mm, -1
+        _end_what_was_killed(Path(os.path.realpath(path)))
+        old = [name for name in names_in(path) if not name.startswith(".")]
+        foreign = sorted(name for name in old if not OURS.fullmatch(name) and name != camera_file.NAME)
+        if old and (foreign or not replace):
+            held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
+            raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
+        if old and os.path.ismount(path):
+            raise NetlibError(f"{path}: a disk is mounted there, which cannot be replaced; name a folder in it")
+        self._is_new = not exists(path)
+        files.make_folder(path)
+        self._old = Path(os.path.realpath(path)) if old else None
+        self._fresh = path
+        with contextlib.ExitStack() as stack, atomic.naming(path):
+            if self._old:
+                self._fresh = stack.enter_context(atomic.temporary_folder(self._old))
+            camera_file.write(self._fresh / camera_file.NAME, Given(camera, unit_mm=unit_mm, rate=rate))
+            self._stack = stack.pop_all()
+
+    def write(self, frame: DepthFrame) -> None:
+        """Add a frame. Raises DataError, OSError."""
+        where = f"{self._path}: frame {frame.number}"
+        micro = round(frame.time * MICRO)
+        if micro <= self._last:
+            raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
+        content = cv2.imencode(".png", stored(frame.depth, self._unit, where))[1].tobytes()
+        name = f"{micro:012d}us.png"
+        with atomic.naming(self._path / name):
+            atomic.replace(self._fresh / name, lambda fresh: fresh.write_bytes(content), sync=False)
+        self._last = micro
+
+    def discard(self) -> None:
+        """Remove the frames so far, and the folder if it is new; an old recording stays."""
+        self._last = -1
+        if not self._old:
+            for name in names_in(self._path):
+                if OURS.fullmatch(name) or name == camera_file.NAME:
+                    (self._path / name).unlink()
+            if self._is_new:
+                self._path.rmdir()
+
+    def close(self) -> None:
+        """Have the names reach the disk, and an old recording go."""
+        with self._stack:
+            atomic.sync_directory(self._fresh)
+            if self._old and self._last >= 0:
+                with atomic.naming(self._path):
+                    _take_place(self._fresh, self._old)
+
+
+def put_back(path: Path) -> None:
+    """Give an old recording its name back, if its writer was killed before the new one had it. Raises DataError."""
+    with contextlib.suppress(ValueError):  # of names that no file can have
+        path = Path(os.path.realpath(path))
+    for old in atomic.kept(path):
+        with contextlib.suppress(OSError), locks.held(old) as locked:
+            if locked and not exists(path):
+                old.rename(path)
+        if not exists(path):
+            raise DataError(f"{path}: is being replaced, or who did that was killed; the old recording is {old}: "
+                            "give it its name back")  # fmt: skip
+
+
+def _take_place(fresh: Path, path: Path) -> None:
+    """Put a folder where a recording is; of that, what is no part of it moves into the new one. Raises OSError."""
+    old = atomic.beside(path, "old")
+    with locks.held(path):  # before it has a name by which others would put it back
+        path.rename(old)
+        try:
+            fresh.rename(path)
+        except BaseException:
+            old.rename(path)
+            raise
+        _discard(old, path)
+    atomic.sync_directory(path.parent)
+
+
+def _discard(old: Path, path: Path) -> None:
+    """Remove an old recording, but for what is no part of it, which moves into the new one. Raises OSError."""
+    for name in names_in(old):
+        if not (OURS.fullmatch(name) or name == camera_file.NAME):
+            (old / name).rename(path / name)
+    atomic.discard(old, path)
+
+
+def _end_what_was_killed(path: Path) -> None:
+    """A writer that was killed while the new recording took the place left the old one beside it. Raises DataError,
+    OSError."""
+    if not exists(path):
+        put_back(path)
+    for old in atomic.kept(path):
+        with atomic.naming(path), locks.held(old) as locked:
+            if not locked:
+                continue
+            if not exists(path):
+                old.rename(path)
+            elif any(OURS.fullmatch(name) for name in names_in(path)):
+                _discard(old, path)
+            else:
+                raise DataError(f"{path}: is not the recording that was to take the place of {old} when its writer "
+                                "was killed; move one of them away")  # fmt: skip

@@ -1,0 +1,58 @@
+"""Any source of depth frames by its name.
+
+with open_recording("frames") as recording:      # a folder, frames/left_*.png, take.npz, take.bag, realsense ...
+    for frame in recording: ...
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from handpose.sources.given import NOTHING, Given
+from handpose.sources.recording import Recording
+from netlib.errors import DataError
+from netlib.files.paths import exists
+
+STACKS, VIDEOS, BAGS = (".npy", ".npz", ".h5", ".hdf5"), (".mkv", ".avi", ".mp4", ".mov"), (".bag", ".db3", ".mcap")
+PICTURES = (".png", ".tif", ".tiff", ".bin")
+LIVE = "realsense"
+EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *VIDEOS, *BAGS))}, or {LIVE}[:SERIAL], "
+            "a camera that is connected")  # fmt: skip
+
+
+def open_recording(source: str | Path, given: Given = NOTHING) -> Recording:
+    """The recording in a folder or a file, or a live camera.
+
+    given  what the user knows of the camera; where it says nothing, the source itself does, and where that does not, a
+           camera.json beside it
+
+    Raises DataError, and NetlibError where a package is missing that the source needs.
+    """
+    name, path = str(source), Path(source)
+    if name.split(":")[0] == LIVE and not exists(path):
+        from handpose.sources.realsense import open_live
+
+        return open_live(name.partition(":")[2] or None, given)
+    file = path if exists(path) else Path(name.partition("#/")[0])  # which may be followed by a topic of a bag
+    suffix = file.suffix.lower()
+    if exists(file) and file.is_dir():
+        suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
+    elif not exists(file) and suffix in (*STACKS, *VIDEOS, *BAGS):
+        raise DataError(f"{source}: no such file")
+    if suffix in STACKS:
+        from handpose.sources.stack import open_stack
+
+        return open_stack(path, given)
+    if suffix in VIDEOS:
+        from handpose.sources.video import open_video
+
+        return open_video(path, given)
+    if suffix in BAGS:
+        from handpose.sources.ros_bag import open_bag
+
+        return open_bag(path, given)
+    if suffix in PICTURES or not exists(path):
+        from handpose.sources.folder import open_folder
+
+        return open_folder(path, given)
+    raise DataError(f"{source}: not a recording; expected {EXPECTED}")

@@ -1,0 +1,154 @@
+"""From stored values to depth, the same for every source: unit, holes, size, lens.
+
+settled = settle(given, own, beside, raw.shape, raw.dtype, "take.mkv")   # what is known, by whoever knows it
+develop = settled.developer("take.mkv")
+develop(raw)                                                             # (height, width) mm
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.facts.cameras import CAMERAS, UNIT_MM, Camera
+from handpose.sources.given import Given
+from handpose.sources.lens import Lens, Straightener
+from netlib.errors import DataError
+
+EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
+RATE = 30.0  # frames per second, of who does not say
+MOST = 65535  # that 16 bits hold
+
+
+class Developer:
+    """Makes depth of stored frames.
+
+    camera   of the frames, with their size
+    lens     which is in front of it; None is no distortion
+    unit_mm  what a stored value of 1 stands for
+    where    whose frames they are, for messages
+    """
+
+    def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str) -> None:
+        self.camera, self.unit_mm, self.where = camera, unit_mm, where
+        self._unit = np.float32(unit_mm)
+        try:
+            self._straighten = None if lens is None or lens.is_straight else Straightener(camera, lens)
+        except DataError as error:
+            raise DataError(f"{where}: {error}") from None
+
+    def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
+        """Depth (height, width) in mm of stored values of the same shape; 0 where nothing was read, or no number.
+
+        ``where`` is this frame's own name. Raises DataError for values that cannot be depths, and for another size.
+        """
+        where = where or self.where
+        check_values(raw.dtype, where)
+        if raw.shape != (self.camera.height, self.camera.width):
+            raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
+                            f"{self.camera.width} x {self.camera.height}")  # fmt: skip
+        with np.errstate(all="ignore"):  # a number that float32 cannot hold is none
+            depth = raw.astype(np.float32) * self._unit
+        if raw.dtype.kind == "f":
+            depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
+        if raw.dtype.kind != "u" and depth.min(initial=0) < 0:
+            raise DataError(f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more")
+        return depth if self._straighten is None else self._straighten(depth)
+
+
+def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:
+    """Values of 16 bits that stand for depth in mm; the inverse of a Developer without a lens.
+
+    Raises DataError for depths that 16 bits cannot hold: they would come back as others.
+    """
+    values = np.rint(depth.astype(np.float64) / unit_mm)
+    if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MOST):
+        raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
+                        f"{unit_mm:g} mm; expected 0 to {MOST * unit_mm:g}, or take a larger unit")  # fmt: skip
+    return values.astype(np.uint16)
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What is known of a recording.
+
+    camera   with the frames' size
+    lens     of it, if there is one
+    unit_mm  what a stored value of 1 stands for
+    rate     frames per second, if somebody says
+    remarks  what was assumed, and who said the rest: a line each
+    """
+
+    camera: Camera
+    lens: Lens | None
+    unit_mm: float
+    rate: float | None
+    remarks: tuple[str, ...]
+
+    def developer(self, where: str) -> Developer:
+        """For frames of the source that messages call ``where``. Raises DataError for a lens that makes no sense."""
+        return Developer(self.camera, self.lens, self.unit_mm, where)
+
+    def paced(self) -> tuple[float, tuple[str, ...]]:
+        """Frames per second of frames without times, and what is to be said of it."""
+        if self.rate is not None:
+            return self.rate, ()
+        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
+
+
+def settle(
+    given: Given, own: Given, beside: Given, shape: tuple[int, ...], dtype: np.dtype[Any], where: str
+) -> Settled:
+    """What is known of frames of a shape and type: by the user first, then the file itself, then a camera.json.
+
+    Raises DataError where nobody knows the camera, or the unit of numbers that may as well be metres.
+    """
+    check_values(dtype, where)
+    known = given.else_by(own).else_by(beside)
+    if known.camera is None:
+        raise DataError(f"{where}: nothing says which camera saw these frames; write {EXAMPLE} into a file camera.json "
+                        f"beside them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
+    remarks = []
+    if own.camera is None:
+        remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else beside.origin}")
+    unit = known.unit_mm
+    if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
+        unit = UNIT_MM.get(known.camera.name, 1.0)
+    if unit is None:
+        if dtype.kind == "f":
+            raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres, or "
+                            'write "unit_mm" into a camera.json beside it')  # fmt: skip
+        unit = 1.0
+        remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
+    if known.lens is not None and not known.lens.is_straight:
+        remarks.append("the distortion of the lens is taken out")
+    elif own.lens is not None and not own.lens.is_straight:  # the user names a camera, and no lens
+        remarks.append(f"the distortion that {where} tells of is that of another camera, and is left in; --distortion "
+                       "if it holds for this one")  # fmt: skip
+    return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
+
+
+def sized(camera: Camera, shape: tuple[int, ...], where: str) -> Camera:
+    """The camera with the size of its frames, if it has none. Raises DataError if it has another."""
+    if len(shape) != 2 or 0 in shape:
+        raise DataError(f"{where}: frames of shape {shape}, expected (height, width)")
+    height, width = shape
+    if not camera.width:
+        return replace(camera, width=width, height=height)
+    if (camera.width, camera.height) != (width, height):
+        raise DataError(f"{where}: {size_of(shape)}; camera {camera.name} has {camera.width} x {camera.height}")
+    return camera
+
+
+def check_values(dtype: np.dtype[Any], where: str) -> None:
+    """Can such values be depths? Raises DataError."""
+    if dtype.kind not in "uif" or dtype.itemsize < 2:
+        raise DataError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
+
+
+def size_of(shape: tuple[int, ...]) -> str:
+    """In words, width first as users say it."""
+    return f"{shape[1]} x {shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"

@@ -1,0 +1,113 @@
+"""Writes depth as a video that loses nothing: FFV1 of 16 bits in Matroska, frame by frame."""
+
+from __future__ import annotations
+
+import contextlib
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from handpose.facts.cameras import Camera
+from handpose.sources import camera_file, ffmpeg
+from handpose.sources.given import Given
+from handpose.sources.raw import RATE, stored
+from handpose.sources.recording import DepthFrame
+from netlib.errors import DataError
+from netlib.files import atomic
+
+TAG = "CAMERA"  # Matroska's tags are in capitals
+TICK = Fraction(1, 1000)  # s: FFmpeg writes no Matroska with a finer one
+OPTIONS = {"level": "3", "slicecrc": "1", "g": "1"}  # every frame alone, with checksums
+
+
+class VideoWriter:
+    """A video that is there, whole, after the block: with all frames, or with those until an exception or Ctrl-C.
+
+        with VideoWriter(path, camera, unit_mm, rate) as video:
+            video.write(frame)
+
+    unit_mm  what a stored value of 1 stands for; depths are rounded to it, and must fit into 16 bits
+    rate     frames per second, if it is known; every frame keeps its own time all the same
+
+    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
+    no file, or the old one. A disk that fails leaves the old file, or where there is none one that is cut, with all
+    frames that reached it: FFmpeg holds back up to five seconds. With ``whole``, there is then no file.
+    """
+
+    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, whole: bool = False) -> None:
+        self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
+        self._av = ffmpeg.library()
+        self._last: int | None = None
+        self._failed, self._whole = False, whole
+
+    def __enter__(self) -> VideoWriter:
+        if self._path.exists() and not self._path.is_file():
+            raise DataError(f"{self._path}: cannot be written: it is no file")
+        with contextlib.ExitStack() as stack, atomic.naming(self._path):
+            self._fresh = stack.enter_context(atomic.temporary(self._path))
+            self._container = self._av.open(str(self._fresh), "w", format="matroska")
+            stack.callback(self._container.close)
+            self._stream = self._new_stream()
+            self._stack = stack.pop_all()
+        return self
+
+    def _new_stream(self) -> Any:
+        said = Given(self._camera, None, self._unit, self._rate)
+        self._container.metadata[TAG] = camera_file.to_text(said)
+        rate = Fraction(self._rate or RATE).limit_denominator(1 << 16)
+        stream = self._container.add_stream("ffv1", rate=rate, options=OPTIONS)
+        stream.width, stream.height, stream.pix_fmt = self._camera.width, self._camera.height, "gray16le"
+        stream.codec_context.thread_count = 1  # no frame waits in the encoder
+        stream.codec_context.time_base = TICK
+        return stream
+
+    def write(self, frame: DepthFrame) -> None:
+        """Append a frame."""
+        where = f"{self._path}: frame {frame.number}"
+        values = stored(frame.depth, self._unit, where)
+        tick = round(frame.time / TICK)
+        if self._last is not None and tick <= self._last:
+            raise DataError(f"{where}: at {frame.time:.6f} s, less than 1 ms after the frame before; "
+                            "a video's clock has no finer ticks")  # fmt: skip
+        picture = self._av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
+        picture.pts, picture.time_base = tick, TICK
+        try:
+            with atomic.naming(self._path):
+                self._container.mux(self._stream.encode(picture))
+        except OSError:
+            self._failed = True
+            raise
+        self._last = tick
+
+    def discard(self) -> None:
+        """Have no file made of the frames so far."""
+        self._last = None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        with atomic.naming(self._path), self._stack:
+            if self._last is None:
+                return
+            failure = None
+            try:
+                if not self._failed:
+                    self._container.mux(self._stream.encode(None))
+                self._container.close()
+            except OSError as one:
+                failure = one
+            cut = self._failed or failure is not None
+            if not cut or (not (self._whole or self._path.exists()) and _has_a_frame(self._fresh)):
+                atomic.take_place(self._fresh, self._path, sync=not cut)
+            if failure is not None and not self._failed:  # else it has been told
+                raise failure
+
+
+def _has_a_frame(path: Path) -> bool:
+    """Did the first frame reach the disk?"""
+    try:
+        with ffmpeg.opened(path) as container:
+            return next(ffmpeg.frames(container, container.streams.video[0]), None) is not None
+    except Exception:  # of a damaged file FFmpeg may raise anything
+        return False

@@ -1,0 +1,85 @@
+"""A track as CSV: a row per frame and hand, for tables and plots.
+
+    number, time_s   of the frame in its recording, from 0
+    id, hand         a number that the hand keeps; right or left
+    lost             empty, or why the hand is not found in this frame: then all columns after this one are empty
+    confidence       the chance that the joints' mean error is below 30 mm; empty if nobody knows
+    error_mm         the error to be expected; empty likewise
+    JOINT_x_mm, JOINT_y_mm, JOINT_z_mm   of each joint, camera axes: x right, y up, z away
+    ANGLE_rad        of each angle; of a left hand, of its mirror image
+
+With a format of joints (``joint_values``) its columns take the place of the last two kinds.
+
+A hand that is lost keeps its rows, so that a plot over time has gaps and no false lines: in pandas,
+``read_csv(path)`` makes NaN of what is empty, and ``table[table.lost.isna()]`` are the rows with a hand. A frame in
+which no hand is tracked has no row.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+from types import TracebackType
+
+from handpose.joint_formats.formats import FormatName
+from handpose.track_files import angles, joint_values
+from handpose.track_files.growing import GrowingFile
+from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
+
+FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
+
+
+class CsvWriter:
+    """Writes a table frame by frame; what is written stays if the block ends by an exception. Raises OSError.
+
+    joints  a format of joints, whose columns are written instead of our joints and angles
+    """
+
+    def __init__(self, path: Path, header: TrackHeader, joints: FormatName | None = None) -> None:
+        self.files = [path]
+        self._header, self._joints = header, joints
+        self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
+        columns = [f"{joint}_{axis}_mm" for joint in header.skeleton.joint_names for axis in "xyz"]
+        columns += [f"{header.skeleton.dof_names[d]}_rad" for d in self._angles]
+        if joints:
+            columns = joint_values.columns(joints)
+        self._empty = [""] * (2 + len(columns))
+        self._numbers = [*["%.2f"] * (len(columns) - len(self._angles)), *["%.5f"] * len(self._angles)]
+        self._file = GrowingFile(path, _rows([FIRST + columns]))
+
+    def __enter__(self) -> CsvWriter:
+        self._file.__enter__()
+        return self
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        about = [frame.number, f"{frame.time:.6f}"]
+        rows = [[*about, hand.id, hand.hand, "", *self._values(hand)] for hand in frame.hands]
+        rows += [[*about, lost.id, lost.hand, lost.reason, *self._empty] for lost in frame.lost]
+        self._file.append(_rows(rows))
+
+    def _values(self, hand: TrackedHand) -> list[str]:
+        chances = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)]
+        if self._joints:
+            camera = self._header.camera
+            return chances + joint_values.numbers(self._joints, self._skeleton, hand.hand, hand.xyz, camera)
+        theta = self._skeleton.theta(hand.inputs)
+        numbers = [*hand.xyz.ravel().tolist(), *theta[self._angles].tolist()]
+        return chances + [_known(form, number) for form, number in zip(self._numbers, numbers)]
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._file.__exit__(kind, error, where)
+
+
+def _known(form: str, number: float) -> str:
+    return form % number if math.isfinite(number) else ""
+
+
+def _rows(rows: list[list[object]] | list[list[str]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode("utf-8", "backslashreplace")

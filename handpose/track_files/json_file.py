@@ -1,0 +1,184 @@
+"""A track as JSON: a document with the frames in a list, or JSON lines, a header and then a line per frame.
+
+The header, once:
+
+    format, version  "handpose track", 1
+    source           the recording's name
+    smoothed         were poses smoothed over time?
+    units, axes      in words: lengths in mm, angles in rad, time in s; x right, y up, z away from the camera
+    camera           name, fx, fy, u0, v0 in px, width and height of the frames in px; without distortion
+    unit_mm          what a length of 1 in ``prototxt`` stands for
+    skeleton         name of the body, and
+        joints         names; arrays of joints are in this order
+        parents        name of each joint's parent; null for a root
+        bones          pairs of names to draw lines between: parent, joint
+        angles         name, lower and upper limit in rad of each angle; null without a limit
+        translations   names of the lengths by which the body moves along
+        prototxt       the skeleton file, by which angles, translations and bones make positions
+    joint_format     with a format of joints: its name, joints, bones, length, axes, and the angles
+    frames           in a document only: the list
+    complete         in a document only, the last key: true if the tracker came to its end, false if it was stopped
+
+A frame:
+
+    number, time_s   in the recording, from 0
+    hands            those that are seen, by id
+        id, hand         a number that the hand keeps; "right" or "left"
+        confidence       the chance that the joints' mean error is below 30 mm; null if nobody knows
+        error_mm         the error to be expected; null likewise
+        positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
+        angles_rad       by name; of a left hand, those of its mirror image
+        origin_mm        the point that translations begin from, camera axes
+        translations_mm  by name; of a left hand, those of its mirror image
+        bones_mm         signed length of each joint's bone, 0 without one: in the first frame of this id, and wherever
+                         they have changed since
+        crop             center_uvd (px, px, mm) and cube_mm, where the hand was looked for
+        mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
+    lost             those that were seen before and are not now: id, hand, since_s (seen last), reason (a line)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, TextIO
+
+from handpose.data.json_fields import Fields, parsed
+from handpose.joint_formats.formats import FormatName
+from handpose.track_files.growing import GrowingFile
+from handpose.track_files.json_values import FrameValues, header_of, header_values
+from handpose.track_files.track import TrackedFrame, TrackHeader
+from netlib import files
+from netlib.errors import DataError
+from netlib.files import atomic
+
+_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
+
+
+class JsonWriter:
+    """Writes a JSON document frame by frame; it is whole also if the block ends by an exception. Raises OSError."""
+
+    def __init__(self, path: Path, header: TrackHeader, joints: FormatName | None = None) -> None:
+        self.files = [path]
+        self._values = FrameValues(header, joints)
+        head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
+        self._file = GrowingFile(path, head.encode(), b'\n],"complete":false}\n')
+        self._between = ""
+
+    def __enter__(self) -> JsonWriter:
+        self._file.__enter__()
+        return self
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self._file.append((self._between + _text(self._values.values(frame))).encode())
+        self._between = ",\n"
+
+    def discard(self) -> None:
+        """Drop the frames: an exception in the block then leaves the old file, or none."""
+        self._file.discard()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._file.finish(b'\n],"complete":true}\n')
+        self._file.__exit__(kind, error, where)
+
+
+class JsonLinesWriter:
+    """Writes JSON lines, each of which can be read as soon as it is there. Raises OSError.
+
+    path    of the file, which is begun anew; None: standard output
+    joints  a format in which hands are written, too
+    """
+
+    def __init__(self, path: Path | None, header: TrackHeader, joints: FormatName | None = None) -> None:
+        self.files = [path] if path else []
+        self._values, self._head = FrameValues(header, joints), header_values(header, joints)
+        self._stream: TextIO | None = sys.stdout
+
+    def __enter__(self) -> JsonLinesWriter:
+        with contextlib.ExitStack() as stack:
+            for path in self.files:
+                stack.enter_context(atomic.naming(path))
+                self._stream = stack.enter_context(path.open("w", encoding="ascii", newline="\n"))
+            self._put(self._head)
+            self._stack = stack.pop_all()
+        return self
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        with contextlib.ExitStack() as stack:
+            for path in self.files:
+                stack.enter_context(atomic.naming(path))
+            self._put(self._values.values(frame))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def _put(self, values: dict[str, Any]) -> None:
+        if self._stream is None:  # so it is where a shell has closed it
+            raise OSError(errno.EBADF, "is closed", "standard output")
+        self._stream.write(_text(values) + "\n")
+        self._stream.flush()
+
+
+class Track(NamedTuple):
+    """A whole track.
+
+    cut  why there are not all frames of the recording, else empty
+    """
+
+    header: TrackHeader
+    frames: list[TrackedFrame]
+    cut: str = ""
+
+
+def read_track(path: str | Path) -> Track:
+    """The track of a JSON document, or of JSON lines as far as they are whole. Raises DataError, PrototxtError.
+
+    Capsules are not in a track, and inputs that move nothing are 0.
+    """
+    text = files.read_text(path, "a track")
+    first, _, rest = text.partition("\n")
+    head = _value_or_none(first)
+    if isinstance(head, dict) and "frames" not in head:
+        return _read_lines(path, Fields(head, f"{path}:1"), rest)
+    return _read_document(Fields(parsed(text, str(path)), str(path)))
+
+
+def _read_document(fields: Fields) -> Track:
+    header = header_of(fields)
+    values = FrameValues(header)
+    frames = [values.frame(frame) for frame in fields.parts("frames")]
+    return Track(header, frames, "" if fields.truth("complete") else "the tracker was stopped")
+
+
+def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
+    header = header_of(head)
+    values, frames = FrameValues(header), []
+    *lines, last = text.split("\n")
+    for number, line in enumerate(lines, 2):
+        where = f"{path}:{number}"
+        frames.append(values.frame(Fields(parsed(line, where), where)))
+    if not last:
+        return Track(header, frames)
+    where = f"{path}:{len(lines) + 2}"
+    whole = _value_or_none(last)
+    if whole is None:
+        return Track(header, frames, f"{where}: the line is cut after {len(last)} characters")
+    return Track(header, [*frames, values.frame(Fields(whole, where))])
+
+
+def _value_or_none(line: str) -> Any:
+    try:
+        return parsed(line, "")
+    except DataError:
+        return None

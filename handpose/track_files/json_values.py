@@ -1,0 +1,161 @@
+"""The header and the frames of a track as JSON values, and back; json_file.py says what every key means."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from handpose.data.json_fields import Fields
+from handpose.facts.cameras import Camera
+from handpose.facts.sides import Side, side_of
+from handpose.joint_formats.formats import FormatName
+from handpose.track_files import angles, joint_values
+from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import SkeletonParameter, text_of
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.proto import prototxt, schema
+
+FORMAT, VERSION = "handpose track", 1
+UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
+AXES = {"x": "right", "y": "up", "z": "away from the camera"}
+
+
+def rounded(numbers: ArrayLike, decimals: int) -> Any:
+    """A number or lists of numbers; None where a number is not known."""
+    if isinstance(numbers, float):  # of which a frame has many
+        return round(float(numbers), decimals) + 0.0 if math.isfinite(numbers) else None
+    array = np.asarray(numbers, dtype=np.float64)
+    values = (array.round(decimals) + 0.0).tolist()  # + 0.0: no -0.0
+    return values if np.isfinite(array).all() else _nulled(values)
+
+
+def _nulled(values: Any) -> Any:
+    if isinstance(values, list):
+        return [_nulled(value) for value in values]
+    return values if math.isfinite(values) else None
+
+
+# ---------------------------------------------------------------------------------------------- the header
+
+
+def header_values(header: TrackHeader, joints: FormatName | None = None) -> dict[str, Any]:
+    """The header as an object; ``joints`` is a format in which hands are written, too."""
+    camera = {name: value if name == "name" else rounded(value, 6) for name, value in vars(header.camera).items()}
+    return {
+        "format": FORMAT, "version": VERSION, "source": header.source, "smoothed": header.smoothed, "units": UNITS,
+        "axes": AXES, "camera": camera | {"width": header.camera.width, "height": header.camera.height},
+        "unit_mm": float(header.unit_mm), "skeleton": _skeleton_values(header.skeleton),
+        **({"joint_format": joint_values.format_values(joints)} if joints else {}),
+    }  # fmt: skip
+
+
+def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
+    joints, dofs = skeleton.joint_names, angles.free_dofs(skeleton)
+    parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
+    limits = {skeleton.dof_names[d]: angles.limits(skeleton, d) for d in dofs.angles}
+    return {
+        "name": skeleton.name, "joints": joints, "parents": parents,
+        "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
+        "angles": [{"name": name, "lower": low, "upper": high} for name, (low, high) in limits.items()],
+        "translations": [skeleton.dof_names[d] for d in dofs.slides],
+        "prototxt": text_of(skeleton.param, skeleton.name, ""),
+    }  # fmt: skip
+
+
+def header_of(fields: Fields) -> TrackHeader:
+    """The header from its object. Raises DataError, PrototxtError."""
+    if "format" not in fields or fields.text("format") != FORMAT:
+        raise DataError(f"{fields.where}: not a track; expected a file that track --json has written")
+    if fields.whole("version") != VERSION:
+        raise DataError(f"{fields.where}: a track of version {fields.whole('version')}; this program reads {VERSION}")
+    of, body = fields.part("camera"), fields.part("skeleton")
+    camera = Camera(of.text("name"), of.positive("fx"), of.positive("fy"), of.number("u0"), of.number("v0"),
+                    of.whole("width"), of.whole("height"))  # fmt: skip
+    text = prototxt.parse(body.text("prototxt"), f"{body.where} 'prototxt'")
+    skeleton = Skeleton(schema.read(text, SkeletonParameter, "a skeleton"))
+    return TrackHeader(fields.text("source"), camera, skeleton, fields.positive("unit_mm"), fields.truth("smoothed"))
+
+
+# ---------------------------------------------------------------------------------------------- frames
+
+
+class FrameValues:
+    """Frames as objects, one after the other: the bones of a hand stand in the first one, and where they change."""
+
+    def __init__(self, header: TrackHeader, joints: FormatName | None = None) -> None:
+        self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
+        self._camera, self._joints = header.camera, joints
+        self._dofs = angles.free_dofs(header.skeleton)
+        names = header.skeleton.dof_names
+        self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
+        self._bones: dict[int, list[float]] = {}
+
+    def values(self, frame: TrackedFrame) -> dict[str, Any]:
+        """One frame as an object."""
+        lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
+                for l in frame.lost]  # fmt: skip
+        hands = [self._hand_values(hand) for hand in frame.hands]
+        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
+
+    def _hand_values(self, hand: TrackedHand) -> dict[str, Any]:
+        theta = self._skeleton.theta(hand.inputs)
+        bones = rounded(hand.bones * self._unit_mm, 3)
+        new = {} if self._bones.get(hand.id) == bones else {"bones_mm": bones}
+        self._bones[hand.id] = bones
+        return {
+            "id": int(hand.id), "hand": hand.hand,
+            "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
+            "positions_mm": rounded(hand.xyz, 2),
+            "angles_rad": dict(zip(self._angles, rounded(theta[self._dofs.angles], 5))),
+            "origin_mm": rounded(hand.origin_mm, 3),
+            "translations_mm": dict(zip(self._slides, rounded(theta[self._dofs.slides] * self._unit_mm, 3))),
+            **new,
+            "crop": {"center_uvd": rounded(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
+            **self._format_values(hand),
+        }  # fmt: skip
+
+    def _format_values(self, hand: TrackedHand) -> dict[str, Any]:
+        if self._joints is None:
+            return {}
+        return joint_values.hand_values(self._joints, self._skeleton, hand.hand, hand.xyz, self._camera)
+
+    def frame(self, fields: Fields) -> TrackedFrame:
+        """The next frame from its object. Raises DataError."""
+        hands = tuple(self._hand(hand) for hand in fields.parts("hands"))
+        lost = tuple(LostHand(of.whole("id"), _side(of), of.number("since_s"), of.text("reason"))
+                     for of in fields.parts("lost"))  # fmt: skip
+        return TrackedFrame(fields.whole("number"), fields.number("time_s"), hands, lost)
+
+    def _hand(self, of: Fields) -> TrackedHand:
+        crop, joints = of.part("crop"), len(self._skeleton.joint_names)
+        theta, slides = of.part("angles_rad"), of.part("translations_mm")
+        inputs = angles.inputs_of(
+            self._skeleton, self._dofs,
+            np.array([theta.number(name) for name in self._angles]),
+            np.array([slides.number(name) for name in self._slides]) / self._unit_mm,
+        )  # fmt: skip
+        return TrackedHand(
+            of.whole("id"), _side(of), of.known("confidence"), of.known("error_mm"), inputs, self._bones_of(of),
+            of.numbers("origin_mm", 3), of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3),
+            crop.positive("cube_mm"),
+        )  # fmt: skip
+
+    def _bones_of(self, of: Fields) -> Array:
+        hand = of.whole("id")
+        if "bones_mm" in of:
+            self._bones[hand] = of.numbers("bones_mm", len(self._skeleton.joint_names)).tolist()
+        if hand not in self._bones:
+            raise DataError(f"{of.where}: hand {hand} has no 'bones_mm', neither here nor before")
+        return np.array(self._bones[hand]) / self._unit_mm
+
+
+def _side(fields: Fields) -> Side:
+    try:
+        return side_of(fields.text("hand"))
+    except ValueError as error:
+        raise DataError(f"{fields.where}: 'hand' is {error}") from None

@@ -1,0 +1,62 @@
+"""Writers of tracks, by the ending of a name.
+
+with open_writer("wave.json", header) as writer:
+    for frame in frames:
+        writer.write(frame)
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
+
+from handpose.joint_formats.formats import FormatName
+from handpose.track_files.bvh_file import BvhWriter
+from handpose.track_files.csv_file import CsvWriter
+from handpose.track_files.json_file import JsonLinesWriter, JsonWriter
+from handpose.track_files.track import TrackedFrame, TrackHeader
+from netlib.errors import DataError
+
+
+class TrackWriter(Protocol):
+    """Writes a track frame by frame. Whatever ends its block, what was written stays, as whole files. Raises OSError.
+
+    files  what it writes; complete after the block
+    """
+
+    files: list[Path]
+
+    def __enter__(self) -> TrackWriter: ...
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None: ...
+
+
+def open_writer(
+    path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None
+) -> TrackWriter:
+    """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
+
+    BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate``, in frames per second; None: that of the times.
+
+    joints  a format in which JSON has joints and angles, too, and CSV instead of ours; BVH has always the skeleton's
+    """
+    if str(path) == "-":
+        return JsonLinesWriter(None, header, joints)
+    path = Path(path)
+    match path.suffix.lower():
+        case ".json":
+            return JsonWriter(path, header, joints)
+        case ".jsonl":
+            return JsonLinesWriter(path, header, joints)
+        case ".csv":
+            return CsvWriter(path, header, joints)
+        case ".bvh":
+            return BvhWriter(path, header, rate)
+    raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "
+                    "or - for standard output")  # fmt: skip

@@ -1,0 +1,152 @@
+"""handpose/depth_fit/network_errors.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.network_errors import (
+    GOOD_MM,
+    SIGNS,
+    UNKNOWN_STD,
+    NetworkErrors,
+    arrays_of,
+    covariance,
+    doubt_of,
+    read_errors,
+    table_of,
+    weights_of,
+)
+from netlib.errors import DataError
+
+TABLE = np.array([[10.0, 4, 1], [50, 8, 0.9], [200, 40, 0.2]])
+EVEN = np.full(len(SIGNS), 1 / len(SIGNS))
+
+
+def all_signs(doubt: list[float]) -> np.ndarray:
+    """Signs (N, 5) that are all the same, of which any weights make this doubt."""
+    return np.repeat(np.array(doubt)[:, None] - 1, len(SIGNS), axis=1)
+
+
+def write(path: Path, **arrays: object) -> Path:
+    """A file with a group fit."""
+    with h5py.File(path, "w") as file:
+        file.create_group("data")
+        for name, values in arrays.items():
+            file[f"fit/{name}"] = values
+    return path
+
+
+def test_read(model: FleshModel, tmp_path: Path) -> None:
+    """Covariance, weights, tables, interpolated between the rows; beyond the last one it gets worse in proportion."""
+    own = np.eye(20) * 0.04
+    found = read_errors(write(tmp_path / "w.h5", **{"limbs": own, "fast": TABLE, "fast.signs": EVEN}), model)
+    np.testing.assert_array_equal(found.limbs, own)
+    doubt, expected, chance = found.expected("fast", all_signs([1.0, 30, 125, 400]))
+    np.testing.assert_allclose(doubt, [1, 30, 125, 400])
+    np.testing.assert_allclose(expected, [4, 6, 24, 80])
+    np.testing.assert_allclose(chance, [1, 0.95, 0.55, 0.1])
+    doubt, *unknown = found.expected("accurate", all_signs([7.0, 9]))
+    np.testing.assert_allclose(doubt, [7, 9])
+    assert np.isnan(unknown).all()
+    again = read_errors(write(tmp_path / "again.h5", **arrays_of(found)), model)
+    np.testing.assert_array_equal(again.weights["fast"], EVEN)
+
+
+def test_weights_that_nobody_measured(model: FleshModel, tmp_path: Path) -> None:
+    """Of Caffe, or of another format: a spread is assumed, and no confidence is told."""
+    with h5py.File(tmp_path / "w.h5", "w") as file:
+        file.create_group("data")
+    (tmp_path / "binary.caffemodel").write_bytes(b"\x0a\x03abc")
+    for name in ("w.h5", "binary.caffemodel"):
+        found = read_errors(tmp_path / name, model)
+        np.testing.assert_allclose(found.limbs, np.eye(20) * UNKNOWN_STD**2)
+        assert np.isnan(found.expected("fast", all_signs([3]))[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"limbs": np.eye(19)}, r"fit/limbs of shape \(19, 19\), expected a covariance \(20, 20\)"),
+        ({"fast": TABLE}, r"fit/limbs of shape \(0,\), expected a covariance"),
+        ({"limbs": -np.eye(20)}, "expected a covariance"),
+        ({"limbs": np.eye(20) * np.nan}, "expected a covariance"),
+        ({"limbs": np.eye(20), "fast": TABLE}, "fit: fast: a table without weights of signs, or weights without"),
+        ({"limbs": np.eye(20), "slow.signs": EVEN}, "fit: slow: a table without weights of signs, or weights without"),
+        (
+            {"limbs": np.eye(20), "fast": TABLE[::-1], "fast.signs": EVEN},
+            r"fit/fast of shape \(3, 3\), expected rows of doubt",
+        ),
+        (
+            {"limbs": np.eye(20), "fast": TABLE[:, :2], "fast.signs": EVEN},
+            r"fit/fast of shape \(3, 2\), expected rows of doubt",
+        ),
+        (
+            {"limbs": np.eye(20), "fast": TABLE * (0, 1, 1) + ((0, 0, 0), (1, 0, 0), (2, 0, 0)), "fast.signs": EVEN},
+            r"fit/fast of shape \(3, 3\), expected rows of doubt",
+        ),
+        (
+            {"limbs": np.eye(20), "fast": TABLE, "fast.signs": -EVEN},
+            r"fit/fast.signs of shape \(5,\), expected 5 weights with the sum 1",
+        ),
+        ({"limbs": b"text"}, "cannot read the group 'fit'"),
+    ],
+)
+def test_files_with_something_wrong(model: FleshModel, tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+    """One line."""
+    with pytest.raises(DataError, match=message):
+        read_errors(write(tmp_path / "w.h5", **arrays), model)
+
+
+def test_covariance() -> None:
+    """About 0, not about the mean: a network that is always off by 0.1 is off."""
+    np.testing.assert_allclose(covariance(np.full((5, 2), 0.1)), np.full((2, 2), 0.01))
+
+
+@given(st.lists(st.tuples(st.floats(1, 1000), st.floats(0, 100)), min_size=2, max_size=200, unique_by=lambda p: p[0]))
+def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
+    """Whatever the fits were; and it keeps the mean error."""
+    doubt, error = np.array(pairs).T
+    table = table_of(doubt, error)
+    assert (np.diff(table[:, 0]) > 0).all()
+    assert (np.diff(table[:, 1]) >= -1e-9).all() and (np.diff(table[:, 2]) <= 1e-9).all()
+    assert error.min() - 1e-9 <= table[:, 1].min() and table[:, 1].max() <= error.max() + 1e-9
+
+
+def test_too_little_to_measure() -> None:
+    """One fit, or many that are alike: no table that nobody could read again."""
+    for count in (1, 30):
+        with pytest.raises(DataError, match=f"{count} fits with the same doubt, expected many different ones"):
+            table_of(np.full(count, 3.0), np.linspace(1, 50, count))
+
+
+def test_a_table_of_fits_that_are_known() -> None:
+    """Errors that grow with the doubt come back."""
+    doubt = np.random.default_rng(0).uniform(1, 100, 5000)
+    errors = NetworkErrors(np.eye(1), {"fast": table_of(doubt, 3 + doubt / 2)}, {"fast": EVEN})
+    _, expected, chance = errors.expected("fast", all_signs([20, 50, 90]))
+    np.testing.assert_allclose(expected, [13, 28, 48], atol=0.5)
+    assert chance[0] == 1 and chance[2] == 0
+
+
+def test_the_doubt() -> None:
+    """The geometric mean of 1 + each sign."""
+    signs = np.array([[0.0, 3, 8, 0, 0]])
+    np.testing.assert_allclose(doubt_of(signs, np.array([0, 0.5, 0.5, 0, 0])), [6])
+
+
+def test_the_sign_that_tells_failures_gets_the_weight() -> None:
+    """Others get nothing, not less than nothing; without failures, or with nothing else, all count the same."""
+    signs = np.random.default_rng(0).exponential(10, (4000, 5))
+    error = np.where(signs[:, 1] > 25, GOOD_MM + 10, 5)
+    weights = weights_of(signs, error)
+    assert weights[1] > 0.9 and (weights >= 0).all() and weights.sum() == pytest.approx(1)
+    for same in (5.0, 50.0):
+        np.testing.assert_array_equal(weights_of(signs, np.full(4000, same)), EVEN)
+    np.testing.assert_array_equal(weights_of(np.zeros((10, 5)), np.repeat([5.0, 50], 5)), EVEN)

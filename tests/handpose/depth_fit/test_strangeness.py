@@ -1,0 +1,58 @@
+"""handpose/depth_fit/strangeness.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.fit import DepthFit
+from handpose.depth_fit.strangeness import CAP_MM, MISFIT_MM, MOVED, OUTSIDE_MM, STRETCHED_MM, strangeness
+from handpose.facts.cameras import NYU
+from handpose.surface.render import normalise_depth, render_crop
+
+UVD = np.array([[320.0, 240, 700]])
+
+
+@pytest.fixture
+def fit(model: FleshModel) -> DepthFit:
+    """A hand at rest, perfectly fitted."""
+    x, one = np.zeros((1, model.variables)), np.ones(1)
+    joints = model.joints(x)
+    return DepthFit(model.inputs_of(x), one, joints, joints, one, one, one, one, x, np.zeros((1, 5)), np.zeros(1, int))
+
+
+@pytest.fixture
+def crop(model: FleshModel, fit: DepthFit) -> np.ndarray:
+    """Its picture."""
+    depth = render_crop(model.capsules(fit.x, NYU.unproject(UVD)), UVD, 300.0)
+    return normalise_depth(depth, UVD[:, 2], 300.0)
+
+
+def test_a_hand_is_not_strange(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+    """Where it is, predicted where it is: nothing."""
+    assert strangeness(model, fit, crop, UVD, NYU)[0] < 0.1
+
+
+def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+    """An empty picture, a prediction 20 mm away, a hand beside the image, a misfit, a larger hand."""
+
+    def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
+        return float(strangeness(model, fit, crop, uvd, NYU)[0])
+
+    assert of(crop=np.ones_like(crop)) == pytest.approx(2 * CAP_MM, abs=1)
+    assert of(replace(fit, network=fit.joints + (20, 0, 0))) == pytest.approx(MOVED * 20 + of())
+    assert of(crop=np.ones_like(crop), uvd=np.array([[-300.0, 240, 700]])) >= OUTSIDE_MM
+    assert of(replace(fit, misfit=np.array([np.e**3]))) == pytest.approx(3 * MISFIT_MM + of())
+    for variable in (SIZE, GIRTH):
+        larger = fit.x.copy()
+        larger[0, variable] = -0.2
+        assert of(replace(fit, x=larger)) > 0.2 * STRETCHED_MM
+
+
+def test_a_stick_on_one_finger_is_strange(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+    """Much of the hand is nowhere, however well the stick lies on the finger."""
+    stick = np.where(np.arange(128) > 64, crop, 1.0).astype(np.float32)  # a part of the hand's own picture
+    assert strangeness(model, fit, stick, UVD, NYU)[0] > 15

@@ -1,0 +1,115 @@
+"""handpose/depth_fit/surface.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.observation import Observation
+from handpose.depth_fit.residuals import Cones, cones_of
+from handpose.depth_fit.surface import nearest_capsules, point_residuals
+from tests.handpose.depth_fit.conftest import Scene, written_out
+from tests.handpose.depth_fit.test_body import body
+
+PIPE = """name: "pipe" dof { name: "x" } dof { name: "turn" }
+joint { name: "a" translate { axis: X dof: "x" } rotate { axis: Z dof: "turn" } }
+joint { name: "b" parent: "a" bone { axis: X length: 10 } }
+flesh { capsule { from: "a" to: "b" radius: %g radius: %g } }
+"""
+
+
+def pipe(ra: float = 1, rb: float = 1) -> FleshModel:
+    """A capsule along x, 100 mm long; radii in cm."""
+    return body(PIPE % (ra, rb))
+
+
+def cones_at(model: FleshModel, x: np.ndarray) -> Cones:
+    """All capsules at x."""
+    return cones_of(model, model.posed(x))
+
+
+def looking(points: np.ndarray) -> Observation:
+    """Points (P, 3) seen by a camera far away, along z."""
+    P = len(points)
+    rays = np.tile(np.array([[0], [0], [1]], np.float32), (1, 1, P))
+    zero = np.zeros((1, 128, 128), np.float32)
+    one = np.ones(1, np.float32)
+    return Observation(points.T[None].astype(np.float32), rays, np.ones((1, P), np.float32), np.zeros(1, int), zero,
+                       zero, np.zeros((1, 3), np.float32), one, one[:, None], one[:, None], 0 * one)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("point", "place", "values"),
+    [
+        ((50, 0, -10), 0.5, (0, 0)),  # on the facing side
+        ((50, 0, -13), 0.5, (3, 0)),  # before it
+        ((50, 0, -6), 0.5, (-4, 0)),  # inside
+        ((-7, 0, 0), 0.0, (-3, 0)),  # at the round end
+        ((50, 10, 0), 0.5, (0, 0)),  # on the outline
+        ((50, 4, 8), 0.5, (-6, 8)),  # behind: to the outline, sideways and along the ray
+        ((50, 0, 10), 0.5, (-10, 10)),  # on the far side, which no camera sees
+    ],
+)
+def test_residuals_of_a_pipe(point: tuple[float, ...], place: float, values: tuple[float, ...]) -> None:
+    """By hand."""
+    model = pipe()
+    found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(np.array([point])), np.zeros((1, 1), int))
+    assert found.place[0, 0] == pytest.approx(place)
+    assert found.value[0, :, 0] == pytest.approx(values, abs=1e-3)
+
+
+def test_the_surface_of_a_cone() -> None:
+    """With different radii, points of the tangent cone have no residual, wherever they are."""
+    model, (a, b, ra, rb) = pipe(2, 1), (0.0, 100.0, 20.0, 10.0)
+    tilt = np.arcsin((ra - rb) / (b - a))
+    s = np.linspace(0.05, 0.9, 9)
+    r = ra + s * (rb - ra)
+    points = np.stack([s * b + r * np.sin(tilt), 0 * s, -r * np.cos(tilt)], axis=1)
+    found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(points), np.zeros((1, 9), int))
+    np.testing.assert_allclose(found.value, 0, atol=1e-3)
+    np.testing.assert_allclose(found.place[0], s, atol=1e-4)
+
+
+def test_how_residuals_change(model: FleshModel, scene: Scene) -> None:
+    """The direction and the swelling of each, with its capsule kept, are its derivative along each variable.
+
+    Of points on the facing side, that is: the place of those behind slides along the outline, to the second order.
+    """
+    rng = np.random.default_rng(0)
+    x = scene.truth + rng.normal(0, 0.03, scene.truth.shape)
+    capsule = nearest_capsules(cones_at(model, x), scene.seen)
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return point_residuals(cones_at(model, x), scene.seen, capsule).value.astype(float)
+
+    r = point_residuals(cones_at(model, x), scene.seen, capsule)
+    J = written_out(model, model.posed(x), r)
+    for v in range(model.variables):
+        d = np.zeros(model.variables)
+        d[v] = 2e-3
+        slope = (values(x + d) - values(x - d)) / 4e-3
+        front = (r.value[:, 1] == 0) & (slope[:, 1] == 0)
+        off = np.abs(slope - J[..., v])[:, 0][front]  # mm per radian
+        assert front.mean() > 0.7 and np.percentile(off, 95) < 2
+
+
+def test_points_find_their_capsules(model: FleshModel, scene: Scene) -> None:
+    """At the true pose, what the camera saw lies on the capsules but for the forearm, whose angles are not known."""
+    cones = cones_at(model, scene.truth)
+    capsule = nearest_capsules(cones, scene.seen)
+    off = np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
+    hand = ~model.flesh.limbs[capsule]
+    assert hand.mean() > 0.5 and np.median(off[hand]) < 1.5
+
+
+def test_the_nearest_of_all_capsules(model: FleshModel, scene: Scene) -> None:
+    """No other capsule is nearer by more than what the difference of radii is worth."""
+    cones = cones_at(model, scene.truth)
+    chosen = nearest_capsules(cones, scene.seen)
+
+    def distance(capsule: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
+
+    every = np.stack([distance(np.full(chosen.shape, m)) for m in range(len(model.start))])
+    assert (distance(chosen) - every.min(axis=0)).max() < 2

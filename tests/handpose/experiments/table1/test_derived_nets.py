@@ -1,0 +1,57 @@
+"""handpose/experiments/table1/derived_nets.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handpose.experiments.table1.derived_nets import layers_of, net_of, text
+from handpose.experiments.table1.networks import LAMBDAS, NETWORKS, OURS
+from handpose.experiments.table1.recipes import ADAM, PAPER, RECIPES
+from handpose.experiments.table1.settings import ONE_HAND, SETTINGS
+from netlib.proto import prototxt
+from netlib.proto.net_parameter import load_parameter
+
+EVERY = [
+    (n, s, r) for n in (*NETWORKS, *LAMBDAS[-1:]) for s in SETTINGS.values() if n.is_for(s) for r in RECIPES.values()
+]
+
+
+@pytest.mark.parametrize(("network", "setting", "recipe"), EVERY, ids=lambda part: part.name)
+def test_every_net_is_one(network, setting, recipe) -> None:  # type: ignore[no-untyped-def]
+    """What is written is read, with the data of its setting, and parsed and printed again it is the same."""
+    printed = str(net_of(network, setting, recipe))
+    param = load_parameter(prototxt.parse(printed))
+    folder = "_angles/" if network.labels == "fitted" else "/"
+    sources = [str(layer.blocks["hdf5_data_param"].values("source")[0]) for layer in param.layer[:2]]
+    assert sources == [f'"{Path.cwd()}/data/{setting.name}{folder}{split}.txt"' for split in ("train", "test")]
+    assert str(prototxt.parse(printed)) == printed
+    kinds = [layer.type for layer in param.layer]
+    assert ("Dropout" in kinds, "SmoothL1Loss" in kinds) == ((False, True) if recipe is ADAM else (True, False))
+    assert kinds.count("EuclideanLoss") == 0 or recipe is PAPER
+
+
+def test_by_the_paper_s_recipe_a_net_is_its_file_with_other_data() -> None:
+    """Not a layer more or less."""
+    derived, own = net_of(OURS, ONE_HAND, PAPER), prototxt.parse_file(OURS.model)
+    changed = [(str(a), str(b)) for a, b in zip(layers_of(derived), layers_of(own)) if str(a) != str(b)]
+    assert len(changed) == 2 and all('"HDF5Data"' in a for a, _ in changed)
+    assert "batch_size: 512" in changed[0][0] and "batch_size: 256" in changed[1][0] and "shuffle" in changed[0][0]
+
+
+def test_our_recipe_s_is_that_for_synthetic_hands() -> None:
+    """But for augmentation, the second head, and where the data are."""
+    ours = prototxt.parse_file(ADAM.solver.with_name("synthetic_train_test.prototxt"))
+    wanted = [
+        str(layer)
+        for layer in layers_of(ours)
+        if text(layer, "name") not in ("data", "augment", "direct", "direct_loss")
+    ]
+    assert [str(layer) for layer in layers_of(net_of(OURS, ONE_HAND, ADAM))][2:] == wanted
+
+
+def test_the_weight_of_physlimit() -> None:
+    """And its norm."""
+    *_, limit = layers_of(net_of(LAMBDAS[-1], ONE_HAND, PAPER))
+    assert text(limit, "type") == "PhysLimit" and text(limit, "loss_weight") == "10" and "norm: L2" in str(limit)

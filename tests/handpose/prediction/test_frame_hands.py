@@ -1,0 +1,141 @@
+"""handpose/prediction/frame_hands.py: as a predictor uses it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.data.flying_pixels import clear_crop
+from handpose.facts.cameras import KINECT2
+from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
+from handpose.facts.sides import Side, mirror_of
+from handpose.prediction import finding
+from handpose.prediction.frame_hands import LARGEST_MOVE_MM
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from handpose.synthetic.scenes import draw_scenes
+from layers.hand import skeleton
+from netlib.errors import DataError
+from tests.handpose.prediction.conftest import Said
+
+HAND = skeleton.load()
+
+
+def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """Is never told."""
+    with pytest.raises(
+        DataError, match=r"a pose is predicted in which a joint is at a depth of -\d+ mm, behind the camera"
+    ):
+        Predictor(fixed(0, 0, -140), KINECT2, refine=0).in_frame(frame, (260, 210, 160))
+
+
+def test_a_crop_at_rest_is_looked_at_once(
+    seeing: netlib.Net, frame: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However often it may be moved."""
+    looks: list[int] = []
+    monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: looks.append(1) or center.copy())
+    found = Predictor(seeing, KINECT2, refine=100).in_frame(frame, (260, 210, 690))
+    assert len(looks) == 1 and found.center_uvd.tolist() == [260, 210, 690]
+
+
+@pytest.mark.parametrize("hand", ["right", "left"])
+@pytest.mark.parametrize("refine", [0, 1, 2, 3])
+def test_the_crop_goes_to_the_palm(
+    fixed: Callable[..., netlib.Net], frame: np.ndarray, refine: int, hand: Side
+) -> None:
+    """Each time by as much as the hand is beside; then the joints are those of the last crop."""
+    beside = np.array([10.0, -5.0, 4.0]) * mirror_of(hand)
+    predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, hand=hand)
+    start = np.array([260.0, 210.0, 690.0])
+    found = predictor.in_frame(frame, start)
+    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3)
+    np.testing.assert_array_equal(found.crop, clear_crop(frame, found.center_uvd, CUBE_MM, KINECT2))
+
+
+def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """Where the centre is at its place in the palm there is nothing to mend."""
+    found = Predictor(fixed(0, 0, 0), KINECT2).in_frame(frame, (260, 210, 690))
+    np.testing.assert_allclose(found.center_uvd, (260, 210, 690), atol=1e-3)
+    palm = found.joints_mm[HAND.joint_names.index("palm")]
+    assert np.linalg.norm(palm) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=1e-3)
+
+
+def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """Moves the crop no farther than LARGEST_MOVE_MM, not out of the image, and not to the camera."""
+    start = np.array([260.0, 210.0, 690.0])
+    found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
+    moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
+    assert moved == pytest.approx(50, abs=1e-3) and moved < LARGEST_MOVE_MM
+    near = np.array([260.0, 210.0, 155.0])
+    found = Predictor(fixed(0, 0, -20), KINECT2).in_frame(frame, near)
+    np.testing.assert_array_equal(found.center_uvd, near)
+    corner = np.array([-40.0, 210.0, 690.0])
+    found = Predictor(fixed(-50, 0, 0), KINECT2, cube_mm=200).in_frame(frame, corner)
+    np.testing.assert_array_equal(found.center_uvd, corner)
+
+
+def test_the_place_that_looks_most_like_a_hand(frame: np.ndarray) -> None:
+    """Where the fit explains what is seen, though the locator found the wall likelier; from beside the hand, too."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    hand, wall = np.array([30.0, -20, 700]), np.array([-250.0, 100, 1480])
+    for beside in ((0, 0, 0), (25, 0, 0)):
+        predictor.locator = Said(np.stack([wall, hand + beside]), np.array([1.0, 0]))
+        found = predictor.in_frame(frame)
+        assert np.linalg.norm(found.center_mm - hand) < 60
+    predictor.locator = Said(np.array([[9000.0, 0, 700], [30, -20, 700]]), np.array([1.0, 0]))  # one is out of sight
+    assert np.linalg.norm(predictor.in_frame(frame).center_mm - hand) < 60
+    predictor.locator = Said(np.array([[9000.0, 0, 700]]), np.array([1.0]))
+    with pytest.raises(DataError, match="lies outside the image"):
+        predictor.in_frame(frame)
+
+
+def test_a_speck_is_no_hand() -> None:
+    """Nothing contradicts a hand where little is to be seen: not the doubt chooses between places."""
+    depth = draw_scenes(np.random.default_rng(77), 1).depth[0].copy()
+    predictor = load_predictor(fit="fast", hand="right")
+    hand = predictor.in_frame(depth).center_mm
+    depth[:55, :55] = 400
+    assert np.linalg.norm(predictor.in_frame(depth).center_mm - hand) < 30
+
+
+def test_the_next_place_if_the_likeliest_is_out_of_sight(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Without a fit, too."""
+    said = Said(np.array([[9000.0, 0, 700], [30, -20, 700]]), np.array([3.0, 2]))
+    found = Predictor(seeing, KINECT2, refine=0, locator=said).in_frame(frame)
+    np.testing.assert_allclose(found.center_mm, said.said.center[1])
+
+
+def test_hands_at_places(frame: np.ndarray) -> None:
+    """All of them, the likeliest first: by the fit, and by the odds of the locator; those out of sight are left out."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    hand, wall = KINECT2.project(np.array([[30.0, -20, 700], [-250, 100, 1480]]))
+    away = KINECT2.project(np.array([9000.0, 0, 700]))
+    found = predictor.hands_at(frame, [wall, away, hand], [0.0, 5.0, 0.0])
+    assert len(found) >= 2 and np.linalg.norm(found[0].center_mm - (30, -20, 700)) < 60
+    assert all(one.fit is not None and one.camera == KINECT2 for one in found)
+    strange = [one.fit.strangeness for one in found if one.fit]
+    assert strange[0] == min(strange)
+    bribed = predictor.hands_at(frame, [wall, hand], [100.0, 0.0])
+    assert np.linalg.norm(bribed[0].center_mm - (-250, 100, 1480)) < 100
+    with pytest.raises(DataError, match="lies outside the image"):
+        predictor.hands_at(frame, [away], [0.0])
+
+
+def test_hands_as_in_a_whole_frame(frame: np.ndarray) -> None:
+    """What is found at the places of the locator is what is found in the frame."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    assert predictor.locator is not None
+    located = predictor.locator.hands(frame, KINECT2)
+    one = predictor.hands_at(frame, list(KINECT2.project(located.center)), list(located.odds))[0]
+    np.testing.assert_array_equal(one.joints, predictor.in_frame(frame).joints)
+
+
+def test_a_hand_at_a_place_without_a_fit(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """The first one in sight, for nobody can choose."""
+    away, there = KINECT2.project(np.array([[9000.0, 0, 700], [30, -20, 700]]))
+    (found,) = Predictor(seeing, KINECT2, refine=0).hands_at(frame, [away, there], [1.0, 0.0])
+    np.testing.assert_array_equal(found.center_uvd, there)

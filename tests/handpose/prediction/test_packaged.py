@@ -1,0 +1,115 @@
+"""handpose/prediction/packaged.py: the weights that come with the repository."""
+
+from __future__ import annotations
+
+import configparser
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.network_errors import read_errors
+from handpose.depth_fit.search import PLANS
+from handpose.prediction.packaged import (
+    HAND_LOCATOR,
+    SYNTHETIC_HAND,
+    checked_weights,
+    load_locator,
+    load_predictor,
+    read_card,
+)
+from layers.hand import skeleton
+from netlib.errors import NetlibError, WeightsError
+from netlib.files.paths import ROOT
+
+MEGABYTE = 1e6
+
+
+def test_the_packaged_model() -> None:
+    """Small, whole, with the network's errors measured for every plan; its net takes all of it."""
+    card = read_card(SYNTHETIC_HAND)
+    weights = checked_weights(card)
+    assert card.license == "MIT" and weights.stat().st_size < 12 * MEGABYTE
+    errors = read_errors(weights, FleshModel(skeleton.load(), 150.0))
+    assert set(errors.tables) == set(PLANS)
+    assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
+    ignored, missing = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", netlib.TEST).copy_from(weights)
+    assert not ignored and not missing
+    assert load_predictor().fit == "accurate" and load_predictor(fit="no", hand="left").fitter is None
+
+
+def test_the_packaged_locator() -> None:
+    """Smaller still; its net takes all of it."""
+    weights = checked_weights(read_card(HAND_LOCATOR))
+    assert weights.stat().st_size < 0.3 * MEGABYTE
+    ignored, missing = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST).copy_from(weights)
+    assert not ignored and not missing
+
+
+def test_models_are_installed() -> None:
+    """Every folder with a card is a package whose files are data."""
+    said = configparser.ConfigParser()
+    said.read(ROOT / "setup.cfg")
+    for card in (ROOT / "models").glob("*/readme.md"):
+        assert (card.parent / "__init__.py").is_file()
+        assert said["options.package_data"][f"models.{card.parent.name}"] == "*.prototxt, *.md, *.h5"
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """The model's folder, to be damaged."""
+    return Path(shutil.copytree(SYNTHETIC_HAND, tmp_path / "model"))
+
+
+def test_damaged_weights(copy: Path) -> None:
+    """A flipped bit is one line, not a hand."""
+    path = read_card(copy).weights
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    path.write_bytes(raw)
+    with pytest.raises(WeightsError, match=r"synthetic_hand.caffemodel.h5: SHA-256 .*the file is damaged"):
+        load_predictor(folder=copy)
+    path.unlink()
+    with pytest.raises(WeightsError, match="cannot read weights: No such file"):
+        load_predictor(folder=copy)
+
+
+def test_a_changed_net(copy: Path) -> None:
+    """Nothing of it runs; line ends of another system are no change."""
+    net = copy / "deploy.prototxt"
+    text = net.read_bytes()
+    net.write_bytes(text.replace(b"\n", b"\r\n"))
+    assert load_predictor(folder=copy, fit="no", hand="right").fitter is None
+    net.write_bytes(text + b'layer { name: "p" type: "Python" python_param { module: "evil" layer: "Evil" } }\n')
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
+        load_predictor(folder=copy)
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
+        load_locator(copy)
+    net.unlink()
+    with pytest.raises(WeightsError, match=r"deploy.prototxt: cannot read the net: No such file"):
+        load_predictor(folder=copy)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "cannot read the model's card: No such file"),
+        ("# A model", "no front matter; expected lines 'key: value' between two lines '---'"),
+        (
+            "---\nname: x\n---\n",
+            "no 'caffemodel' in the front matter; expected name, caffemodel, license, sha256, ",
+        ),
+        ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n", "no 'license' in the front matter"),
+    ],
+)
+def test_cards_with_something_wrong(copy: Path, text: str | None, message: str) -> None:
+    """Each is one line that names the file."""
+    card = copy / "readme.md"
+    card.unlink()
+    if text is not None:
+        card.write_text(text)
+    with pytest.raises(NetlibError, match=f"readme.md: {message}"):
+        load_predictor(folder=copy)

@@ -1,0 +1,47 @@
+"""handpose/prediction/nets.py: what a net feeds its hand model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import NYU
+from handpose.prediction.nets import hand_inputs, hand_poses, skeleton_to_fit
+from handpose.prediction.packaged import load_predictor
+from layers.hand.bodies import kinematics_of
+from netlib.net import Net
+
+
+@pytest.fixture
+def net() -> Net:
+    """The packaged one, which nobody has run or looked at yet."""
+    return load_predictor(NYU, fit="no", hand="right").net
+
+
+@pytest.fixture
+def crops() -> np.ndarray:
+    """Three crops of anything."""
+    return np.random.default_rng(0).uniform(-1, 1, (3, 128, 128)).astype(np.float32)
+
+
+def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
+    """Posing the skeleton by them, in the size that the net says, gives its joints; fixed DoFs are 0."""
+    poses, skeleton = hand_poses(net, crops), skeleton_to_fit(net)
+    assert poses.inputs.dtype == np.float64 and (poses.inputs[:, skeleton.fixed] == 0).all()
+    posed = kinematics_of(skeleton).joints(poses.inputs, poses.size[:, None] * skeleton.bones)
+    usual = (poses.size > 0.5) & (poses.size < 2)  # other sizes are none of a hand, and are cut
+    assert usual.any()
+    expected = net.forward(depth=crops[:, None])["pred"]
+    np.testing.assert_allclose(posed.reshape(3, -1)[usual], expected[usual], atol=1e-5)
+
+
+def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -> None:
+    """To the last bit, and so do predictions, whichever frames were seen before."""
+    depth = crops[:1, None]
+    net.blobs["depth"].reshape(*depth.shape)
+    before = net.forward(depth=depth)["pred"].copy()
+    inputs = hand_inputs(net, crops[:1])
+    hand_inputs(net, crops)
+    net.blobs["depth"].reshape(*depth.shape)
+    np.testing.assert_array_equal(net.forward(depth=depth)["pred"], before)
+    np.testing.assert_array_equal(hand_inputs(net, crops[:1]), inputs)

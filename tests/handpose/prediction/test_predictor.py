@@ -1,0 +1,228 @@
+"""handpose/prediction/predictor.py: from Python, on crops and on whole frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import netlib
+from handpose.data.depth_images import UnitError
+from handpose.data.flying_pixels import clear_crop
+from handpose.facts.cameras import KINECT2, NYU, Camera
+from handpose.facts.nyu import CUBE_MM
+from handpose.prediction import finding
+from handpose.prediction.nets import best_fit, skeleton_to_fit
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from layers.hand import skeleton
+from layers.hand.bodies import kinematics_of
+from netlib.errors import DataError, NetlibError
+from tests.handpose.prediction.conftest import NET, NetOf, Said, some_crop
+
+HAND = skeleton.load()
+
+
+# ------------------------------------------------------------------------------------------------- crops
+
+
+def test_a_crop(fixed: Callable[..., netlib.Net]) -> None:
+    """The joints of the hand model, in half-cubes and in mm of this cube, and the crop beside them."""
+    net = fixed(10, -20, 30)
+    inputs = net.params["DoF"][1].data[None].astype(np.float64)
+    for cube in (300.0, 261.0):
+        found = Predictor(net, cube_mm=cube).in_crop(some_crop())
+        np.testing.assert_allclose(found.joints, kinematics_of(HAND).joints(inputs)[0], atol=1e-6)
+        np.testing.assert_allclose(found.joints_mm, found.joints * cube / 2)
+        np.testing.assert_array_equal(found.crop, some_crop())
+        assert found.joints.dtype == np.float64 and found.joints.shape == (31, 3)
+
+
+@pytest.mark.parametrize("batch", [1, 5])
+def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
+    """The same joints as a forward pass of the net, whatever batch its file has; crops of float64 as well."""
+    net = net_of(NET % batch, netlib.TEST)
+    found = Predictor(net).in_crop(some_crop().astype(np.float64))
+    again = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
+    np.testing.assert_array_equal(found.joints, again)
+    assert not np.array_equal(Predictor(net).in_crop(-some_crop()).joints, found.joints)
+
+
+def test_a_crop_of_another_shape(seeing: netlib.Net) -> None:
+    """Is none."""
+    with pytest.raises(DataError, match=r"crop of shape \(1, 128, 128\), expected \(128, 128\)"):
+        Predictor(seeing).in_crop(some_crop()[None])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (NET.replace('"depth"', '"crop"'), "no blob 'depth'; expected a net with the input depth and the output pred"),
+        (NET.replace('"pred"', '"joints"'), "no blob 'pred'; expected a net with the input depth and the output pred"),
+        (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'), "no HandModel layer, so the"),
+    ],
+    ids=["depth", "pred", "hand"],
+)
+def test_nets_of_another_kind(net_of: NetOf, text: str, message: str) -> None:
+    """Are refused when the predictor is made."""
+    with pytest.raises(NetlibError, match=message):
+        Predictor(net_of(text % 1, netlib.TEST))
+
+
+SIZED = NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "size" top: "pred"').replace(
+    'layer { name: "hand"',
+    """layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size"
+        inner_product_param { num_output: 1 bias_filler { type: "constant" value: 1.5 } } }
+layer { name: "hand\"""",
+)
+
+
+def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
+    """Its joints are those of its layer, of the hand's own size."""
+    net = net_of(SIZED % 1, netlib.TEST)
+    bias = net.params["DoF"][1].data
+    net.params["DoF"][0].data[...], bias[...] = 0, -HAND.initial * HAND.slides * 1.5  # the palm in the middle
+    found = Predictor(net).in_crop(some_crop())
+    usual = HAND.scaled(1.5)
+    assert np.allclose(found.joints, kinematics_of(usual).joints(bias[None].astype(float))[0], atol=1e-5)
+    (tmp_path / "net.prototxt").write_text(SIZED % 1)
+    assert best_fit(tmp_path / "net.prototxt") == "accurate"
+
+
+def test_a_net_that_predicts_bones(net_of: NetOf, tmp_path: Path) -> None:
+    """A fit does not know them, so it is refused."""
+    boned = SIZED.replace("num_output: 1 ", "num_output: 31 ") % 1
+    net = net_of(boned, netlib.TEST)
+    message = "layer 'hand' takes the bones of each hand from blob 'size', which a fit does not know; do without a fit"
+    with pytest.raises(NetlibError, match=message):
+        Predictor(net, fit="fast").in_crop(some_crop())
+    with pytest.raises(NetlibError, match=message):
+        skeleton_to_fit(net)
+    (tmp_path / "net.prototxt").write_text(boned)
+    assert best_fit(tmp_path / "net.prototxt") == "no"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.arange(128 * 128).reshape(128, 128) % 256, "crop with values from 0 to 255, expected -1 to 1"),
+        (np.full((128, 128), np.nan), "crop with values that are not numbers, expected -1 to 1"),
+        (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
+        ([[0.0]], "crop is a list, expected an array of numbers"),
+        (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
+    ],
+    ids=["bytes", "nan", "infinite", "list", "text"],
+)
+def test_crops_with_other_values(seeing: netlib.Net, values: Any, message: str) -> None:
+    """Say so, and do not blame the net."""
+    with pytest.raises(DataError, match=message):
+        Predictor(seeing).in_crop(values)
+
+
+def test_a_masked_crop(seeing: netlib.Net) -> None:
+    """What is masked is background."""
+    shown = some_crop()
+    shown[:20] = 1
+    hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
+    predictor = Predictor(seeing)
+    np.testing.assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
+
+
+# ------------------------------------------------------------------------------------------------ frames
+
+
+def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """What is masked was not read."""
+    holes = np.where(frame > 1000, 0, frame)
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    for center in (None, (270, 215)):
+        found, same = (predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes))
+        np.testing.assert_array_equal(found.xyz, same.xyz)
+    hidden = np.ma.array(frame, mask=frame > 1000)
+    np.testing.assert_array_equal(
+        clear_crop(hidden, (270, 215, 700), 300, KINECT2), clear_crop(holes, (270, 215, 700), 300, KINECT2)
+    )
+
+
+@pytest.mark.parametrize(
+    "center", [(np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4))], ids=str
+)
+def test_centers_that_are_none(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
+    """Two or three finite numbers are one."""
+    with pytest.raises(DataError, match=r"expected two or three finite numbers: u, v in px or u, v, d in px, px, mm"):
+        Predictor(seeing, KINECT2).in_frame(frame, center)
+
+
+@pytest.mark.parametrize("center", [None, (260, 210, 700)], ids=["searched", "given"])
+def test_a_frame_in_another_unit(seeing: netlib.Net, frame: np.ndarray, center: Any) -> None:
+    """Is refused wherever one looks."""
+    for factor in (0.001, 1000, -1):
+        with pytest.raises(UnitError, match="expected mm"):
+            Predictor(seeing, KINECT2).in_frame(frame * factor, center)
+
+
+def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Without refinement: the joints of the crop at this centre, and where they are before the camera."""
+    center = [260.0, 210.0, 690.0]
+    found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
+    np.testing.assert_array_equal(found.crop, clear_crop(frame, center, CUBE_MM, KINECT2))
+    np.testing.assert_array_equal(found.joints, Predictor(seeing).in_crop(found.crop).joints)
+    np.testing.assert_array_equal(found.center_uvd, center)
+    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(center))
+    np.testing.assert_allclose(found.xyz, KINECT2.unproject(center) + found.joints * 150)
+    assert found.camera == KINECT2
+
+
+def test_what_is_changed_later_counts(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
+    """How often a crop is moved is asked at every call."""
+    predictor = Predictor(fixed(30, 0, 0), KINECT2)
+    moved = predictor.in_frame(frame).center_uvd
+    predictor.refine = 0
+    assert np.array_equal(predictor.in_frame(frame).center_uvd, predictor.start(frame))
+    assert not np.array_equal(moved, predictor.start(frame))
+
+
+def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """At the nearest thing, at a pixel and what is seen there, or at a place that is given."""
+    predictor = Predictor(seeing, KINECT2, refine=0)
+    nearest = finding.find_hand(frame, KINECT2)
+    np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
+    assert KINECT2.unproject(nearest) == pytest.approx((30, -20, 700), abs=60)
+    u, v, _ = nearest
+    np.testing.assert_array_equal(predictor.start(frame, (u, v)), finding.depth_around(frame, u, v))
+    np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
+    with pytest.raises(DataError, match="no depth anywhere in the image"):
+        predictor.in_frame(np.zeros((424, 512)))
+
+
+def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """A camera without a size takes the frame's; another's frame is an error, and so is a picture in colours."""
+    own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
+    found, same = (Predictor(seeing, camera).in_frame(frame) for camera in (own, KINECT2))
+    np.testing.assert_array_equal(found.joints, same.joints)
+    assert (found.camera.width, found.camera.height) == (512, 424)
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        Predictor(seeing, NYU).in_frame(frame)
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512, 1\), expected \(height, width\)"):
+        Predictor(seeing, KINECT2).in_frame(frame[:, :, None])
+
+
+# ------------------------------------------------------------------------------------------------ places
+
+
+def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Of a locator, without a fit, is where to look."""
+    said = Said(np.array([[30.0, -20, 700], [0, 0, 900]]), np.array([3.0, 2]))
+    predictor = Predictor(seeing, KINECT2, refine=0, locator=said)
+    np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said.center[0]))
+    np.testing.assert_allclose(predictor.in_frame(frame).center_mm, said.said.center[0])
+    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 690)).center_uvd, (260, 210, 690))
+
+
+def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
+    """Are told by their shape, not by what is seen in them."""
+    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+        load_predictor(NYU).in_frame(frame)

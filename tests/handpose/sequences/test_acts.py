@@ -1,0 +1,165 @@
+"""handpose/sequences/acts.py, choices.py, gestures.py and volume.py"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import ICVL, NYU
+from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor
+from handpose.sequences.choices import Choices
+from handpose.sequences.gestures import fingers_of, poses
+from handpose.sequences.movements import Movement
+from handpose.sequences.person import Person
+from handpose.sequences.volume import Volume
+from handpose.synthetic.pose_prior import BodySampler
+
+SAMPLER = BodySampler()
+FINGERS = ("little", "ring", "middle", "index")
+STEP = 1 / 120
+
+
+def played(*acts: Act, seconds: float, seed: int = 1, side: str = "right", outward: float = 0.0) -> Movement:
+    """The movement of somebody's hand."""
+    rng = np.random.default_rng(seed)
+    person = Person.draw(rng, SAMPLER)
+    return Actor(rng, SAMPLER, person, side, Volume(NYU).roomy(), outward).act(acts, seconds)
+
+
+def test_a_moving_hand_is_a_hand_that_moves() -> None:
+    """Within the limits, no faster than people are, fingers not through each other; and it rests now and then."""
+    movement = played(Act("moving", 12), seconds=12)
+    times = np.arange(0, 12, STEP)
+    whole = np.stack([movement.inputs_at(t) for t in times])
+    fingers = np.stack([movement.fingers.at(t) for t in times])
+    place = np.stack([movement.place.at(t) for t in times])
+    skeleton = SAMPLER.skeleton
+    bounded = SAMPLER.limbs
+    assert (fingers[:, bounded] <= skeleton.upper[bounded] + 1e-9).all()
+    assert (fingers[:, bounded] >= skeleton.lower[bounded] - 1e-9).all()
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / STEP
+    assert 300 < speed.max() <= HAND_SPEED * 1.001
+    assert 1 < np.abs(np.diff(fingers, axis=0)).max() / STEP <= FINGER_SPEED * 1.001
+    depth = movement.person.penetration_mm(whole)
+    assert np.percentile(depth, 95) <= SAMPLER.prior.penetration and depth.max() < 2 * SAMPLER.prior.penetration
+    still = (np.abs(np.diff(whole, axis=0)).max(axis=1) < 1e-9) & (speed < 1e-6)
+    assert still.sum() * STEP > 1.5 and (~still).sum() * STEP > 6
+
+
+def test_rest_is_rest() -> None:
+    """Nothing moves at all."""
+    movement = played(Act("rest", 3), Act("gestures", 4), seconds=7)
+    early, late, then = (movement.pose_at(t).xyz for t in (0.0, 3.0, 6.0))
+    np.testing.assert_array_equal(early, late)
+    assert np.abs(then - early).max() > 5
+
+
+def test_the_same_acts_make_the_same_movement() -> None:
+    """However long it is to be; another seed makes another one."""
+    acts = (Act("moving", 5), Act("wave", 2), Act("gestures", 4))
+    short, long, other = played(*acts, seconds=6), played(*acts, seconds=20), played(*acts, seconds=6, seed=2)
+    for time in (0.0, 2.5, 5.5):
+        np.testing.assert_array_equal(short.pose_at(time).xyz, long.pose_at(time).xyz)
+        assert np.abs(short.pose_at(time).xyz - other.pose_at(time).xyz).max() > 1
+
+
+def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
+    """Also where that ends on its way back."""
+    acts = (Act("moving", 3), Act("away", 6))
+    short, long = played(*acts, seconds=8.9), played(*acts, seconds=20)
+    np.testing.assert_allclose(short.place.at(8.8), long.place.at(8.8), atol=1e-6)
+    assert 0 < NYU.project(short.place.at(8.8))[0] < NYU.width
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_away(first: bool) -> None:
+    """A hand goes to the side and comes back where it was; as the first act it comes; it may be long away."""
+    acts = (Act("away", 4),) if first else (Act("rest", 1), Act("away", 4))
+    movement = played(*acts, Act("rest", 2), Act("away", 9), seconds=10 - first)
+    u = [float(NYU.project(movement.place.at(t))[0]) for t in np.arange(0, 10 - first, 0.5)]
+    gone = [not 0 < column < NYU.width for column in u]
+    assert gone[0] is first and gone[-1] and any(not now for now in gone)
+    back = 4.5 if first else 5.5
+    inside = movement.place.at(back)
+    assert 0 < NYU.project(inside)[0] < NYU.width
+    if not first:
+        np.testing.assert_allclose(inside, movement.place.at(0.0))
+
+
+def test_a_wave_turns_the_palm_to_and_fro() -> None:
+    """About the camera's axis, the hand open."""
+    movement = played(Act("wave", 4), seconds=4)
+    start = movement.palm.at(0.0)
+    turned = [float((movement.palm.at(t) * start.inv()).as_rotvec()[2]) for t in np.arange(0, 4, 0.05)]
+    assert max(turned) > 0.38 and min(turned) < -0.38
+
+
+def test_elbows_stay_on_their_side() -> None:
+    """So that an arm does not cross the other hand; of left hands, too."""
+    for side, outward in (("right", -1.0), ("left", 1.0)):
+        movement = played(Act("moving", 6), seconds=6, side=side, outward=outward)
+        for time in np.arange(0, 6, 0.5):
+            pose = movement.pose_at(time)
+            limb = (pose.capsules.b - pose.capsules.a)[0, SAMPLER.flesh.limbs][0]
+            limb /= np.linalg.norm(limb)
+            assert limb[0] * outward > -0.75 and limb[1] < 0.6 and limb[2] > -0.6
+
+
+def test_gestures_as_poses_by_name() -> None:
+    """Within the limits, rounded, of every DoF of fingers and thumb and of no other."""
+    sampler = BodySampler()
+    skeleton, found = sampler.skeleton, poses(BodySampler())
+    assert list(found) == list(sampler.poses) and found == poses(sampler)
+    for inputs in found.values():
+        assert len(inputs) == 20 and not any(name.startswith("palm") for name in inputs)
+        for name, value in inputs.items():
+            d = skeleton.dof_names.index(name)
+            assert skeleton.lower[d] - 1e-4 <= value <= skeleton.upper[d] + 1e-4 and value == round(value, 4)
+    bent, straight = (found[name]["middle_base_rot_x"] for name in ("fist", "open"))
+    assert bent < straight - 0.5
+
+
+def test_gestures_differ_and_keep_the_limits() -> None:
+    """Straight fingers are straight, bent ones are bent, and nothing sinks in."""
+    person = Person.draw(np.random.default_rng(5), SAMPLER)
+    tips = [SAMPLER.skeleton.joint_names.index(f"{finger}_tip") for finger in FINGERS]
+    palm = SAMPLER.skeleton.joint_names.index("palm")
+    for pose in SAMPLER.prior.pose:
+        bent = np.array([part.part for part in pose.bend])
+        inputs = fingers_of(pose.name, person, SAMPLER)
+        whole = np.zeros((1, len(person.flesh.whole.initial)))
+        whole[0, : len(inputs)] = inputs
+        joints = person.joints(whole)[0]
+        assert person.penetration_mm(whole)[0] <= SAMPLER.prior.penetration
+        reach = np.linalg.norm(joints[tips] - joints[palm], axis=1)
+        straight = bent < 0.2
+        if straight.any() and not straight.all():
+            assert reach[straight].min() > reach[bent > 0.7].max(initial=0.0)
+    names = list(SAMPLER.poses)
+    assert len({fingers_of(name, person, SAMPLER).tobytes() for name in names}) >= len(names) - 1  # point is one
+
+
+def test_choices_can_be_reached() -> None:
+    """Fingers that would run through each other on the way are not taken."""
+    rng = np.random.default_rng(6)
+    person = Person.draw(rng, SAMPLER)
+    choices = Choices(rng, SAMPLER, person, "right", 0.0)
+    fist = fingers_of("fist", person, SAMPLER)
+    assert choices.depth_between(fist, choices.fingers(fist)[None])[0] <= SAMPLER.prior.penetration
+
+
+@pytest.mark.parametrize("camera", [NYU, ICVL])
+def test_places_are_in_the_image(camera: object) -> None:
+    """Of a part of it, too, however narrow the camera sees; what is outside is outside."""
+    rng = np.random.default_rng(7)
+    assert isinstance(camera, type(NYU))
+    volume = Volume(camera, left=0.5).roomy()
+    for _ in range(50):
+        place = volume.place(rng)
+        u, v, d = camera.project(place)
+        assert 0.5 * camera.width < u < camera.width and 0 < v < camera.height and volume.near <= d <= volume.far
+        np.testing.assert_allclose(volume.kept(place), place)
+        assert not 0 < camera.project(volume.outside(place))[0] < camera.width
+    far_off = volume.kept(np.array([9e3, -9e3, 100.0]))
+    u, v, d = camera.project(far_off)
+    assert u < camera.width and v < camera.height and d == pytest.approx(volume.near)

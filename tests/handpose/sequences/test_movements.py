@@ -1,0 +1,111 @@
+"""handpose/sequences/movements.py"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from handpose.facts.sides import MIRROR
+from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Turns, Values, eased, posed
+from handpose.sequences.person import Person
+from handpose.synthetic.pose_prior import BodySampler
+
+SAMPLER = BodySampler()
+PERSON = Person.draw(np.random.default_rng(3), SAMPLER)
+HAND = SAMPLER.draw(np.random.default_rng(4), 2)
+ARM = np.zeros(len(PERSON.flesh.whole.initial) - len(SAMPLER.skeleton.initial))
+
+
+def test_a_stroke() -> None:
+    """Begins and ends at rest, is half done at half time, and its top speed is 1.875 of the mean."""
+    s = np.linspace(0, 1, 100001)
+    e = eased(s)
+    assert e[0] == 0 and e[-1] == 1 and e[50000] == pytest.approx(0.5)
+    assert np.diff(e).max() * 100000 == pytest.approx(TOP_SPEED, abs=1e-6)
+    np.testing.assert_array_equal(eased(np.array([-1.0, 2.0])), [0, 1])
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 2), st.floats(-0.9, 1), st.floats(-3, 3)), min_size=1, max_size=6))
+def test_values_stay_among_their_poses(strokes: list[tuple[float, float, float]]) -> None:
+    """However strokes overlap; and at the end there is the last pose."""
+    values = Values(np.array([0.0]))
+    for lasts, gap, to in strokes:
+        before = values.strokes.lasts[-1] if values.strokes.lasts else 0.0
+        values.move(values.strokes.end + gap * min(lasts, before), lasts, np.array([to]))
+    keys = np.concatenate(values.keys)
+    found = np.array([values.at(t)[0] for t in np.linspace(-1, values.strokes.end + 1, 60)])
+    assert (found >= keys.min() - 1e-9).all() and (found <= keys.max() + 1e-9).all()
+    assert found[0] == 0 and found[-1] == pytest.approx(keys[-1])
+
+
+def test_values_have_speed_and_acceleration_without_jumps() -> None:
+    """Two overlapping strokes pass their middle pose without a stop, and never faster than one."""
+    values = Values(np.array([0.0]))
+    values.move(0.5, 1.0, np.array([1.0]))
+    values.move(1.5 - OVERLAP, 1.0, np.array([2.0]))
+    t = np.arange(0, 3, 1e-3)
+    x = np.array([values.at(time)[0] for time in t])
+    speed, acceleration = np.diff(x) / 1e-3, np.diff(x, 2) / 1e-6
+    assert np.abs(np.diff(speed)).max() < 0.01 and np.abs(np.diff(acceleration)).max() < 0.1
+    assert speed.max() == pytest.approx(TOP_SPEED, abs=1e-4)
+    assert speed[(t[1:] > 0.7) & (t[1:] < 2.0)].min() > 0.4
+
+
+def test_turns_take_the_shortest_way() -> None:
+    """About a steady axis, by at most half a turn, through the poses."""
+    keys = Rotation.random(3, np.random.default_rng(0))
+    turns = Turns(keys[0])
+    assert (turns.at(5.0) * keys[0].inv()).magnitude() < 1e-12
+    turns.move(1.0, 1.0, keys[1])
+    turns.move(3.0, 1.0, keys[2])
+    for time, key in ((0.0, 0), (2.5, 1), (9.0, 2)):
+        assert (turns.at(time) * keys[key].inv()).magnitude() < 1e-9
+    whole = (keys[0].inv() * keys[1]).as_rotvec()
+    for time in (1.2, 1.5, 1.9):
+        part = (keys[0].inv() * turns.at(time)).as_rotvec()
+        np.testing.assert_allclose(part, whole * eased(np.array([time - 1.0])), atol=1e-9)
+        assert np.linalg.norm(part) <= np.pi
+
+
+def test_overlapping_turns_have_no_jumps() -> None:
+    """Nor where one stroke ends, nor where the angles of the palm jump by a whole turn."""
+    keys = Rotation.random(3, np.random.default_rng(1))
+    turns = Turns(keys[0])
+    turns.move(0.0, 1.0, keys[1])
+    turns.move(0.7, 1.0, keys[2])
+    found = [turns.at(t) for t in np.arange(0, 2, 1e-3)]
+    speed = np.array([(a.inv() * b).as_rotvec() for a, b in itertools.pairwise(found)]) / 1e-3
+    assert np.abs(np.diff(speed, axis=0)).max() < 0.05
+
+
+def test_posed_hands_have_their_middle_at_the_origin() -> None:
+    """The palm is turned as asked for, whatever person it is."""
+    palm = Rotation.random(2, np.random.default_rng(2))
+    fingers = HAND.inputs.copy()
+    whole = posed(SAMPLER, PERSON, fingers, palm, np.stack([ARM, ARM]))
+    kinematics = PERSON.flesh.kinematics
+    pose = kinematics.forward(whole, np.stack([PERSON.bones, PERSON.bones]))
+    joint = SAMPLER.skeleton.joint_names.index("palm")
+    np.testing.assert_allclose(kinematics.rotation_of(pose, joint), palm.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(pose.joints[:, joint] + palm.apply(PERSON.center), 0, atol=1e-9)
+    np.testing.assert_array_equal(whole[:, SAMPLER.limbs], fingers[:, SAMPLER.limbs])
+
+
+def test_a_left_hand_is_the_mirror_image() -> None:
+    """About the middle of its crop, which is not mirrored; joints and flesh alike."""
+    place, palm = np.array([100.0, 50.0, 600.0]), Rotation.from_euler("z", 0.3)
+    right, left = (
+        Movement(SAMPLER, PERSON, side, HAND.inputs[0], palm, ARM, place).pose_at(1.0) for side in ("right", "left")
+    )
+    np.testing.assert_allclose(left.xyz - place, (right.xyz - place) * MIRROR, atol=1e-9)
+    np.testing.assert_allclose(left.capsules.a - place, (right.capsules.a - place) * MIRROR, atol=1e-9)
+    np.testing.assert_array_equal(left.inputs, right.inputs)
+    ends = np.concatenate([right.capsules.a[0], right.capsules.b[0]])
+    radii = np.concatenate([right.capsules.radius_a[0], right.capsules.radius_b[0]])
+    inside = np.linalg.norm(right.xyz[:, None] - ends, axis=2) < radii
+    assert inside.any(axis=1).all()  # joints are in their flesh

@@ -1,0 +1,164 @@
+"""handpose/sequences/recordings.py, stage.py, scripts.py and surroundings.py"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import ICVL, NYU, SR305, Camera
+from handpose.scoring.tracks import score
+from handpose.sequences.acts import Act
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import SCRIPTS, Role, Script
+from handpose.surface.render import in_front
+from handpose.synthetic.scenes import render_image
+from handpose.track_files.reasons import HIDDEN, LEFT, PARTLY
+from handpose.track_files.track import joints_of
+from netlib.errors import DataError
+
+
+def test_frames_are_the_same_every_time() -> None:
+    """In whatever order; the noise of each frame is its own, and another seed is another recording."""
+    recording, again = (SyntheticRecording("rest", ICVL, seconds=0.1, seed=3) for _ in range(2))
+    once, twice = list(recording), [again.frame(n) for n in (2, 1, 0)][::-1]
+    assert recording.count == 3 and [frame.number for frame in once] == [0, 1, 2]
+    assert [frame.time for frame in once] == [0, 1 / 30, 2 / 30]
+    for one, two in zip(once, twice):
+        np.testing.assert_array_equal(one.depth, two.depth)
+        assert one.depth.dtype == np.float32 and one.depth.shape == (240, 320)
+    assert not np.array_equal(once[0].depth, once[1].depth)
+    other = SyntheticRecording("rest", ICVL, seconds=0.1, seed=4)
+    assert not np.array_equal(once[0].depth, other.frame(0).depth)
+
+
+def test_a_camera_keeps_its_noise_and_its_background() -> None:
+    """The level of the noise is drawn once: of a hand that keeps still all frames are equally noisy."""
+    recording = SyntheticRecording("rest", ICVL, seconds=1)
+    assert recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
+    clean = SyntheticRecording("rest", ICVL, seconds=1, sensor=None)
+    truth = clean.frame(0).depth
+    off = np.abs(np.stack([frame.depth for frame in recording]) - truth)[:, truth > 0]
+    noise = np.mean(off, axis=1, where=off < 10)  # away from edges
+    assert noise.max() < 1.2 * noise.min() and noise.min() > 0.1
+    assert all(np.array_equal(frame.depth, truth) for frame in clean)
+
+
+def test_the_truth_is_what_is_seen() -> None:
+    """Its flesh, rendered, is what a camera without faults sees; joints are those of the inputs."""
+    for script in ("moving", "left"):
+        recording = SyntheticRecording(script, NYU, seconds=4, rate=1, sensor=None)
+        header = recording.header
+        for frame, truth in zip(recording, recording.truths()):
+            (hand,) = truth.hands
+            assert hand.hand == ("left" if script == "left" else "right") and hand.confidence == 1 and hand.capsules
+            alone = render_image(in_front(hand.capsules), NYU, np.inf)[0]
+            seen = np.isfinite(alone)
+            near = np.abs(frame.depth - alone)[seen] <= 0.5  # but for the sleeve
+            assert near.mean() > 0.6 and (frame.depth[seen] <= alone[seen] + 0.5).all()
+            xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
+            np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
+            np.testing.assert_allclose(hand.center_uvd, NYU.project(hand.origin_mm))
+
+
+def test_rate_and_length_do_not_change_the_movement() -> None:
+    """A frame at the same time shows the same hand."""
+    slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=3, sensor=None) for rate in (10, 60))
+    longer = SyntheticRecording("moving", ICVL, rate=10, seconds=9, sensor=None)
+    np.testing.assert_array_equal(slow.frame(25).depth, fast.frame(150).depth)
+    np.testing.assert_array_equal(slow.frame(25).depth, longer.frame(25).depth)
+
+
+def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
+    """In sight, partly, gone, partly, in sight; the truth says since when, in any order of asking."""
+    recording = SyntheticRecording("leaves", ICVL, seconds=9, rate=15)
+    truths = list(recording.truths())
+    states = [truth.lost[0].reason if truth.lost else "" for truth in truths]
+    assert [state for state, _ in itertools.groupby(states)] == ["", PARTLY, LEFT, PARTLY, ""]
+    gone = states.index(LEFT)
+    last = max(n for n in range(gone) if truths[n].hands)
+    assert truths[gone].lost[0].since == pytest.approx(last / 15) and not truths[gone].hands
+    again = SyntheticRecording("leaves", ICVL, seconds=9, rate=15)
+    assert again.truth(gone + 5).lost == truths[gone + 5].lost
+
+
+def test_a_hand_that_never_was_there_is_not_lost() -> None:
+    """It comes, for the first time."""
+    script = Script(3, (Role("left", (Act("away", 2.5), Act("rest", 1))),))
+    truths = list(SyntheticRecording(script, ICVL, rate=10).truths())
+    assert not truths[0].hands and not truths[0].lost and truths[-1].hands[0].hand == "left"
+    assert {lost.reason for truth in truths for lost in truth.lost} <= {PARTLY}
+
+
+def test_two_hands_of_one_person_and_of_two() -> None:
+    """One person's hands have the same bones; hands keep to their halves, the right one to the left in the image."""
+    one = SyntheticRecording("two_hands", ICVL, rate=2, seconds=8)
+    for truth in one.truths():
+        right, left = truth.hands
+        assert (right.hand, left.hand) == ("right", "left") and right.id == 0 and left.id == 1
+        np.testing.assert_array_equal(right.bones, left.bones)
+        assert right.center_uvd[0] < 160 < left.center_uvd[0]
+    two = SyntheticRecording("two_people", ICVL, rate=2, seconds=1).truth(0).hands
+    assert two[0].hand == two[1].hand == "right" and not np.array_equal(two[0].bones, two[1].bones)
+    other = SyntheticRecording("two_hands", ICVL, rate=2, seconds=1, mirrored=True).truth(0).hands
+    assert [hand.hand for hand in other] == ["left", "right"] and other[0].center_uvd[0] > other[1].center_uvd[0]
+
+
+def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
+    """Then the hidden one is lost, or partly in sight."""
+    lively = (Act("moving", 20),)
+    script = Script(20, (Role("right", lively), Role("left", lively)), apart=False)
+    truths = list(SyntheticRecording(script, ICVL, rate=3, seed=1).truths())
+    reasons = {lost.reason for truth in truths for lost in truth.lost}
+    assert reasons & {HIDDEN, PARTLY}
+
+
+def test_a_body_stands_behind() -> None:
+    """Where there is nothing, or a wall, without it; and it does not move."""
+    body, arms = (
+        SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, sensor=None) for own in (True, False)
+    )
+    seen = body.frame(0).depth
+    assert ((seen > 700) & (seen < 1100)).mean() > 0.1
+    arm = arms.frame(0).depth
+    assert ((arm > 700) & (arm < 1100)).mean() < 0.1
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_scripts(name: str) -> None:
+    """All begin with a hand in sight, keep it in sight for most of the time, and score themselves without a fault."""
+    recording = SyntheticRecording(name, ICVL, rate=2)
+    truths = list(recording.truths())
+    assert len(truths) == recording.count == 2 * SCRIPTS[name].seconds
+    assert truths[0].hands and np.mean([bool(truth.hands) for truth in truths]) > 0.6
+    scores = score(recording.header, truths, truths)
+    assert scores.found == 1 and scores.invented == 0
+    if name == "minute":
+        assert {len(truth.hands) for truth in truths} >= {0, 1, 2}
+    if name != "leaves":
+        partly = sum(lost.reason == PARTLY for truth in truths for lost in truth.lost)
+        assert partly < 0.15 * len(truths)
+
+
+def test_cameras() -> None:
+    """Any camera; a pixel holds whole units of its own."""
+    own = SyntheticRecording("rest", Camera("own", 400, 400, 100, 90, 0, 0), seconds=0.1)
+    assert own.frame(0).depth.shape == (180, 200) and own.truth(0).hands
+    coded = SyntheticRecording("rest", SR305, seconds=0.1)
+    stored = coded.frame(0).depth / coded.unit_mm
+    assert coded.unit_mm == 0.125
+    np.testing.assert_array_equal(stored, np.rint(stored))
+
+
+def test_what_cannot_be_recorded() -> None:
+    """One line, with what was expected."""
+    with pytest.raises(DataError, match=r"script 'wawe'.*expected one of rest, gestures"):
+        SyntheticRecording("wawe")
+    for wrong in ({"rate": 0.0}, {"seconds": -1.0}, {"seconds": float("nan")}, {"seconds": 1e300}, {"seed": -1}):
+        with pytest.raises(DataError, match="expected more than 0 and at most 36000 s"):
+            SyntheticRecording("rest", **wrong)
+    for middle in (-3.0, 0.0, 1e6):
+        with pytest.raises(DataError, match=r"camera own: images of .* pixels; expected 1 to 16384 each way"):
+            SyntheticRecording("rest", Camera("own", 500, 500, middle, 240, 0, 0))

@@ -1,0 +1,117 @@
+"""An Azure Kinect's recordings: files made here with the structure that k4arecord writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import azure_file
+import numpy as np
+import pytest
+
+from handpose.facts.cameras import Camera
+from handpose.sources.given import Given
+from handpose.sources.lens import Lens
+from handpose.sources.video import open_video
+from netlib.errors import DataError
+
+pytest.importorskip("av", reason="PyAV is missing: pip install av")
+
+# Sizes, and where the pixel at the sensor's middle is: half a pixel before the middle of a grid that is not cropped.
+MODES = [
+    ("NFOV_UNBINNED", (576, 640), (512 - 192 - 0.5, 512 - 180 - 0.5), 512),
+    ("NFOV_2X2BINNED", (288, 320), (256 - 96 - 0.5, 256 - 90 - 0.5), 256),
+    ("WFOV_UNBINNED", (1024, 1024), (511.5, 511.5), 512),
+    ("WFOV_2X2BINNED", (512, 512), (255.5, 255.5), 256),
+]
+MIDDLE = [0.5, 0.5, 0.5, 0.5, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]  # cx cy fx fy and no distortion
+
+
+def depth(shape: tuple[int, int] = (288, 320), count: int = 3) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(0).integers(0, 6000, (count, *shape)).astype(np.uint16)
+
+
+def put(folder: Path, said: Any = None, **more: Any) -> Path:
+    return azure_file.write(folder / "a.mkv", depth(), said=said or azure_file.calibration(), **more)
+
+
+@pytest.mark.parametrize(("mode", "shape", "middle", "focal"), MODES)
+def test_depth_and_camera(
+    tmp_path: Path, mode: str, shape: tuple[int, int], middle: tuple[float, float], focal: float
+) -> None:
+    """Millimetres of the track DEPTH, not of the infrared; the calibration in the pixels of the mode."""
+    images = depth(shape, 2)
+    path = azure_file.write(tmp_path / "a.mkv", images, mode, azure_file.calibration(MIDDLE))
+    recording = open_video(path, Given())
+    camera = recording.camera
+    assert (camera.u0, camera.v0, camera.fx, camera.fy) == (*middle, focal, focal)
+    assert (camera.height, camera.width, recording.unit_mm, recording.rate) == (*shape, 1.0, 30.0)
+    read = list(recording)
+    assert [f.time for f in read] == pytest.approx([0, 1 / 30], abs=0.0006)
+    assert all(np.array_equal(f.depth, image) for f, image in zip(read, images))
+    assert recording.cut == ""
+
+
+def test_the_lens(tmp_path: Path) -> None:
+    """Is that of the calibration, p2 before p1, in OpenCV's order: the same as if it had been given."""
+    path = put(tmp_path)
+    own = open_video(path, Given())
+    k = azure_file.NUMBERS
+    lens = Lens((k[4], k[5], k[13], k[12], *k[6:10]))
+    same = open_video(path, Given(own.camera, lens))
+    none = open_video(path, Given(own.camera, Lens()))
+    first = next(iter(own)).depth
+    assert np.array_equal(first, next(iter(same)).depth)
+    assert not np.array_equal(first, next(iter(none)).depth)
+
+
+def test_without_a_calibration(tmp_path: Path) -> None:
+    """The camera must be given; the unit is known."""
+    path = azure_file.write(tmp_path / "a.mkv", depth())
+    with pytest.raises(DataError, match="which camera"):
+        open_video(path, Given())
+    camera = Camera("own", 250, 250, 160, 144, 0, 0)
+    assert open_video(path, Given(camera=camera, origin="--camera")).unit_mm == 1.0
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (b"no JSON", "is not JSON"),
+        (b'{"CalibrationInformation": {"Cameras": []}}', "not the calibration of a depth camera"),
+        (azure_file.calibration(azure_file.NUMBERS[:9]), "not the calibration of a depth camera"),
+        (azure_file.calibration([0.5, 0.5, -1, *azure_file.NUMBERS[3:]]), "finite and positive"),
+        (azure_file.calibration(SensorWidth=640), r"expected one of \(1024, 1024\)"),
+        (azure_file.calibration([*azure_file.NUMBERS[:10], 0.1, 0, 0, 0]), r"about \(0.1, 0\)"),
+    ],
+)
+def test_calibrations_that_are_none(tmp_path: Path, said: Any, expected: str) -> None:
+    """Are one line with the file's name."""
+    with pytest.raises(DataError, match=rf"a\.mkv: .*{expected}"):
+        open_video(put(tmp_path, said), Given())
+
+
+@pytest.mark.parametrize("model", ["Theta", "Polynomial3K", "Rational6KT"])
+def test_lenses_that_are_not_modelled(tmp_path: Path, model: str) -> None:
+    """No device is known to have them."""
+    intrinsics = {"ModelParameters": azure_file.NUMBERS, "ModelType": f"CALIBRATION_LensDistortionModel{model}"}
+    with pytest.raises(DataError, match=model):
+        open_video(put(tmp_path, azure_file.calibration(Intrinsics=intrinsics)), Given())
+
+
+def test_what_has_no_depth(tmp_path: Path) -> None:
+    """Passive infrared, or a mode that nobody knows."""
+    with pytest.raises(DataError, match="no track DEPTH, only IR, COLOR"):
+        open_video(put(tmp_path, track="COLOR"), Given())
+    with pytest.raises(DataError, match="depth mode 'PASSIVE_IR'; expected NFOV_UNBINNED"):
+        open_video(put(tmp_path, mode="PASSIVE_IR"), Given())
+
+
+def test_a_cut_file(tmp_path: Path) -> None:
+    """Gives its whole frames."""
+    path = put(tmp_path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) - 100_000])
+    recording = open_video(path, Given())
+    assert len(list(recording)) == 2
+    assert recording.cut != ""

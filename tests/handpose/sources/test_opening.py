@@ -1,0 +1,83 @@
+"""handpose/sources/opening.py: which reader takes which source."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handpose.sources.folder import FolderRecording
+from handpose.sources.given import NOTHING, Given
+from handpose.sources.opening import open_recording
+from handpose.sources.stack import StackRecording
+from netlib.errors import DataError
+from tests.handpose.sources.conftest import GIVEN, hand_sized
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, Given]]:
+    """What was asked of the readers that need packages, which are not asked here."""
+    found: list[tuple[str, object, Given]] = []
+    for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), ("realsense", "open_live")):
+
+        def opened(source: object, given: Given, name: str = name) -> None:
+            found.append((name, source, given))
+
+        monkeypatch.setitem(sys.modules, f"handpose.sources.{module}", SimpleNamespace(**{name: opened}))
+    return found
+
+
+def test_folders_and_pictures(folder: Path) -> None:
+    """Also by a pattern, and a text."""
+    for source in (folder, str(folder), folder / "*.png", folder / "1.png"):
+        with open_recording(source, GIVEN) as recording:
+            assert isinstance(recording, FolderRecording)
+
+
+def test_stacks(tmp_path: Path) -> None:
+    """In capitals, too."""
+    np.save(tmp_path / "a.npy", hand_sized()[None])
+    (tmp_path / "a.npy").rename(tmp_path / "B.NPY")
+    assert isinstance(open_recording(tmp_path / "B.NPY", GIVEN), StackRecording)
+
+
+@pytest.mark.parametrize(
+    ("name", "reader"),
+    [("a.mkv", "open_video"), ("A.AVI", "open_video"), ("a.bag", "open_bag"), ("a.mcap", "open_bag")],
+)
+def test_containers(tmp_path: Path, asked: list[tuple[str, object, Given]], name: str, reader: str) -> None:
+    """Their modules are loaded when they are needed."""
+    (tmp_path / name).touch()
+    open_recording(tmp_path / name, GIVEN)
+    assert asked == [(reader, tmp_path / name, GIVEN)]
+
+
+def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, Given]]) -> None:
+    """As ROS 2 writes it."""
+    (tmp_path / "metadata.yaml").touch()
+    open_recording(tmp_path)
+    assert asked == [("open_bag", tmp_path, NOTHING)]
+
+
+def test_a_live_camera(asked: list[tuple[str, object, Given]]) -> None:
+    """The first one, or one by its number."""
+    open_recording("realsense")
+    open_recording("realsense:0123", GIVEN)
+    assert asked == [("open_live", None, NOTHING), ("open_live", "0123", GIVEN)]
+
+
+@pytest.mark.parametrize("name", ["none.npz", "none.mkv", "none.bag", "none", "none/of/these.png"])
+def test_what_is_not_there(tmp_path: Path, name: str) -> None:
+    """One line, before anything is loaded."""
+    with pytest.raises(DataError, match=f"^{tmp_path / name}: (no such file|no such file or folder)$"):
+        open_recording(tmp_path / name)
+
+
+def test_what_is_no_recording(tmp_path: Path) -> None:
+    """The line says what is."""
+    (tmp_path / "a.txt").touch()
+    with pytest.raises(DataError, match=r"a\.txt: not a recording; expected a folder .*\.npz.*realsense"):
+        open_recording(tmp_path / "a.txt")

@@ -1,0 +1,79 @@
+"""handpose/track_files/growing.py: whatever happens, the file is a whole one or the old one"""
+
+from __future__ import annotations
+
+import errno
+import io
+from pathlib import Path
+
+import pytest
+
+from handpose.track_files.growing import GrowingFile
+
+
+def test_pieces_one_after_the_other(tmp_path: Path) -> None:
+    """Nothing stands under the name before the end, and nothing else afterwards."""
+    path = tmp_path / "a.txt"
+    with GrowingFile(path, b"<", b">") as file:
+        for piece in (b"a", b"b"):
+            file.append(piece)
+        assert not path.exists()
+    assert path.read_bytes() == b"<ab>"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_another_end(tmp_path: Path) -> None:
+    """For the one who knows that all went well."""
+    with GrowingFile(tmp_path / "a.txt", b"<", b" cut>") as file:
+        file.append(b"a")
+        file.finish(b">")
+    assert (tmp_path / "a.txt").read_bytes() == b"<a>"
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
+def test_a_piece_that_was_not_written_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    """Is not in the file; an error of the disk has the file's name."""
+    path = tmp_path / "a.txt"
+    file = GrowingFile(path, b"<", b">")
+    with pytest.raises(type(error)) as caught, file:
+        file.append(b"a")
+        monkeypatch.setattr(file, "_stream", Stream(file._stream, error))
+        file.append(b"wrong")
+    assert path.read_bytes() == b"<a>"
+    assert getattr(caught.value, "filename", str(path)) == str(path)
+
+
+class Stream:
+    """A file on a disk that takes half of what is wrong."""
+
+    def __init__(self, stream: io.FileIO, error: BaseException) -> None:
+        self._stream, self._error = stream, error
+
+    def write(self, content: bytes) -> int:
+        if content.startswith(b"wrong"):
+            self._stream.write(content[:3])
+            raise self._error
+        return self._stream.write(content)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._stream, name)
+
+
+def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
+    """Whatever the error."""
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(KeyboardInterrupt), GrowingFile(tmp_path / "a.txt", b"<", b">"):
+        raise KeyboardInterrupt
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("name", ["folder", "none/a.txt"])
+def test_where_no_file_can_be(tmp_path: Path, name: str) -> None:
+    """Said before any work is done."""
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError) as caught, GrowingFile(tmp_path / name):
+        pytest.fail("began all the same")
+    assert caught.value.filename == str(tmp_path / name)
