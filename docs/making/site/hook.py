@@ -53,8 +53,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         made.append(_file(config, path, InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV))
     for path in sorted(site.as_they_are):
         made.append(_file(config, path, InclusionLevel.NOT_IN_NAV))
-    for asset in sorted((HERE / "assets").iterdir()):
-        made.append(File(f"assets/{asset.name}", str(HERE), config.site_dir, config.use_directory_urls))
+    for asset in sorted(path for path in (HERE / "assets").rglob("*") if path.is_file()):
+        path = asset.relative_to(HERE).as_posix()
+        made.append(File(path, str(HERE), config.site_dir, config.use_directory_urls))
     for path in sorted(site.sources):
         boost = 0.3 if path.startswith("tests/") else 1
         text = f"---\ntitle: {path}\nhide: [navigation, toc]\nsource: {path}\nsearch: {{boost: {boost}}}\n---\n"

@@ -72,6 +72,16 @@ def test_pages_are_embedded_in_their_chapters(site: Path) -> None:
     assert (site / "docs/hand.html").is_file()
 
 
+def test_formulas_are_set_without_a_network(site: Path) -> None:
+    """KaTeX, its fonts and the script that calls it are in the site; every formula is an element of its own."""
+    page = (site / "docs/book/6_descent.html").read_text(encoding="utf-8")
+    assert page.count('<div class="arithmatex">') >= 8 and "$$" not in page
+    assert "../../assets/katex/katex.min.js" in page and "../../assets/math.js" in page
+    style = (site / "assets/katex/katex.min.css").read_text(encoding="utf-8")
+    fonts = set(re.findall(r"url\((fonts/[^)]+\.woff2)\)", style))
+    assert fonts and all((site / "assets/katex" / font).is_file() for font in fonts)
+
+
 def test_the_search_works_from_the_disk(site: Path) -> None:
     """Its index is a script, and knows what layers say; it has no code in it."""
     text = (site / "search/search_index.js").read_text(encoding="utf-8").removeprefix("var __index = ")
