@@ -14,16 +14,20 @@ from netlib.files.paths import ROOT, command
 WIDTH = 116  # of a comment, with its indentation
 
 
-def stub(exercise: Exercise) -> str:
-    """The text of the file that a reader begins with. Raises DataError if our source cannot be read."""
+def stub(exercise: Exercise, *, bare: bool = False) -> str:
+    """The text of the file that a reader begins with; ``bare``: without the formulas and the hints.
+
+    Raises DataError if our source cannot be read.
+    """
     text = files.read_text(ROOT / exercise.file, "the source")
     lines, tree = text.splitlines(), ast.parse(text)
     there = dict(functions(tree))
     for name in sorted(exercise.to_do, key=lambda name: -there[name].lineno):
         function = there[name]
         first, last = _body(function)
-        lines[first - 1 : last] = _instead(exercise.to_do[name], function.body[0].col_offset)
+        lines[first - 1 : last] = _instead("" if bare else exercise.to_do[name], function.body[0].col_offset)
     text = "\n".join(lines) + "\n"
+    text = _without_formulas(text) if bare else text
     text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
     return f"# Write what raises NotImplementedError, then: {command('exercise')} {exercise.name}\n{text}"
 
@@ -34,6 +38,15 @@ def _body(function: ast.FunctionDef) -> tuple[int, int]:
     has_docstring = ast.get_docstring(function) is not None
     first = (body[0].end_lineno or 0) + 1 if has_docstring else body[0].lineno
     return first, function.end_lineno or first
+
+
+def _without_formulas(text: str) -> str:
+    """The text with no more of its docstring than the title and what the bottoms, parameters and tops are."""
+    docstring = ast.parse(text).body[0]
+    paragraphs = (ast.get_docstring(ast.parse(text)) or "").split("\n\n")
+    blobs = [one for one in paragraphs[1:] if one.startswith(("bottom[", "top["))]
+    rest = text.splitlines()[docstring.end_lineno :]
+    return "\n".join(['"""' + "\n\n".join([paragraphs[0], *blobs]) + ('\n"""' if blobs else '"""'), *rest]) + "\n"
 
 
 def _instead(task: str, indent: int) -> list[str]:

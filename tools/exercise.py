@@ -3,18 +3,22 @@
 
     python tools/exercise.py
     python tools/exercise.py relu --start
+    python tools/exercise.py relu --bug 1
     python tools/exercise.py relu
 
-The first lists the exercises. --start writes relu.py into the working folder: our own file, without the bodies that are
-to be written. The last checks it: shapes, values against those of Caffe, the gradient against differences, and the
-paper's network with it. The first difference is explained. The file is a program: what stands in it is run, in a
-process of its own.
+The first lists the exercises, with a tick at those that have passed here. --start writes relu.py into the working
+folder: our own file, without the bodies that are to be written; with --bare without the formulas, too. --bug writes
+relu_bug.py, our own file with a mistake in it, to be found. The last checks it: shapes, values against those of Caffe,
+the gradient against differences, and the paper's network with it. The first difference is explained. The file is a
+program: its code is run, in a process of its own.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
+import json
 import sys
 import textwrap
 from pathlib import Path
@@ -26,6 +30,7 @@ import tools
 tools.begin(__name__)
 
 from exercises import process
+from exercises.bugs import bugs
 from exercises.checking import Step
 from exercises.exercise import Exercise
 from exercises.reading import ExerciseError
@@ -34,9 +39,11 @@ from exercises.table import EXERCISES
 from netlib.errors import did_you_mean
 from netlib.files import atomic
 from netlib.files.paths import ROOT, command, exists
-from tools.common.arguments import natural, parser_of, positive_number
+from tools.common.arguments import natural, parser_of, positive, positive_number
 from tools.common.console import DONE, FAILED, guarded, say
 from tools.common.progress import ProgressBar
+
+PROGRESS = Path(".exercises.json")  # in the working folder: which files have passed
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -44,6 +51,9 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("name", metavar="NAME", nargs="?", help="the exercise; without one they are listed")
     parser.add_argument("--start", action="store_true", help="write the stub, NAME.py, into the working folder")
+    parser.add_argument("--bare", action="store_true", help="with --start: a stub without formulas and hints")
+    parser.add_argument("--bug", type=positive, metavar="N",
+                        help="write NAME_bug.py, our file with the Nth known mistake in it, to be found")  # fmt: skip
     parser.add_argument("--file", metavar="FILE",
                         help="what to check (default: NAME.py here, else in docs/exercises)")  # fmt: skip
     parser.add_argument("--iterations", type=natural, default=20, metavar="N",
@@ -54,8 +64,12 @@ def main(argv: list[str] | None = None) -> int:
     if args.name is not None and args.name not in EXERCISES:
         known, meant = ", ".join(EXERCISES), did_you_mean(args.name.lower(), EXERCISES)
         parser.error(f"there is no exercise {args.name!r}{meant}; there are {known}")
-    if args.name is None and (args.start or args.file is not None):
-        parser.error("--start and --file need the NAME of an exercise")
+    if args.name is None and (args.start or args.bug or args.file is not None):
+        parser.error("--start, --bug and --file need the NAME of an exercise")
+    if args.bare and not args.start:
+        parser.error("--bare goes with --start")
+    if args.bug and (args.start or args.file is not None):
+        parser.error("--bug writes NAME_bug.py; give --file when you check it")
     if args.start and args.file is not None:
         parser.error("--start writes NAME.py; give --file when you check it")
     return guarded(run, args)
@@ -67,25 +81,59 @@ def run(args: argparse.Namespace) -> int:
         return show_all()
     exercise = EXERCISES[args.name]
     if args.start:
-        return start(exercise)
+        return start(exercise, bare=args.bare)
+    if args.bug:
+        return plant(exercise, args.bug)
     path = Path(args.file) if args.file is not None else file_of(exercise)
     return check(exercise, path, args.iterations, args.limit, not args.no_python_layers)
 
 
 def show_all() -> int:
-    """The exercises in the order of the book."""
+    """The exercises in the order of the book; a tick at those whose file here has passed, a point at those begun."""
+    passed = _passed()
     for number, exercise in enumerate(EXERCISES.values(), 1):
-        say(f"{number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
+        begun = exists(Path(f"{exercise.name}.py"))
+        mark = "✓" if begun and passed.get(exercise.name) == _checksum(exercise) else "·" if begun else " "
+        say(f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
     say(f"Begin one: {command('exercise')} relu --start")
     return DONE
 
 
-def start(exercise: Exercise) -> int:
+def _checksum(exercise: Exercise) -> str:
+    """Of the reader's file in the working folder."""
+    return hashlib.sha256(Path(f"{exercise.name}.py").read_bytes()).hexdigest()
+
+
+def _passed() -> dict[str, str]:
+    """Of each exercise that has passed here, the checksum of the file that did; nothing if the list is not readable."""
+    try:
+        found = json.loads(PROGRESS.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def plant(exercise: Exercise, number: int) -> int:
+    """Write our file with a bug. Raises ExerciseError if there is no such bug, or the file is there."""
+    files, path = bugs(exercise), Path(f"{exercise.name}_bug.py")
+    if not 1 <= number <= len(files):
+        raise ExerciseError(f"{exercise.name} has {len(files)} bugs to find; there is no bug {number}")
+    if exists(path) or path.is_symlink():
+        raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
+    atomic.replace_text(path, files[number - 1])
+    say(
+        f"wrote {path}: bug {number} of {len(files)}. Read it, mend it, then: "
+        f"{command('exercise')} {exercise.name} --file {path}"
+    )
+    return DONE
+
+
+def start(exercise: Exercise, *, bare: bool = False) -> int:
     """Write the stub; a file that is there is somebody's work, and stays. Raises ExerciseError."""
     path = Path(f"{exercise.name}.py")
     if exists(path) or path.is_symlink():
         raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
-    atomic.replace_text(path, stub(exercise))
+    atomic.replace_text(path, stub(exercise, bare=bare))
     say(f"wrote {path}: {exercise.title}")
     say(f"Write {', '.join(exercise.to_do)}; then: {command('exercise')} {exercise.name}")
     return DONE
@@ -116,6 +164,8 @@ def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, pytho
             progress(news)
     if not passed:
         return FAILED
+    if path == Path(f"{exercise.name}.py"):
+        atomic.replace_text(PROGRESS, json.dumps(_passed() | {exercise.name: _checksum(exercise)}, indent=1) + "\n")
     say(f"All of it is right. Ours, to compare: {exercise.file}")
     return DONE
 

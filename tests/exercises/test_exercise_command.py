@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from exercises.bugs import bugs
+from exercises.checking import steps
+from exercises.reading import ReadersFile
 from exercises.table import EXERCISES
 from tests.tools.conftest import ROOT
 from tools import exercise as command
@@ -22,7 +25,7 @@ def test_the_list(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every exercise with its chapter, and how to begin."""
     assert command.main([]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[1] for line in lines[:-1]] == list(EXERCISES)
+    assert [line.split()[1] for line in lines[:-1]] == list(EXERCISES)  # no mark: none is begun
     assert lines[-1] == "Begin one: python tools/exercise.py relu --start"
 
 
@@ -47,6 +50,58 @@ def test_a_solution(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert lines[0] == "Split: one blob for several readers (split.py)"
     assert [line[0] for line in lines[1:-1]] == ["✓"] * 5
     assert lines[-1] == "All of it is right. Ours, to compare: layers/common/split.py"
+
+
+def test_the_list_shows_progress(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A tick where the file here has passed as it is, a point where one is begun or was changed since."""
+    text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
+    (work / "split.py").write_text(text)
+    assert command.main(["relu", "--start"]) == command.main(["split", "--iterations", "0"]) == 0
+    for after, mark in ((text, "✓"), (text + "# changed", "·")):
+        (work / "split.py").write_text(after)
+        capsys.readouterr()
+        command.main([])
+        lines = capsys.readouterr().out.splitlines()
+        assert [line[0] for line in lines[:5]] == ["·", " ", " ", " ", mark]
+    (work / ".exercises.json").write_text("[")
+    assert command.main([]) == 0
+
+
+def test_bare(work: Path) -> None:
+    """Blobs and signatures, and neither formulas nor hints."""
+    assert command.main(["relu", "--start", "--bare"]) == 0
+    text = (work / "relu.py").read_text(encoding="utf-8")
+    assert "bottom[0]" in text and "dx =" not in text and "y = g x" not in text
+    assert text.count("raise NotImplementedError") == 3 and "# Give" not in text
+
+
+def test_a_bug_to_find(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file that is checked like a solution, and is right when it is mended."""
+    assert command.main(["sgd", "--bug", "1"]) == 0
+    assert command.main(["sgd", "--bug", "1"]) == 1
+    text = (work / "sgd_bug.py").read_text(encoding="utf-8")
+    assert command.main(["sgd", "--file", "sgd_bug.py"]) == 1
+    assert "The rate is applied when w is changed" in " ".join(capsys.readouterr().out.split())
+    mended = text.replace("h[...] = p.momentum * h + g", "h[...] = p.momentum * h + rate * g", 1)
+    (work / "sgd_bug.py").write_text(mended.replace("w -= rate * h", "w -= h", 1))
+    assert command.main(["sgd", "--file", "sgd_bug.py", "--iterations", "0"]) == 0
+    assert command.main(["sgd", "--bug", "99"]) == 1
+    assert "bugs to find; there is no bug 99" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", EXERCISES)
+def test_every_bug_is_one(name: str, work: Path) -> None:
+    """Each planted file is read, and fails with the words of its mistake."""
+    exercise = EXERCISES[name]
+    found = set()
+    for text in bugs(exercise):
+        (work / f"{name}.py").write_text(text)
+        reader = ReadersFile(exercise, Path(f"{name}.py"))
+        *_, step = steps(exercise, reader.part, reader)
+        said = [m.advice for m in exercise.mistakes if any(line.endswith(m.advice) for line in step.lines)]
+        assert not step.passed and len(said) == 1
+        found.add(said[0])
+    assert len(found) == len(bugs(exercise))
 
 
 def test_a_file_that_is_not_right(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -83,10 +138,13 @@ def test_no_file_at_all(work: Path, capsys: pytest.CaptureFixture[str], monkeypa
     ("argv", "said"),
     [
         (["relo"], "there is no exercise 'relo' (did you mean 'relu'?); there are relu, inner_product"),
-        (["--start"], "--start and --file need the NAME of an exercise"),
+        (["--start"], "--start, --bug and --file need the NAME of an exercise"),
+        (["relu", "--bare"], "--bare goes with --start"),
+        (["relu", "--bug", "0"], "expected"),
+        (["relu", "--bug", "1", "--start"], "--bug writes NAME_bug.py"),
         (["EuclideanLoss"], "(did you mean 'euclidean_loss'?)"),
-        (["--file", ""], "--start and --file need the NAME of an exercise"),
-        (["--file", "relu.py"], "--start and --file need the NAME of an exercise"),
+        (["--file", ""], "--start, --bug and --file need the NAME of an exercise"),
+        (["--file", "relu.py"], "--start, --bug and --file need the NAME of an exercise"),
         (["relu", "--start", "--file", "mine.py"], "--start writes NAME.py; give --file when you check it"),
         (["relu", "--iterations", "-1"], "expected a whole number"),
     ],
