@@ -1,6 +1,6 @@
 """Find the bug: our source with one known mistake in the place of the right lines, to be read and mended.
 
-Only mistakes that are written in full serve: a function, or methods that replace ours and use neither them nor a helper.
+Mistakes written in full are used: a function, or methods that replace ours and use neither them nor a helper.
 """
 
 from __future__ import annotations
