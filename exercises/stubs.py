@@ -9,7 +9,7 @@ import textwrap
 from exercises.exercise import Exercise
 from exercises.reading import functions
 from netlib import files
-from netlib.files.paths import ROOT, command
+from netlib.files.paths import command, own
 
 WIDTH = 116  # of a comment, with its indentation
 
@@ -19,7 +19,7 @@ def stub(exercise: Exercise, *, bare: bool = False) -> str:
 
     Raises DataError if our source cannot be read.
     """
-    text = files.read_text(ROOT / exercise.file, "the source")
+    text = files.read_text(own(exercise.file), "the source")
     lines, tree = text.splitlines(), ast.parse(text)
     there = dict(functions(tree))
     for name in sorted(exercise.to_do, key=lambda name: -there[name].lineno):

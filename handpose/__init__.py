@@ -10,3 +10,5 @@ import sys
 from handpose.moved import OldNames
 
 sys.meta_path.insert(0, OldNames())
+
+__version__ = "0.1.0"  # of the package: setup.cfg and 'handpose --version' read it here

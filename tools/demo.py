@@ -34,6 +34,7 @@ from handpose.prediction.packaged import load_predictor
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.files import atomic
+from netlib.files.paths import command, is_subcommand
 from tools.common import findings, pictures
 from tools.common.arguments import natural, parser_of, positive
 from tools.common.console import DONE, guarded, say
@@ -79,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
     pictures.write_image(args.out / "hands.png", sheets.sheet(images, 6, titles))
     atomic.replace_text(args.out / "hands.json", json.dumps(results, indent=2) + "\n")
     say(f"{args.frames} frames in {seconds:.1f} s: {args.out / 'hands.png'}")
-    program = [_from_here(path) for path in (sys.executable, str(Path(__file__).resolve().with_name("predict.py")))]
+    predict = Path(__file__).resolve().with_name("predict.py")
+    program = command("predict").split() if is_subcommand() else [_from_here(sys.executable), _from_here(str(predict))]
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {shlex.join([*program, *options])}")
     return DONE

@@ -25,6 +25,7 @@ from netlib import files
 from netlib.building.create import check_options
 from netlib.errors import NetlibError, PrototxtError
 from netlib.files.atomic import replace_bytes
+from netlib.files.paths import find
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import NetParameter, SolverParameter
 from netlib.proto.net_parameter import input_layer
@@ -49,6 +50,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Upgrade as the parsed arguments say."""
+    args.old = str(find(args.old, None))
     content = files.read_bytes(args.old, "the net")
     if args.solver or _is_text(content):
         tree = prototxt.parse_file(args.old)

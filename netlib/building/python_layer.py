@@ -22,7 +22,7 @@ from pathlib import Path
 from types import ModuleType
 
 from netlib.errors import PrototxtError
-from netlib.files.paths import ROOT, load_module
+from netlib.files.paths import BASE, ROOT, load_module
 from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
@@ -117,12 +117,12 @@ def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
 
 
 def _is_ours(top: str) -> bool:
-    return (ROOT / top / "__init__.py").is_file()
+    return any((base / top / "__init__.py").is_file() for base in (ROOT, BASE))
 
 
 def _folders() -> list[Path]:
     """Where the user's modules may lie: sys.path without our own root."""
-    return [folder for folder in map(Path, dict.fromkeys(sys.path)) if folder.resolve() != ROOT]
+    return [folder for folder in map(Path, dict.fromkeys(sys.path)) if folder.resolve() not in (ROOT, BASE)]
 
 
 def _add_folders(package: ModuleType) -> None:

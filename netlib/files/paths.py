@@ -12,35 +12,54 @@ from types import ModuleType
 
 from netlib.system.one_thread import lock
 
-ROOT = Path(__file__).resolve().parents[2]  # of this project: where netlib/, layers/ and fast/ lie
+BASE = Path(__file__).resolve().parents[2]  # where netlib/ and layers/ lie: a clone, or site-packages
+SHARE = BASE / "netlib" / "share"  # an installed package has the other folders of a clone in it (setup.py)
+ROOT = SHARE if SHARE.is_dir() else BASE  # where fast/, prototxt/, models/ and tools/ lie
 OWN_FOLDERS = ("prototxt", "models")  # that are installed, too
 IS_CLONE = (ROOT / "setup.cfg").exists()  # False in an installed package
+PROGRAM = "handpose"  # the command that an installed package has; its first word names a tool
 _loading = lock()
 
 
 def command(name: str) -> str:
-    """The command line that starts a tool of this project: a file of a clone, a module of an installed package."""
-    return f"python tools/{name}.py" if IS_CLONE else f"python -m tools.{name}"
+    """The command line that starts a tool of this project: as the user started this one, else as it is installed."""
+    if IS_CLONE and not is_subcommand():
+        return f"python tools/{name}.py"
+    return f"{PROGRAM} {name.replace('_', '-')}"
+
+
+def is_subcommand() -> bool:
+    """Was this process started as ``handpose NAME``? handpose/__main__.py sets its name."""
+    return bool(sys.argv) and sys.argv[0].startswith(f"{PROGRAM} ")
+
+
+def own(name: str) -> Path:
+    """The place of a file or folder of this project by its name in a clone, also where it is installed."""
+    return next((base / name for base in (ROOT, BASE) if exists(base / name)), ROOT / name)
 
 
 def find(name: str, source: str | None) -> Path:
     """``name`` from the working directory (Caffe's way), else beside the file ``source`` that names it.
 
     A name such as ``prototxt/x.prototxt`` is also looked for in the folder ``prototxt`` in which ``source`` is, and if
-    it begins like one of this project's own folders there, so that a solver can be used from any working directory. A
-    file that is nowhere keeps its name, so that the error says what the user wrote.
+    it begins like one of this project's own folders there, so that a solver can be used from any working directory;
+    ``source`` None is the command line or a program. A file that is nowhere keeps its name, so that the error says what
+    the user wrote.
     """
     path = Path(name)
-    if path.is_absolute() or source is None or exists(path):
+    if path.is_absolute() or exists(path):
         return path
-    return next((folder / path for folder in _folders(path, Path(source)) if exists(folder / path)), path)
+    return next((folder / path for folder in _folders(path, source) if exists(folder / path)), path)
 
 
-def _folders(path: Path, source: Path) -> Iterator[Path]:
-    """Where a file that ``source`` names may be, beside the working directory."""
-    yield source.parent
+def _folders(path: Path, source: str | None) -> Iterator[Path]:
+    """Where a file that ``source`` names may be, in addition to the working directory."""
+    if source is not None:
+        yield Path(source).parent
     if len(path.parts) > 1:
-        yield from (folder.parent for folder in source.absolute().parents if folder.name == path.parts[0])
+        if source is not None:
+            above = Path(source).absolute().parents
+            yield from (folder.parent for folder in above if folder.name == path.parts[0])
         if path.parts[0] in OWN_FOLDERS:
             yield ROOT
 
@@ -65,7 +84,7 @@ def own_package(name: str) -> ModuleType:
 
     A module of this name that was imported before netlib was stays what it is.
     """
-    return load_module(name, ROOT / name / "__init__.py")
+    return load_module(name, own(name) / "__init__.py")
 
 
 def load_module(name: str, path: Path) -> ModuleType:

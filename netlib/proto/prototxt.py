@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from netlib import files
 from netlib.errors import NetlibError, PrototxtError
+from netlib.files.paths import find
 
 MAX_DEPTH = 100  # deeper nesting than any net has; keeps a hostile file off Python's own stack limit
 
@@ -122,7 +123,11 @@ def _lines(message: Message, indent: str) -> Iterator[str]:
 
 
 def parse_file(path: str | Path) -> Message:
-    """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not prototxt."""
+    """Parse a file. Raises NetlibError if it cannot be read, PrototxtError if it is not prototxt.
+
+    Of this project's own files the name ``prototxt/x.prototxt`` is enough, in any working directory.
+    """
+    path = find(str(path), None)
     text = files.read_text(path, "the prototxt", NetlibError)
     return parse(text, str(path))
 

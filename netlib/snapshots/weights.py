@@ -8,6 +8,7 @@ from typing import Protocol
 
 from netlib.blob import Array, Blob, Blobs
 from netlib.errors import LayerError, WeightsError
+from netlib.files.paths import find
 from netlib.layer import TRAIN, Layer
 from netlib.params import Param
 from netlib.proto import schema
@@ -94,6 +95,7 @@ def fitting(net: Net, source: str | Path | Net, strict: bool = False) -> tuple[W
 def _weights_of(source: str | Path | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
     """What the source is, in words, and its arrays: layer name -> parameter index -> array."""
     if isinstance(source, (str, Path)):
+        source = find(str(source), None)
         return str(source), snapshot.read_weights(source)
     return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
 

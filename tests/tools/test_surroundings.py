@@ -82,33 +82,40 @@ def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the package installs, without the rest of the clone."""
+    """What the package installs (setup.py), without the rest of the clone."""
     site = tmp_path_factory.mktemp("site")
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, site / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in PACKAGES:
+        place = site if name in ("netlib", "layers", "handpose") else site / "netlib" / "share"
+        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
     return site
 
 
 class TestInstalled:
     def run(self, site: Path, folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-        return run(folder, "-m", *words, PYTHONPATH=str(site))
+        return run(folder, "-m", "handpose", *words, PYTHONPATH=str(site))
 
     def test_training(self, site: Path, tmp_path: Path) -> None:
-        """A solver of the package finds its net from any folder; of data, the advice names a command that is there."""
-        done = self.run(site, tmp_path, "tools.train", site / "prototxt" / "nyu_solver.prototxt", "--max-iter", "1")
+        """A solver of the package and its net are found from any folder; the advice names a command that is there."""
+        done = self.run(site, tmp_path, "train", "prototxt/nyu_solver.prototxt", "--max-iter", "1")
         assert done.returncode == 1
         assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.stderr
-        assert "make synthetic hands with 'python -m tools.make_synthetic'" in done.stderr
+        assert "make synthetic hands with 'handpose make-synthetic'" in done.stderr
 
     def test_advice(self, site: Path, tmp_path: Path) -> None:
-        done = self.run(site, tmp_path, "tools.exercise")
-        assert done.stdout.splitlines()[-1] == "Begin one: python -m tools.exercise relu --start"
-        done = self.run(site, tmp_path, "tools.demo", "--frames", "1")
+        done = self.run(site, tmp_path, "exercise")
+        assert done.stdout.splitlines()[-1] == "Begin one: handpose exercise relu --start"
+        assert self.run(site, tmp_path, "exercise", "relu", "--start").returncode == 0
+        done = self.run(site, tmp_path, "demo", "--frames", "1")
         words = shlex.split(done.stdout.splitlines()[-1].removeprefix("For your own camera: "))
-        assert Path(words[1]).resolve() == site / "tools" / "predict.py"
+        assert words[:2] == ["handpose", "predict"]
+
+    def test_the_engine(self, site: Path, tmp_path: Path) -> None:
+        """netlib finds fast/ in netlib/share."""
+        done = run(tmp_path, "-c", "import netlib, sys; print(*sys.modules['fast'].__path__)", PYTHONPATH=str(site))
+        assert done.stdout == f"{site / 'netlib' / 'share' / 'fast'}\n", done.stderr
 
     def test_the_ledger_of_table_1(self, site: Path, tmp_path: Path) -> None:
         """Is no part of the package: one line says where it is."""
-        done = self.run(site, tmp_path, "tools.table1", "--list")
+        done = self.run(site, tmp_path, "table1", "--list")
         assert done.returncode == 1 and done.stdout == ""
         assert done.stderr.count("\n") == 1 and "--ledger FOLDER names that of a clone" in done.stderr

@@ -13,6 +13,7 @@ from handpose.facts.cameras import CAMERAS, Camera
 from handpose.facts.cubes import CUBES_MM
 from handpose.joint_formats.formats import FORMAT_NAMES
 from netlib import engine
+from netlib.files.paths import command, is_subcommand
 
 LARGEST = (1 << 63) - 1  # whole number: files have no larger ones
 LARGEST_PX = 1e6  # of focal lengths and principal points, as in a camera.json
@@ -23,6 +24,8 @@ def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
 
     What that option says holds for the whole run in console.guarded, however deep a net is built.
     """
+    if doc is not None and is_subcommand():  # examples begin with the command that was typed
+        doc = re.sub(r"python tools/(\w+)\.py", lambda match: command(match[1]), doc)
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if nets:
         parser.add_argument("--no-python-layers", action="store_true",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
-from netlib.files.paths import ROOT, find
+from netlib.files.paths import ROOT, command, find
 
 
 @pytest.fixture
@@ -54,4 +55,19 @@ def test_no_other_place(tree: Path) -> None:
     source = str(put(tree / "prototxt" / "net.prototxt"))
     for name in ("data/nyu/train.txt", "prototxt/none.prototxt", "none.prototxt"):
         assert find(name, source) == Path(name)
-    assert find("prototxt/nyu_train_test.prototxt", None) == Path("prototxt/nyu_train_test.prototxt")
+
+
+def test_the_command_line(tree: Path) -> None:
+    """Names a file of the project as a solver does, and nothing beside another file."""
+    packaged = Path("prototxt/nyu_train_test.prototxt")
+    assert find(str(packaged), None) == ROOT / packaged
+    assert find("nyu_train_test.prototxt", None) == Path("nyu_train_test.prototxt")
+    own_net = put(packaged)
+    assert find(str(packaged), None) == own_net
+
+
+def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of a clone, or a sub-command of handpose."""
+    assert command("export_onnx") == "python tools/export_onnx.py"
+    monkeypatch.setattr(sys, "argv", ["handpose train"])
+    assert command("export_onnx") == "handpose export-onnx"

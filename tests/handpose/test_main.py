@@ -1,0 +1,52 @@
+"""handpose/__main__.py: one command, whose sub-commands are the tools."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from handpose import __version__
+from handpose.__main__ import commands, usage
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def handpose(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "handpose", *words], capture_output=True, text=True, cwd=ROOT)
+
+
+def test_every_tool_is_a_command() -> None:
+    """By its name with dashes; the list shows each with what it does."""
+    assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {path.name for path in commands().values()}
+    assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(commands())
+    lines = usage().splitlines()
+    assert all(re.fullmatch(r"  [a-z0-9-]+ +[A-Z].*", line) for line in lines[4:]) and len(lines) == 4 + len(commands())
+
+
+def test_messages_name_the_command_that_was_typed() -> None:
+    """Usage, errors and examples."""
+    done = handpose("train")
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage: handpose train [-h]") and "\nhandpose train: error: " in done.stderr
+    done = handpose("export_onnx", "--help")
+    assert done.returncode == 0 and done.stdout.startswith("usage: handpose export-onnx [-h]")
+    assert "handpose export-onnx prototxt/nyu_deploy.prototxt" in done.stdout and "python tools/" not in done.stdout
+    assert handpose("caffe", "train", "--help").stdout.startswith("usage: handpose caffe [-h]")
+
+
+def test_without_a_command() -> None:
+    """The list, and wrong usage; --help and --version are no mistakes."""
+    assert (handpose().returncode, handpose().stdout) == (2, usage())
+    assert (handpose("--help").returncode, handpose("--help").stdout) == (0, usage())
+    assert handpose("--version").stdout == f"handpose {__version__}\n"
+
+
+def test_an_unknown_command() -> None:
+    """One line."""
+    done = handpose("trian")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help' lists them\n"
+    )
