@@ -17,6 +17,10 @@ BEST = 16  # ... and so many of them, with the least doubt, tell the size: a han
 EVERY = 0.1  # s between them: poses must differ
 CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits ...
+# By how much, in logarithms, the least misfit prefers a larger hand in front of a camera: the mean of 24 synthetic
+# recordings with the faults of time of flight (hands of 0.78, 0.85 and 1: 0.032, 0.028, 0.021). A third of it are
+# outlines that cameras widen, the rest surfaces unlike the model's.
+PREFERS_LARGER = 0.027
 TIMES = 3  # ... and again about the best one, while it is the first or last of them
 
 
@@ -56,4 +60,4 @@ class SizeKeeper:
             size = calibrate_size(looker.fitter, seen, x, sizes=np.exp(middle + NEAR)).size
             if abs(np.log(size) - middle) < NEAR[-2]:
                 break
-        return size
+        return size * float(np.exp(-PREFERS_LARGER))

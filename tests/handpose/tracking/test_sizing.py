@@ -15,9 +15,11 @@ from handpose.surface.render import normalise_depth, render_crop
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.tracking.looking import Aim, Sight
-from handpose.tracking.sizing import SizeKeeper
+from handpose.tracking.sizing import PREFERS_LARGER, SizeKeeper
 
 TRUE, COUNT = 0.93, 60
+# Of the model's own pictures the least misfit has the true size; what is found allows for other surfaces and cameras.
+FOUND = TRUE * np.exp(-PREFERS_LARGER)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,7 @@ def test_the_size_of_a_hand(looker: Any, hands: Any, side: str) -> None:
         if told[-1] is not None:
             break
     assert len(told) > 5 and told[:-1] == [None] * (len(told) - 1)
-    assert told[-1] == pytest.approx(TRUE, abs=0.02)
+    assert told[-1] == pytest.approx(FOUND, abs=0.02)
 
 
 def test_a_size_far_from_what_was_expected(looker: Any, hands: Any) -> None:
@@ -70,7 +72,7 @@ def test_a_size_far_from_what_was_expected(looker: Any, hands: Any) -> None:
     keeper, told = SizeKeeper(looker), []
     for n, sight in enumerate(sights((crops, uvd, wrong), "right")):
         told.append(keeper.take(sight, n / 5))
-    assert [one for one in told if one] == [pytest.approx(TRUE, abs=0.03)]
+    assert [one for one in told if one] == [pytest.approx(FOUND, abs=0.03)]
 
 
 def test_sights_as_the_other_hand_say_nothing(looker: Any, hands: Any) -> None:
@@ -80,7 +82,7 @@ def test_sights_as_the_other_hand_say_nothing(looker: Any, hands: Any) -> None:
         told.append(keeper.take(sight, n / 5))
         if told[-1] is not None:
             break
-    assert told[-1] == pytest.approx(TRUE, abs=0.02)
+    assert told[-1] == pytest.approx(FOUND, abs=0.02)
 
 
 def test_frames_that_say_nothing(looker: Any, hands: Any) -> None:
