@@ -146,6 +146,8 @@ def table_of(doubt: Array, error_mm: Array) -> Array:
     """
     shown = np.isfinite(doubt)  # of crops that show nothing, no table has to say that nothing is sure
     doubt, error_mm = doubt[shown], error_mm[shown]
+    shown = np.isfinite(doubt)  # of crops that show nothing, no table has to say that nothing is sure
+    doubt, error_mm = doubt[shown], error_mm[shown]
     order = np.argsort(doubt, kind="stable")
     groups = np.array_split(order, min(KNOTS, len(order)))
     x = np.array([doubt[g].mean() for g in groups])

@@ -119,6 +119,13 @@ def test_a_table_is_ascending(pairs: list[tuple[float, float]]) -> None:
     assert error.min() - 1e-9 <= table[:, 1].min() and table[:, 1].max() <= error.max() + 1e-9
 
 
+def test_crops_that_show_nothing() -> None:
+    """Their doubt is infinite: the table is that of the others."""
+    doubt, error = np.arange(1.0, 101), np.linspace(2, 60, 100)
+    shown = table_of(doubt, error)
+    np.testing.assert_array_equal(table_of(np.append(doubt, [np.inf] * 7), np.append(error, [99.0] * 7)), shown)
+
+
 def test_too_little_to_measure() -> None:
     """One fit, or many that are alike: no table that nobody could read again."""
     for count in (1, 30):
