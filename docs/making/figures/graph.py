@@ -75,6 +75,8 @@ def whole_net() -> Any:
         line += row.column == 0
         for n, at in enumerate((row.at, *row.in_place)):
             _draw_box(axes, at, x + n * (WIDTH + 0.1), y)
+        if row.in_place:
+            _frame(axes, x, y, 1 + len(row.in_place))
         for start, down in zip(above, row.at.propagate_down):
             _draw_arrow(axes, start, (x, y), down)
         said = [
@@ -83,11 +85,10 @@ def whole_net() -> Any:
         if row.at.layer.type != "Split":
             axes.text(x - WIDTH / 2 - 0.12, y, "\n".join(said), ha="right", va="center", fontsize=7.5)
         places.update((id(blob), (x, y)) for blob in row.at.top)
-    ways = (("forward", RESTS), ("backward", RUNS))
-    axes.legend(
-        [Line2D([], [], color=colour) for _, colour in ways], [way for way, _ in ways], loc="lower left", fontsize=8
-    )
-    axes.set(xlim=(-4.2, SIDE + 0.9), ylim=(-line * STEP + 0.5, 0.5), aspect="equal")
+    ways = (("forward", RESTS, "-"), ("backward", RUNS, "-"), ("one blob: layers in place", RESTS, "--"))
+    lines = [Line2D([], [], color=colour, ls=style) for _, colour, style in ways]
+    axes.legend(lines, [way for way, _, _ in ways], loc="lower center", ncols=3, fontsize=8)
+    axes.set(xlim=(-4.2, SIDE + 0.9), ylim=(-line * STEP - 0.3, 0.5), aspect="equal")
     axes.axis("off")
     return figure
 
@@ -102,6 +103,14 @@ def _draw_box(axes: Any, at: Connection, x: float, y: float) -> None:
     kind = "HDF5Data" if at.layer.is_input else at.layer.type
     axes.text(x, y + 0.13, at.layer.name, ha="center", va="center", fontsize=7.5, weight="bold")
     axes.text(x, y - 0.15, kind + (f", {learned:,}" if learned else ""), ha="center", va="center", fontsize=7)
+
+
+def _frame(axes: Any, x: float, y: float, count: int) -> None:
+    """A dashed frame around a layer and those in place that overwrite its blob."""
+    from matplotlib.patches import Rectangle
+
+    corner, width = (x - WIDTH / 2 - 0.07, y - HEIGHT / 2 - 0.07), count * (WIDTH + 0.1) + 0.04
+    axes.add_patch(Rectangle(corner, width, HEIGHT + 0.14, fill=False, edgecolor=RESTS, lw=0.8, ls="--"))
 
 
 def _draw_arrow(axes: Any, start: tuple[float, float], end: tuple[float, float], down: bool) -> None:
