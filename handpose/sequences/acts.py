@@ -33,7 +33,7 @@ class Act:
     """One thing to do, for so many seconds, more than 0.
 
     rest      keep still
-    gestures  show them in any order, each for a while, the place swaying a little
+    gestures  show them in any order, each for a while, the place swaying a little: those of ``of``, or all
     wave      with an open hand
     moving    fingers, palm and place at once, in bouts, with a rest after each
     away      leave the image and come back at the end; as the first act, come
@@ -41,6 +41,7 @@ class Act:
 
     kind: Kind
     seconds: float
+    of: tuple[str, ...] = ()
 
 
 class Actor:
@@ -71,20 +72,22 @@ class Actor:
             end = self.time + act.seconds
             if act.kind == "away":
                 self._away(end, first=n == 0)
+            elif act.kind == "gestures":
+                self._gestures(act.of, end)
             else:
-                {"gestures": self._gestures, "wave": self._wave, "moving": self._moving}.get(act.kind, _still)(end)
+                {"wave": self._wave, "moving": self._moving}.get(act.kind, _still)(end)
             self.time = end
             n += 1
         return self.movement
 
     # ------------------------------------------------------------------------------------------ acts
 
-    def _gestures(self, end: float) -> None:
+    def _gestures(self, of: tuple[str, ...], end: float) -> None:
         names: list[str] = []
         self._turn(*self.choices.palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end)
         middle = self.movement.place.keys[-1]
         while self.time < end:
-            names = names or [str(name) for name in self.rng.permutation(list(self.sampler.poses))]
+            names = names or [str(name) for name in self.rng.permutation(list(of or self.sampler.poses))]
             began = self.time
             if not self._show(fingers_of(names.pop(), self.person, self.sampler), end):
                 return

@@ -1,4 +1,4 @@
-"""Poses of the prior file with a name, as far as a person's fingers can go."""
+"""Poses with a name, of the prior file and of what is shown to a reader of gestures, as far as fingers can go."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from handpose.sequences.person import Person
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.prior_file import PartParameter, PoseParameter
 from netlib.blob import Array
 
 OPEN = "open"  # towards which a gesture is eased off
@@ -33,3 +34,32 @@ def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
         pose: {name: round(float(inputs[d]), DECIMALS) + 0.0 for d, name in names.items()}
         for pose, inputs in found.items()
     }
+
+
+# What the recordings show on which gestures are measured. Other than the poses of the prior files, which training data
+# are drawn about, the thumb is out or across the palm as the gesture says, and a pinch touches.
+_OUT = {"thumb_pip_rot_y": 0.5, "thumb_pip_rot_z": 0.1, "thumb_dip_rot_z": 0.7, "thumb_tip_rot_z": 0.4}
+_ACROSS = {"thumb_pip_rot_y": 0.3, "thumb_pip_rot_z": 0.75, "thumb_dip_rot_z": 0.8, "thumb_tip_rot_z": 0.3}
+_FOLDED = {"thumb_pip_rot_y": 0.7, "thumb_pip_rot_z": 0.72, "thumb_dip_rot_z": 0.97, "thumb_tip_rot_z": 0.94}
+_TOUCHING = {
+    "thumb_pip_rot_y": 0.28, "thumb_pip_rot_z": 0.27, "thumb_dip_rot_z": 0.99, "thumb_tip_rot_z": 1.0,
+    "index_base_rot_x": 0.58, "index_base_rot_z": 0.0, "index_pip_rot_x": 0.38, "index_dip_rot_x": 0.0,
+}  # fmt: skip
+
+
+def _pose(name: str, bends: tuple[float, float, float, float], at: dict[str, float]) -> PoseParameter:
+    """Index to little finger are bent by so much, DoFs are at such parts of their ranges."""
+    bent = [PartParameter(of, bend) for of, bend in zip(("index", "middle", "ring", "little"), bends) if bend >= 0]
+    return PoseParameter(name, tuple(bent), tuple(PartParameter(of, part) for of, part in at.items()))
+
+
+SHOWN = (
+    _pose("open", (0.05, 0.05, 0.05, 0.05), _OUT),
+    _pose("fist", (0.8, 0.8, 0.8, 0.8), _FOLDED),
+    _pose("point", (0.0, 0.8, 0.8, 0.8), _FOLDED),
+    _pose("pinch", (-1, 0.2, 0.15, 0.1), _TOUCHING),
+    _pose("thumb_up", (0.8, 0.8, 0.8, 0.8), _OUT),
+    _pose("two", (0.0, 0.0, 0.8, 0.8), _FOLDED),
+    _pose("three", (0.0, 0.0, 0.0, 0.8), _FOLDED),
+    _pose("four", (0.0, 0.0, 0.0, 0.0), _ACROSS),
+)

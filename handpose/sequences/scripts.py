@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 from handpose.facts.sides import Side, other_side
 from handpose.sequences.acts import Act
+from handpose.sequences.gestures import SHOWN
+from handpose.synthetic.prior_file import PoseParameter
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,14 @@ class Script:
     roles    the hands; their numbers here are their ids
     body     is the first person seen behind the hands, or are arms all there is?
     apart    does each of two hands keep to a half of the image, or may one hide the other?
+    poses    take the place of those of the prior file that have the same names
     """
 
     seconds: float
     roles: tuple[Role, ...]
     body: bool = False
     apart: bool = True
+    poses: tuple[PoseParameter, ...] = ()
 
     def mirrored(self) -> Script:
         """The same with the other hands."""
@@ -61,3 +65,5 @@ SCRIPTS = {
         body=True,
     ),
 }
+# A hand that shows gestures to a reader of them (handpose/gestures).
+SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)

@@ -50,6 +50,8 @@ class Stage:
     def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
         self.script, self.camera = script, camera
         prior = prior_file.load().turned("palm_rot_z", any=0.0).turned("palm_rot_y", any=0.1)
+        others = [pose for pose in prior.pose if pose.name not in [own.name for own in script.poses]]
+        prior = prior.but(pose=(*others, *script.poses)) if script.poses else prior
         self.sampler = BodySampler(prior)  # most of the time a palm or a back is seen
         who = {role.person for role in script.roles}
         self.people = {person: Person.draw(numbers(PEOPLE, person), self.sampler) for person in who}

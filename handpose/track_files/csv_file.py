@@ -23,6 +23,7 @@ import math
 from pathlib import Path
 from types import TracebackType
 
+from handpose.gestures.over_time import GestureReader
 from handpose.joint_formats.formats import FormatName
 from handpose.track_files import angles, joint_values
 from handpose.track_files.growing import GrowingFile
@@ -34,10 +35,13 @@ FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
 class CsvWriter:
     """Writes a table frame by frame; what is written stays if the block ends by an exception. Raises OSError.
 
-    joints  a format of joints, whose columns are written instead of our joints and angles
+    joints    a format of joints, whose columns are written instead of our joints and angles
+    gestures  are the last two columns the hand's gesture, empty for none, and its confidence?
     """
 
-    def __init__(self, path: Path, header: TrackHeader, joints: FormatName | None = None) -> None:
+    def __init__(
+        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
         self.files = [path]
         self._header, self._joints = header, joints
         self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
@@ -45,6 +49,8 @@ class CsvWriter:
         columns += [f"{header.skeleton.dof_names[d]}_rad" for d in self._angles]
         if joints:
             columns = joint_values.columns(joints)
+        self._gestures = GestureReader(header.skeleton) if gestures else None
+        columns += ["gesture", "gesture_confidence"] * gestures
         self._empty = [""] * (2 + len(columns))
         self._numbers = [*["%.2f"] * (len(columns) - len(self._angles)), *["%.5f"] * len(self._angles)]
         self._file = GrowingFile(path, _rows([FIRST + columns]))
@@ -56,9 +62,18 @@ class CsvWriter:
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
         about = [frame.number, f"{frame.time:.6f}"]
-        rows = [[*about, hand.id, hand.hand, "", *self._values(hand)] for hand in frame.hands]
+        rows = [
+            [*about, hand.id, hand.hand, "", *self._values(hand), *self._gesture(hand, frame.time)]
+            for hand in frame.hands
+        ]
         rows += [[*about, lost.id, lost.hand, lost.reason, *self._empty] for lost in frame.lost]
         self._file.append(_rows(rows))
+
+    def _gesture(self, hand: TrackedHand, time: float) -> list[str]:
+        if self._gestures is None:
+            return []
+        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
+        return [name, f"{confidence:.3f}"]
 
     def _values(self, hand: TrackedHand) -> list[str]:
         chances = [_known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)]

@@ -33,6 +33,8 @@ A frame:
         bones_mm         signed length of each joint's bone, 0 without one: in the first frame of this id, and wherever
                          they have changed since
         crop             center_uvd (px, px, mm) and cube_mm, where the hand was looked for
+        gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
+                         thumb_up; confidence, 0 to 1 (``handpose.gestures``)
         mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
     lost             those that were seen before and are not now: id, hand, since_s (seen last), reason (a line)
 """
@@ -62,9 +64,11 @@ _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII
 class JsonWriter:
     """Writes a JSON document frame by frame; it is whole also if the block ends by an exception. Raises OSError."""
 
-    def __init__(self, path: Path, header: TrackHeader, joints: FormatName | None = None) -> None:
+    def __init__(
+        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
         self.files = [path]
-        self._values = FrameValues(header, joints)
+        self._values = FrameValues(header, joints, gestures)
         head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
         self._file = GrowingFile(path, head.encode(), b'\n],"complete":false}\n')
         self._between = ""
@@ -94,12 +98,14 @@ class JsonLinesWriter:
     """Writes JSON lines, each of which can be read as soon as it is there. Raises OSError.
 
     path    of the file, which is begun anew; None: standard output
-    joints  a format in which hands are written, too
+    joints, gestures  as ``open_writer`` has them
     """
 
-    def __init__(self, path: Path | None, header: TrackHeader, joints: FormatName | None = None) -> None:
+    def __init__(
+        self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
         self.files = [path] if path else []
-        self._values, self._head = FrameValues(header, joints), header_values(header, joints)
+        self._values, self._head = FrameValues(header, joints, gestures), header_values(header, joints)
         self._stream: TextIO | None = sys.stdout
 
     def __enter__(self) -> JsonLinesWriter:

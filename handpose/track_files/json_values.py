@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from handpose.data.json_fields import Fields
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, side_of
+from handpose.gestures.over_time import GestureReader
+from handpose.gestures.shapes import NUMBERS
 from handpose.joint_formats.formats import FormatName
 from handpose.track_files import angles, joint_values
 from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
@@ -87,9 +89,10 @@ def header_of(fields: Fields) -> TrackHeader:
 class FrameValues:
     """Frames as objects, one after the other: the bones of a hand stand in the first one, and where they change."""
 
-    def __init__(self, header: TrackHeader, joints: FormatName | None = None) -> None:
+    def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera, joints
+        self._gestures = GestureReader(header.skeleton) if gestures else None
         self._dofs = angles.free_dofs(header.skeleton)
         names = header.skeleton.dof_names
         self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
@@ -99,10 +102,10 @@ class FrameValues:
         """One frame as an object."""
         lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
                 for l in frame.lost]  # fmt: skip
-        hands = [self._hand_values(hand) for hand in frame.hands]
+        hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
         return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
 
-    def _hand_values(self, hand: TrackedHand) -> dict[str, Any]:
+    def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
         bones = rounded(hand.bones * self._unit_mm, 3)
         new = {} if self._bones.get(hand.id) == bones else {"bones_mm": bones}
@@ -117,12 +120,19 @@ class FrameValues:
             **new,
             "crop": {"center_uvd": rounded(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
             **self._format_values(hand),
+            **self._gesture_values(hand, time),
         }  # fmt: skip
 
     def _format_values(self, hand: TrackedHand) -> dict[str, Any]:
         if self._joints is None:
             return {}
         return joint_values.hand_values(self._joints, self._skeleton, hand.hand, hand.xyz, self._camera)
+
+    def _gesture_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
+        if self._gestures is None:
+            return {}
+        name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
+        return {"gesture": {"name": name or None, "number": NUMBERS.get(name), "confidence": rounded(confidence, 3)}}
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""

@@ -38,24 +38,26 @@ class TrackWriter(Protocol):
 
 
 def open_writer(
-    path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None
-) -> TrackWriter:
+    path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None,
+    gestures: bool = False,
+) -> TrackWriter:  # fmt: skip
     """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
 
     BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate``, in frames per second; None: that of the times.
 
-    joints  a format in which JSON has joints and angles, too, and CSV instead of ours; BVH has always the skeleton's
+    joints    a format in which JSON has joints and angles, too, and CSV instead of ours; BVH has always the skeleton's
+    gestures  do JSON and CSV have the gesture of each hand?
     """
     if str(path) == "-":
-        return JsonLinesWriter(None, header, joints)
+        return JsonLinesWriter(None, header, joints, gestures)
     path = Path(path)
     match path.suffix.lower():
         case ".json":
-            return JsonWriter(path, header, joints)
+            return JsonWriter(path, header, joints, gestures)
         case ".jsonl":
-            return JsonLinesWriter(path, header, joints)
+            return JsonLinesWriter(path, header, joints, gestures)
         case ".csv":
-            return CsvWriter(path, header, joints)
+            return CsvWriter(path, header, joints, gestures)
         case ".bvh":
             return BvhWriter(path, header, rate)
     raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "

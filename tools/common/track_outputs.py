@@ -39,6 +39,8 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
                         help="bones and angles for Blender and others; a file for each hand")  # fmt: skip
     add_joints_option(parser, "in --json with ours, in --csv instead of them")
+    parser.add_argument("--gestures", action="store_true",
+                        help="the gesture of each hand and its confidence, in --json and --csv")  # fmt: skip
     parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
                         help="skeleton and flesh on the depth, hands in space")  # fmt: skip
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
@@ -57,8 +59,9 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
     args.unnamed = args.look is None and not asked
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
-    if args.joints and args.json is None and args.csv is None:
-        parser.error("--joints is for --json and --csv; name one of them")
+    for option in ("joints", "gestures"):
+        if getattr(args, option) and args.json is None and args.csv is None:
+            parser.error(f"--{option} is for --json and --csv; name one of them")
 
 
 def _stem(source: str) -> str:
@@ -105,7 +108,9 @@ class Outputs:
         if args.rerun is not None:
             self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
         paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
-        self._writers: list[TrackWriter] = [open_writer(path, header, rate, args.joints) for path in paths]
+        self._writers: list[TrackWriter] = [
+            open_writer(path, header, rate, args.joints, args.gestures) for path in paths
+        ]
         self._open: list[TrackWriter | VideoFile | RerunView] = []
         self.written: list[str] = []
 

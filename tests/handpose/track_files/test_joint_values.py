@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made_tracks import any_skeleton, any_track, header_of
 
+from handpose.gestures.over_time import GestureReader
 from handpose.joint_formats.angles import anatomical_angles
 from handpose.joint_formats.formats import FORMATS, FormatName, formatted
 from handpose.track_files.json_file import read_track
@@ -76,6 +77,24 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
         assert float(row[f"{joint}_radius_m"]) == pytest.approx(wanted.radii[3], abs=1e-5)
     angle = anatomical_angles(HEADER.skeleton, hand.hand, hand.xyz)["ring_pip_flexion"]
     assert float(row["ring_pip_flexion_deg"]) == pytest.approx(angle, abs=0.006)
+
+
+def test_gestures(tmp_path: Path) -> None:
+    """Each hand has its own in JSON and, in the last columns, in CSV; the same in both."""
+    for name in ("a.json", "a.csv"):
+        with open_writer(tmp_path / name, HEADER, gestures=True) as writer:
+            for frame in FRAMES:
+                writer.write(frame)
+    rows = [row for row in csv.DictReader(io.StringIO((tmp_path / "a.csv").read_text())) if not row["lost"]]
+    found = [
+        hand["gesture"] for frame in json.loads((tmp_path / "a.json").read_text())["frames"] for hand in frame["hands"]
+    ]
+    assert [(one["name"] or "", one["confidence"]) for one in found] == [
+        (row["gesture"], float(row["gesture_confidence"])) for row in rows
+    ]
+    reader, hand = GestureReader(HEADER.skeleton), FRAMES[0].hands[0]
+    wanted = reader.read(hand.id, hand.hand, hand.xyz, FRAMES[0].time)
+    assert found[0]["confidence"] == pytest.approx(wanted.confidence, abs=1e-3)
 
 
 def test_without_a_format_nothing_changes(tmp_path: Path) -> None:

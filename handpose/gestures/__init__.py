@@ -1,0 +1,1 @@
+"""Gestures that hands show: open, fist, point, pinch, thumb up, two, three, four."""

@@ -1,0 +1,59 @@
+"""The gesture of a hand over time, with hysteresis: it neither flickers nor follows a single frame.
+
+Scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed score is above BEGIN, and stays
+until it is below END or another one begins. A hand that was not seen for FORGET_S begins anew.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.facts.sides import Side
+from handpose.gestures.shapes import GESTURES, scores
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+SMOOTH_S = 0.08
+BEGIN, END = 0.6, 0.35
+FORGET_S = 0.4
+
+
+class Gesture(NamedTuple):
+    """What a hand shows: the name, or "" for no gesture, and the smoothed score of it (of none, of all others)."""
+
+    name: str
+    confidence: float
+
+
+class _State(NamedTuple):
+    time: float
+    scores: Array
+    name: str
+
+
+class GestureReader:
+    """Reads the gestures of all hands of a track, frame by frame."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+        self._states: dict[int, _State] = {}
+
+    def read(self, id: int, hand: Side, xyz: Array, time: float) -> Gesture:
+        """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s. Raises DataError for other bodies."""
+        seen = np.array(list(scores(self._skeleton, hand, xyz).values()))
+        before = self._states.get(id)
+        if before is None or time - before.time > FORGET_S:
+            smooth, name = seen, ""
+        else:
+            part = 1 - math.exp(-(time - before.time) / SMOOTH_S)
+            smooth, name = before.scores + part * (seen - before.scores), before.name
+        best = int(smooth.argmax())
+        if smooth[best] > BEGIN:
+            name = GESTURES[best]
+        elif name and smooth[GESTURES.index(name)] < END:
+            name = ""
+        self._states[id] = _State(time, smooth, name)
+        return Gesture(name, float(smooth[GESTURES.index(name)] if name else max(0.0, 1 - smooth.sum())))

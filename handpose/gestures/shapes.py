@@ -1,0 +1,67 @@
+"""How much the joints of one frame look like each gesture, from 0 to 1.
+
+Four fingers are straight or bent, the thumb is out or across the palm, thumb and index finger touch or not. Each of
+these is a probability, a logistic function of one measure of the hand; a gesture is the product of those it asks for:
+
+    finger straight   the sum of the bends at its three joints, about STRAIGHT
+    thumb out         distance of its tip from the middle knuckle, about OUT palms
+    touch             distance of the tips of thumb and index finger, about TOUCH palms
+
+A palm is the distance of the wrist from the middle knuckle.
+
+Gestures exclude each other, so scores sum to 1 at most; the rest is no gesture. "open" is the number five, "point" the
+number one, with the thumb anywhere; "two" is index and middle finger, "three" the ring finger, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handpose.facts.sides import Side
+from handpose.joint_formats.angles import anatomical_angles
+from handpose.joint_formats.points import FINGERS
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
+
+STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the scale of its slope
+OUT = (0.72, 0.05)  # palms
+TOUCH = (0.25, 0.03)
+# Which of index, middle, ring and little finger are straight; is the thumb out (None: either)?
+SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
+    "open": ((True, True, True, True), True),
+    "fist": ((False, False, False, False), False),
+    "point": ((True, False, False, False), None),
+    "thumb_up": ((False, False, False, False), True),
+    "two": ((True, True, False, False), None),
+    "three": ((True, True, True, False), None),
+    "four": ((True, True, True, True), False),
+}
+PINCH = "pinch"  # thumb and index finger touch, the middle finger is straight
+GESTURES = (*SHAPES, PINCH)
+NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
+
+
+def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
+    """By gesture, of joints (K, 3) in mm, camera axes. Raises DataError for another body than a hand."""
+    at = {name: xyz[i] for i, name in enumerate(skeleton.joint_names)}
+    angles = anatomical_angles(skeleton, hand, xyz)
+    bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
+    straight = [1 - _over(bend, STRAIGHT) for bend in bends]
+    palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)
+    out = _over(_distance(at["thumb_tip"], at["middle_mcp"]) / palm, OUT)
+    touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
+    found = {PINCH: touch * straight[1]}
+    for name, (wanted, thumb) in SHAPES.items():
+        fingers = np.prod([part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)])
+        found[name] = float(fingers * (1.0 if thumb is None else out if thumb else 1 - out) * (1 - touch * straight[1]))
+    return {name: found[name] for name in GESTURES}
+
+
+def _over(value: float, threshold: tuple[float, float]) -> float:
+    """The probability that a measure is meant to be above its threshold."""
+    middle, slope = threshold
+    return float(1 / (1 + np.exp(-(value - middle) / slope)))
+
+
+def _distance(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))

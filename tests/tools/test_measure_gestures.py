@@ -1,0 +1,26 @@
+"""tools/measure_gestures.py"""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from tools import measure_gestures
+
+
+@pytest.mark.parametrize("options", [[], ["--left"]])
+def test_true_joints_are_read_as_shown(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The first gestures of a recording, from its truth, with nothing taken for another one."""
+    assert measure_gestures.main(["--truth", "--seconds", "8", "--seeds", "1", "--json", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    judged = {name: row for name, row in found["frames"].items() if any(row.values())}
+    assert len(judged) >= 2 and found["right"] > 0.95 and found["delay_s"] < 0.2
+    assert all(row[name] > 0.9 * sum(row.values()) for name, row in judged.items())
+
+
+def test_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    """A row for each gesture, tracked; in frames that are too few to judge there is nothing to divide by."""
+    assert measure_gestures.main(["--seconds", "0.2", "--cameras", "icvl"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 8 + 1 and "of 0 frames" in lines[-1]

@@ -1,0 +1,83 @@
+#!/usr/bin/env python3
+"""How often gestures are read as what is shown: a confusion table over synthetic recordings of one hand.
+
+    python tools/measure_gestures.py --seeds 100 101 102 103
+    python tools/measure_gestures.py --seeds 100 --seconds 5 --cameras kinect2 --truth
+
+Each recording shows the gestures in any order, each held for 0.4 to 1.2 s. A row is a gesture that is shown, a column
+what is read, in percent of the frames in which the fingers have been at rest for 0.2 s; "none" is no gesture, "lost" no
+hand. --truth reads the gestures from the true joints instead of a tracker's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import tools
+
+tools.begin(__name__)
+
+import numpy as np
+
+from handpose.experiments.gesture_figures import READ, measure
+from handpose.facts.cameras import CAMERAS
+from handpose.gestures.shapes import GESTURES
+from handpose.predicting.packaged import load_predictor
+from handpose.synthetic.recordings import SyntheticRecording
+from handpose.synthetic.scripts import SHOWING
+from handpose.tracking.tracker import Tracker
+from handpose.tracks.track import TrackedFrame, TrackHeader
+from tools.common.arguments import add_engine, natural, parser_of, positive_number
+from tools.common.console import DONE, aligned, guarded, say
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns the exit status."""
+    parser = parser_of(__doc__, nets=True)
+    parser.add_argument("--seeds", type=natural, nargs="+", default=[100], metavar="N",
+                        help="of the recordings (default: 100)")  # fmt: skip
+    parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
+                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")  # fmt: skip
+    parser.add_argument("--seconds", type=positive_number, metavar="S", help="of each (default: 30)")
+    parser.add_argument("--truth", action="store_true", help="read from the true joints, without a tracker")
+    parser.add_argument("--left", action="store_true", help="the left hand instead of the right one")
+    add_engine(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    return guarded(run, parser.parse_args(argv))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure as the parsed arguments say. Raises NetlibError."""
+    recordings = [SyntheticRecording(SHOWING, CAMERAS[camera], seconds=args.seconds, seed=seed, mirrored=args.left)
+                  for camera in args.cameras for seed in args.seeds]  # fmt: skip
+
+    def tracked(recording: SyntheticRecording) -> tuple[TrackHeader, Iterable[TrackedFrame]]:
+        if args.truth:
+            return recording.header, recording.truths()
+        tracker = Tracker(load_predictor(recording.camera, fit="fast", hand="either", engine=args.engine), hands=1)
+        return tracker.header(recording.name), map(tracker.step, recording)
+
+    found = measure(recordings, tracked)
+    delay = float(np.median(found.delays)) if found.delays else None
+    if args.json:
+        counts = {name: dict(zip(READ, row.tolist())) for name, row in zip(GESTURES, found.counts)}
+        right = None if np.isnan(found.right()) else round(found.right(), 4)
+        print(json.dumps({"frames": counts, "right": right, "delay_s": delay}, indent=2))
+        return DONE
+    rows = [["shown", "frames", *READ]]
+    for name, row in zip(GESTURES, found.counts):
+        rows.append([name, str(row.sum()), *(f"{100 * n / row.sum():.0f}" if n else "" for n in row)])
+    print(aligned(rows))
+    say(f"{found.right():.1%} of {found.counts.sum()} frames are read as shown; "
+        f"{len(found.delays)} times, {delay or 0:.2f} s after the fingers come to rest (median)")  # fmt: skip
+    return DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
