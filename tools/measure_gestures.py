@@ -28,11 +28,11 @@ import numpy as np
 from handpose.experiments.gesture_figures import READ, measure
 from handpose.facts.cameras import CAMERAS
 from handpose.gestures.shapes import GESTURES
-from handpose.predicting.packaged import load_predictor
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.synthetic.scripts import SHOWING
+from handpose.prediction.packaged import load_predictor
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sequences.scripts import SHOWING
+from handpose.track_files.track import TrackedFrame, TrackHeader
 from handpose.tracking.tracker import Tracker
-from handpose.tracks.track import TrackedFrame, TrackHeader
 from tools.common.arguments import add_engine, natural, parser_of, positive_number
 from tools.common.console import DONE, aligned, guarded, say
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from handpose.gestures.over_time import GestureReader
 from handpose.gestures.shapes import GESTURES
-from handpose.synthetic.gestures import fingers_of
-from handpose.synthetic.movements import Movement
-from handpose.synthetic.recordings import SyntheticRecording
-from handpose.tracks.track import TrackedFrame, TrackHeader
+from handpose.sequences.gestures import fingers_of
+from handpose.sequences.movements import Movement
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.track_files.track import TrackedFrame, TrackHeader
 
 SETTLED_S = 0.2  # after the fingers came to rest: then a gesture is judged
 NONE, LOST = "none", "lost"

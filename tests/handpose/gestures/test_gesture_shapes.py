@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from handpose.gestures.shapes import GESTURES, NUMBERS, scores
+from handpose.sequences.gestures import SHOWN
 from handpose.synthetic import prior_file
-from handpose.synthetic.gestures import SHOWN
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import NYU_HAND, load
