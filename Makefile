@@ -10,6 +10,7 @@
 # make twins   what each part of fast/ is worth, by switching it off (minutes)
 # make ranks   threads of one process against processes of mpiexec, and a model of many machines
 # make docs    what documents show of the code: code, figures, exercises, made anew
+# make book    the chapters as notebooks, in build/book
 # make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
 # make lint    the style and type checks of the continuous integration
 #
@@ -24,7 +25,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train person arm test kernels docs site faults lint table1 bench twins ranks clean
+.PHONY: help demo train person arm test kernels docs book site faults lint table1 bench twins ranks clean
 
 help:
 	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -80,6 +81,9 @@ faults: .venv/test
 
 docs: .venv/tools
 	$(RUN) -m docs.making $(OPTIONS)
+
+book: .venv/tools
+	$(RUN) -m docs.making.notebooks
 
 site: .venv/docs
 ifdef SERVE

@@ -44,7 +44,7 @@ TAGS = ("pycon", "python", "bash", "prototxt", "json", "text")
 OF_FILES = ("js",)  # of code that is taken from a file, besides those
 MARKS = ("not run", "code", "file")
 FOLDER, PYTHON = "(folder)", "(python)"  # names in a document's namespace that no block can use
-OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "tqdm")  # of setup.cfg's extra test
+OPTIONAL = ("av", "lmdb", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")  # of extras
 _FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
 _INVISIBLE = DirectiveInHTMLCommentLexer("invisible-code-block", arguments=".*?")
 _ABOVE = re.compile(r"(?:^[ \t]*<!--(?:(?!-->).)*-->[ \t]*\n)+\Z", re.DOTALL | re.MULTILINE)
