@@ -22,11 +22,6 @@ from netlib import engine  # noqa: E402
 from netlib.proto import prototxt  # noqa: E402
 
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
-# What runs under both engines: whole folders, and single files of others.
-UNDER_BOTH = ("layers", "caffe", "test_nets", "test_net", "test_graph", "test_params", "test_solver",
-              "test_snapshot", "test_updates", "test_splits", "test_gradcheck", "test_layer", "test_own_layers",
-              "test_resume", "test_kinematics", "test_pycaffe", "test_one_thread", "test_memory",
-              "test_gradients")  # fmt: skip
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it, and tests send it
 
@@ -35,9 +30,9 @@ settings.load_profile("deterministic")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Tests of nets, layers, solvers and resuming run under every engine that differs."""
-    path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
-    if {path.stem, path.parts[0]} & set(UNDER_BOTH):
+    """Tests with the marker ``both_engines`` run under every engine that differs."""
+    if metafunc.definition.get_closest_marker("both_engines"):
+        path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
         engines = ENGINES if has_twin(path) else ENGINES[-1:]
         metafunc.parametrize("engine_in_use", engines, indirect=True, scope="module")
 

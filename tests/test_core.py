@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from source_imports import imports, offenders, parsed
 
 from netlib.layer import Layer
 from netlib.solver import Solver
+from tests.support.source_imports import imports, offenders, parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "docs")

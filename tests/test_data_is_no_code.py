@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from source_imports import offenders, parsed
 
 from netlib import engine
+from tests.support.source_imports import offenders, parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools")

@@ -12,6 +12,8 @@ from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.schema import Phase
 from netlib.training import solver_parameter
 
+pytestmark = pytest.mark.both_engines
+
 PROTOTXT = Path(__file__).resolve().parents[1] / "prototxt"
 LEARNED = {"Convolution": "convolution_param", "InnerProduct": "inner_product_param"}
 

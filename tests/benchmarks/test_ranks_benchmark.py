@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from ranks_started import needs_mpi
 
 from benchmarks import ranks
+from tests.support.ranks_started import needs_mpi
 
 
 @needs_mpi

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_bodies import write_body
 
 import netlib
 from handpose.data.crops import crop_pixels, restore_joints
@@ -26,6 +25,7 @@ from handpose.synthetic.recipes import recipe_of
 from handpose.tracking.tracker import Tracker
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError
+from tests.support.random_bodies import write_body
 
 SEEDS = (1, 2, 3)
 HALF = 450.0  # mm

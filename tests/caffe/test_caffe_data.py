@@ -11,6 +11,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.fixture
 def hdf5data(caffe_data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

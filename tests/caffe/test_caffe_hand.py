@@ -12,6 +12,8 @@ import pytest
 import netlib
 from tests.caffe.recorded import relative
 
+pytestmark = pytest.mark.both_engines
+
 HAND = """
     force_backward: true
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 32 dim: 47 } } }

@@ -10,6 +10,8 @@ import pytest
 import netlib
 from tests.caffe.recorded import Case, differences, layer_cases
 
+pytestmark = pytest.mark.both_engines
+
 KNOWN = set(netlib.layer_type_list())
 TOLERANCE = {np.float32: 1e-5, np.float64: 1e-12}
 # Of two cases Caffe's double net was not recorded: their results are the smallest float, and 0 / 0.

@@ -22,6 +22,8 @@ from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_p
 from tools import plot_log
 from tools import time as time_tool
 
+pytestmark = pytest.mark.both_engines
+
 ROOT = FOLDER.parents[1]
 
 

@@ -15,6 +15,8 @@ import pytest
 import netlib
 from tests.caffe.recorded import check_same_log, layer_cases, log_lines, said, solver_text
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_a_clone_has_the_small_network() -> None:
     """Convolutions, poolings, a fully connected layer and the loss, as in the paper's network."""

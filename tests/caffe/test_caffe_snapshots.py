@@ -17,6 +17,8 @@ from netlib.snapshots import snapshot
 from tests.caffe import wire
 from tests.caffe.recorded import Follow, distance, trajectory
 
+pytestmark = pytest.mark.both_engines
+
 CASE = "snap_sgd_hdf5"  # the recorded training that snapshots, after 10 and after 20 updates
 ITERATIONS = pytest.mark.parametrize("iteration", [10, 20])
 

@@ -11,6 +11,8 @@ import netlib
 from netlib.updates import learning_rate
 from tests.caffe.recorded import Follow, same_print, solver_cases, trajectory
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.mark.parametrize("case", solver_cases())
 def test_solver_follows_caffe(solvers: Path, caplog: pytest.LogCaptureFixture, case: str) -> None:

@@ -24,6 +24,8 @@ from tests.caffe.recorded import (
     trajectory,
 )
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_the_recordings_are_small() -> None:
     """All that is not written by hand has less than 3 MB."""

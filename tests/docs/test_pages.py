@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chromium_tabs import browser, visit
 
 from docs.making.pages import BROWSER, PAGES, momentum, small_net, windows
 from netlib.files.paths import ROOT
+from tests.support.chromium_tabs import browser, visit
 
 __all__ = ["browser", "visit"]  # fixtures
 Visit = Callable[..., Any]

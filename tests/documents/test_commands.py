@@ -14,7 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from source_imports import imports
+
+from tests.support.source_imports import imports
 
 pytest.importorskip("sybil", reason="tests of documents need sybil: pip install -e '.[test]'")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from layer_cases import CASES, forward, made
 
 from fast.engine import TWINS
 from fast.facts import TABLE, Facts, facts_of
@@ -12,6 +11,7 @@ from layers import LAYER_TYPES
 from layers.activation.relu import ReLU
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
+from tests.support.layer_cases import CASES, forward, made
 
 
 def test_every_entry_is_a_layer_type() -> None:

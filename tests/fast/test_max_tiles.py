@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from plain_loops import pool
-from tiled import load, store, tiled
 
 from netlib import gradcheck
 from netlib.blob import Blobs
+from tests.support.plain_loops import pool
+from tests.support.tiled import load, store, tiled
 
 
 def compare(T, x, y, share, bottom_tile=None, top_tile=None):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from plain_loops import check_transpose, convolve
-from tiled import load, store, tiled
 
 from fast.row_tiles import RowTiles, fold, toeplitz
 from netlib import gradcheck
+from tests.support.plain_loops import check_transpose, convolve
+from tests.support.tiled import load, store, tiled
 
 
 def fast(x, w, b, dy, tile=None, bottom_tile=None):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tiled import load, store, tiled
 
 from fast.tiles import FastBlob, LazilyCleared, tile_into, tiles_of
 from netlib.blob import Blob
+from tests.support.tiled import load, store, tiled
 
 
 def lazy(*shape: int) -> LazilyCleared:

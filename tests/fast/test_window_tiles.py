@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from plain_loops import convolve
-from tiled import tiled
 
 from fast.window_tiles import WindowTiles
 from netlib import gradcheck
 from netlib.blob import Blob
+from tests.support.plain_loops import convolve
+from tests.support.tiled import tiled
 
 
 def images(rng, N, size, seen):

@@ -250,7 +250,7 @@ def run_once(net: netlib.Net) -> dict[str, Any]:
 
 def make_nets() -> list[str]:
     """A net of every layer type that needs no file, and some that are larger."""
-    from layer_cases import CASES
+    from tests.support.layer_cases import CASES
 
     files = [put("vision.prototxt", VISION), put("old.prototxt", OLD_NET), put("vision2.prototxt", VISION)]
     for kind, (options, bottoms, more) in CASES.items():
@@ -498,7 +498,7 @@ def put_picture(name: str, shape: tuple[int, ...], dtype: type = np.uint8, seed:
 
 def make_pictures() -> list[str]:
     """PNG and JPEG files, their list, and a mean image."""
-    from caffe_messages import write_blob
+    from tests.support.caffe_messages import write_blob
 
     files = [put_picture("a.png", (12, 16, 3)), put_picture("b.jpg", (12, 16, 3)), put_picture("c.png", (12, 16)),
              put_picture("d.bmp", (12, 16, 3)), put_picture("e.png", (12, 16, 4))]  # fmt: skip
@@ -523,7 +523,8 @@ def make_windows() -> list[str]:
 def make_database() -> list[str]:
     """A database of eight entries: pixels, floats and a picture."""
     import lmdb
-    from caffe_messages import datum
+
+    from tests.support.caffe_messages import datum
 
     rng = np.random.default_rng(0)
     entries: list[bytes] = [datum(rng.integers(0, 256, (3, 8, 8)).astype(np.uint8), i) for i in range(6)]
@@ -539,7 +540,7 @@ def make_database() -> list[str]:
 
 def make_datums() -> list[str]:
     """Single entries of a database."""
-    from caffe_messages import datum
+    from tests.support.caffe_messages import datum
 
     image = np.arange(192, dtype=np.uint8).reshape(3, 8, 8)
     Path("pixels.datum").write_bytes(datum(image, 3))
@@ -565,7 +566,7 @@ def read_database(path: Path) -> Any:
 
 def make_mean() -> list[str]:
     """Mean images, in floats and doubles."""
-    from caffe_messages import write_blob
+    from tests.support.caffe_messages import write_blob
 
     write_blob(Path("mean.binaryproto"), np.ones((1, 3, 4, 5), np.float32))
     write_blob(Path("double.binaryproto"), np.ones((1, 3, 4, 5), np.float64))
@@ -825,9 +826,8 @@ def read_companions(path: Path) -> Any:
 
 def make_ledger() -> list[str]:
     """An entry of the ledger of Table 1, the frames that are drawn, and a speed."""
-    import made_ledger
-
     from handpose.experiments.table1 import ledger, speed
+    from tests.support import made_ledger
 
     entry = ledger.write(Path("ledger"), made_ledger.entry())
     ledger.write_shown(Path("ledger"), "one_hand", made_ledger.shown())
@@ -912,7 +912,7 @@ def make_videos() -> list[str]:
 
 def make_azure() -> list[str]:
     """The smallest mode of a Kinect."""
-    import azure_file
+    from tests.support import azure_file
 
     depth = np.zeros((2, 288, 320), np.uint16)
     return [str(azure_file.write(Path("kinect.mkv"), depth, said=azure_file.calibration()))]
@@ -928,11 +928,10 @@ def make_dice() -> list[str]:
 
 def read_mixed_bag(path: Path) -> Any:
     """A bag of random records: messages of any type under any name, several types under one."""
-    import bags
-
     from handpose.facts.cameras import Camera
     from handpose.sources.given import Given
     from handpose.sources.ros_bag import open_bag
+    from tests.support import bags
 
     if path.read_bytes() == DICE.encode():  # a good file is to be read
         return
@@ -987,7 +986,7 @@ def read_log_of_many_names(path: Path) -> Any:
 
 def make_bags() -> list[str]:
     """Of ROS 1, plain and compressed, and of ROS 2 in its three forms."""
-    import bags
+    from tests.support import bags
 
     depth = np.random.default_rng(0).integers(0, 4000, (4, 24, 32)).astype(np.uint16)
     bags.write_realsense(Path("realsense.bag"), depth)
@@ -1065,10 +1064,9 @@ def _hdf5(layout: str) -> Callable[[], list[str]]:
 
 def make_tracks() -> list[str]:
     """Two hands over a few frames, in both layouts."""
-    from made_tracks import any_track, header_of
-
     from handpose.track_files.json_file import JsonLinesWriter, JsonWriter
     from layers.hand import skeleton
+    from tests.support.made_tracks import any_track, header_of
 
     header = header_of(skeleton.load())
     for path, kind in ((Path("a.json"), JsonWriter), (Path("b.jsonl"), JsonLinesWriter)):

@@ -202,9 +202,8 @@ def make_old_tracks() -> None:
 
 def write_tracks(frames: int = 2) -> Any:
     """A track as JSON, CSV, BVH, video and sheet, over older ones, all at once as tools/track.py does."""
-    from made_tracks import any_track, header_of
-
     from layers.hand import skeleton
+    from tests.support.made_tracks import any_track, header_of
     from tools.common.track_outputs import Outputs, add_output_options
 
     parser = argparse.ArgumentParser()

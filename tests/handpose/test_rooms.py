@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from source_imports import imports, offenders
+
+from tests.support.source_imports import imports, offenders
 
 ROOT = Path(__file__).resolve().parents[2]
 # A file that needs an extra, and which: it imports it when it is used.

@@ -15,6 +15,8 @@ from netlib.fillers import Filler
 from netlib.gradcheck import GradientError
 from netlib.layer import Layer
 
+pytestmark = pytest.mark.both_engines
+
 X = np.random.default_rng(0).uniform(0.5, 1, (3, 2))
 
 

@@ -11,6 +11,8 @@ import pytest
 import netlib
 from tests.netlib.net_texts import X, ip, loss, rng
 
+pytestmark = pytest.mark.both_engines
+
 MakeNet = Callable[..., netlib.Net]
 
 

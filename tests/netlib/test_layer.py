@@ -14,6 +14,8 @@ from netlib import gradcheck
 from netlib.blob import Blob
 from netlib.proto.options import block_name, layer_types
 
+pytestmark = pytest.mark.both_engines
+
 MakeNet = Callable[..., netlib.Net]
 
 X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } } '

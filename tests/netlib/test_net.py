@@ -16,6 +16,8 @@ from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
 from tests.netlib.net_texts import X, ip, loss, rng, shared
 
+pytestmark = pytest.mark.both_engines
+
 MakeNet = Callable[..., netlib.Net]
 
 

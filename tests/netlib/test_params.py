@@ -10,6 +10,8 @@ import pytest
 import netlib
 from tests.netlib.net_texts import X, ip, loss, rng, shared
 
+pytestmark = pytest.mark.both_engines
+
 MakeNet = Callable[..., netlib.Net]
 
 

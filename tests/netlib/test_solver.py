@@ -16,6 +16,8 @@ from netlib.snapshots import binary_format, snapshot
 from netlib.snapshots.solver_state import SolverState
 from netlib.training.resume import COURSE
 
+pytestmark = pytest.mark.both_engines
+
 MakeSolver = Callable[..., netlib.Solver]
 
 # Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.

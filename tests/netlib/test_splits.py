@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from netlib.proto.messages import LayerParameter
 from netlib.splits import insert_splits
+
+pytestmark = pytest.mark.both_engines
 
 
 def layer(name: str, bottom: str = "", top: str = "", weights: tuple[float, ...] = ()) -> LayerParameter:

@@ -11,6 +11,8 @@ import pytest
 from netlib.proto.messages import SolverParameter
 from netlib.updates import RULES, learning_rate, steps_taken
 
+pytestmark = pytest.mark.both_engines
+
 
 def solver(**options: Any) -> SolverParameter:
     """Options of a solver."""

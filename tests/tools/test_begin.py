@@ -13,9 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from source_imports import imports_of, parsed
 
 import tools
+from tests.support.source_imports import imports_of, parsed
 from tests.tools.conftest import ROOT
 from tests.tools.test_tools import COMMANDS
 

@@ -13,7 +13,6 @@ import cv2
 import h5py
 import numpy as np
 import pytest
-from made_ledger import entry, shown, trained
 
 import netlib
 from handpose.experiments.table1 import ledger, trainings
@@ -24,6 +23,7 @@ from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL
 from handpose.experiments.table1.trainings import Training, data_name
 from netlib.errors import DataError
 from netlib.training.solver_parameter import read
+from tests.support.made_ledger import entry, shown, trained
 from tools import table1
 from tools.common import sitting as sittings
 from tools.common import training

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from source_imports import imports
 
 from netlib import engine
+from tests.support.source_imports import imports
 from tests.tools.conftest import ROOT
 
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")

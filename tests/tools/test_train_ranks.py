@@ -10,10 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import ranks_started
-from ranks_started import CAFFE, PROGRAMS, TRAIN, needs_mpi, ours
 
 import netlib
+from tests.support import ranks_started
+from tests.support.ranks_started import CAFFE, PROGRAMS, TRAIN, needs_mpi, ours
 from tools.common import training
 
 pytestmark = needs_mpi

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from onnx_nets import net_text
 
 import netlib
+from tests.support.onnx_nets import net_text
 
 
 @pytest.fixture(autouse=True, scope="session")

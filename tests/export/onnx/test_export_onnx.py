@@ -10,11 +10,11 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from onnx_nets import NYU, SYNTHETIC, run_onnx
 
 import netlib
 from layers.hand.skeleton import load
 from netlib.files.paths import ROOT
+from tests.support.onnx_nets import NYU, SYNTHETIC, run_onnx
 from tools import export_onnx
 
 

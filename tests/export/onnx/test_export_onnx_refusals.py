@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from onnx_nets import NYU, net_text
 
 from export.onnx.table import LAYERS
+from tests.support.onnx_nets import NYU, net_text
 from tools import export_onnx
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from onnx_nets import IMAGE, Cases, check, examples, run_onnx, types_of
 
 from export.onnx.net import load, onnx_image
+from tests.support.onnx_nets import IMAGE, Cases, check, examples, run_onnx, types_of
 
 CASES: Cases = {
     "ArgMax": [

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from onnx_nets import Cases, check, examples, run_onnx, types_of
 
 from export.onnx.hand import steps_of
 from export.onnx.net import load as load_net
@@ -15,6 +14,7 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton, load
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema
+from tests.support.onnx_nets import Cases, check, examples, run_onnx, types_of
 
 CASES: Cases = {
     "DeepHandModel": [([(1, 47)], "", 1)],

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from onnx_nets import SYNTHETIC, net_text
 
 import netlib
 from export.onnx.net import difference, differences, load, onnx_image
 from netlib.errors import NetlibError
+from tests.support.onnx_nets import SYNTHETIC, net_text
 
 
 def test_layers_in_place(files, onnx):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from onnx_nets import IMAGE, Cases, check, examples, types_of
+
+from tests.support.onnx_nets import IMAGE, Cases, check, examples, types_of
 
 CASES: Cases = {
     "BatchNorm": [(IMAGE, "", 1), ([(1, 5)], "batch_norm_param { eps: 0.1 }", 1)],

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from onnx_nets import types_of
-
 from export.onnx.table import LAYERS
 from netlib.files.paths import ROOT
 from netlib.proto.options import layer_types
+from tests.support.onnx_nets import types_of
 
 
 def test_every_layer_type_has_a_form_or_is_refused():

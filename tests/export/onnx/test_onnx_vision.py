@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from onnx_nets import IMAGE, Cases, check, examples, types_of
+
+from tests.support.onnx_nets import IMAGE, Cases, check, examples, types_of
 
 GROUP = "num_output: 4 group: 2"
 CASES: Cases = {

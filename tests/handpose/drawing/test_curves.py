@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from tracked_hands import tracked
 
 from handpose.drawing.curves import ConfidenceCurves
 from handpose.drawing.identities import colour_of
 from handpose.drawing.strokes import Image
 from handpose.track_files.track import LostHand, TrackedFrame
+from tests.support.tracked_hands import tracked
 
 PLOT = slice(56, 1280 - 130)
 

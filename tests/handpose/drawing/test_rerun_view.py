@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracked_hands import CAMERA, HEADER, seen, tracked
 
 from handpose.drawing import hands
 from handpose.drawing.rerun_view import RerunView, capsules_in_rerun
 from handpose.surface.render import Capsules
 from handpose.track_files.track import LostHand, TrackedFrame
 from netlib.errors import DataError, NetlibError
+from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 
 RIGHT, LEFT = tracked("right", (-75, 0, 600), 1), tracked("left", (75, 0, 640), 2)
 DEPTH = seen([RIGHT, LEFT])

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from tracked_hands import HEADER, tracked
 
 from handpose.drawing import hands
 from handpose.drawing.space import Space
 from handpose.drawing.strokes import Image
 from handpose.track_files.track import TrackedHand
+from tests.support.tracked_hands import HEADER, tracked
 
 
 def shown(space: Space, time: float, told: Sequence[TrackedHand]) -> Image:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tracked_hands import CAMERA, HEADER, seen, tracked
 
 from handpose.drawing import hands
 from handpose.drawing.identities import colour_of
@@ -15,6 +14,7 @@ from handpose.drawing.tracks import HEAD, STRIP, Painter, annotated
 from handpose.facts.cameras import CAMERAS, Camera
 from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
+from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 
 RIGHT = tracked("right", (-120, 0, 600), 1, 0.93)
 LEFT = tracked("left", (120, 0, 640), 2, 0.71)

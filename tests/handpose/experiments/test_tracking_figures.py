@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tracked_hands import HEADER, tracked
 
 from handpose.experiments.tracking_figures import Alone, follow, summary
 from handpose.facts.cameras import ICVL
@@ -15,6 +14,7 @@ from handpose.sequences.recordings import SyntheticRecording
 from handpose.sources.recording import DepthFrame
 from handpose.track_files.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError
+from tests.support.tracked_hands import HEADER, tracked
 
 
 class MadeRecording(SyntheticRecording):

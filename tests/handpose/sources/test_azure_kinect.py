@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import azure_file
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ from handpose.sources.given import Given
 from handpose.sources.lens import Lens
 from handpose.sources.video import open_video
 from netlib.errors import DataError
+from tests.support import azure_file
 
 pytest.importorskip("av", reason="PyAV is missing: pip install av")
 

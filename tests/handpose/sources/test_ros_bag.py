@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import bags
 import numpy as np
 import pytest
 
@@ -19,6 +18,7 @@ from handpose.sources.opening import open_recording
 from handpose.sources.recording import DepthFrame, Recording
 from handpose.sources.ros_bag import open_bag
 from netlib.errors import DataError, NetlibError
+from tests.support import bags
 
 pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import bags
 import numpy as np
 import pytest
 
@@ -15,6 +14,7 @@ from handpose.facts.cameras import Camera
 from handpose.sources import ros_limits
 from handpose.sources.given import Given
 from netlib.errors import DataError
+from tests.support import bags
 
 pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 

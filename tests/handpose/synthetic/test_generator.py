@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from same_frames import assert_equal
 
 from handpose.data.crops import crop_pixels, restore_joints, window
 from handpose.data.frames import Frames
@@ -22,6 +21,7 @@ from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
+from tests.support.same_frames import assert_equal
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from same_frames import assert_equal
 
 from handpose.data.frames import Frames
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.many import generate
 from netlib.errors import DataError
+from tests.support.same_frames import assert_equal
 
 
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bvh_reader import Bvh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_tracks import any_hand, any_skeleton, header_of, skeleton_of
 
 from handpose.track_files.bvh_file import BvhWriter, bvh_text, nearest_frames
 from handpose.track_files.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import load
 from netlib.errors import DataError
+from tests.support.bvh_reader import Bvh
+from tests.support.made_tracks import any_hand, any_skeleton, header_of, skeleton_of
 
 HAND = header_of(load())
 # Two bones in a plane, which turn about z; the file has the child first.

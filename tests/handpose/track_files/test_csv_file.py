@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_tracks import any_hand, any_skeleton, any_track, header_of
 
 from handpose.track_files.csv_file import CsvWriter
 from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
 from netlib.errors import DataError
+from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
 HAND = header_of(load())
 

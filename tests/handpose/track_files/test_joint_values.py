@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_tracks import any_skeleton, any_track, header_of
 
 from handpose.gestures.over_time import GestureReader
 from handpose.joint_formats.angles import anatomical_angles
@@ -18,6 +17,7 @@ from handpose.track_files.json_file import read_track
 from handpose.track_files.writing import open_writer
 from layers.hand.skeleton import NYU_HAND, load
 from netlib.errors import DataError
+from tests.support.made_tracks import any_skeleton, any_track, header_of
 
 HEADER = header_of(load(NYU_HAND.with_name("people.prototxt")))
 FRAMES = any_track(HEADER, 1, 4)

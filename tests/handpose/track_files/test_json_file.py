@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_tracks import any_hand, any_skeleton, any_track, header_of
 
 from handpose.track_files.json_file import JsonLinesWriter, JsonWriter, Track, read_track
 from handpose.track_files.json_values import rounded
 from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError
+from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
 HAND = header_of(load())
 LAYOUTS = {"json": JsonWriter, "jsonl": JsonLinesWriter}

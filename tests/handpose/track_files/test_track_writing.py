@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from made_tracks import any_track, header_of
 
 from handpose.track_files.json_file import read_track
 from handpose.track_files.writing import open_writer
 from layers.hand.skeleton import load
 from netlib.errors import DataError
+from tests.support.made_tracks import any_track, header_of
 
 HAND = header_of(load())
 NAMES = {"a.json": ["a.json"], "b.JSONL": ["b.JSONL"], "c.csv": ["c.csv"], "d.bvh": ["d_left_1.bvh", "d_right_0.bvh"]}

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_tracks import skeleton_of
 
 from handpose.depth_fit.body import SIZE, FleshModel
 from handpose.tracking.body_pose import Placed, Placer, motion_between, moved
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
+from tests.support.made_tracks import skeleton_of
 
 CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)
 SEEDS = st.integers(0, 10**6)

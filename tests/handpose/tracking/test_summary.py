@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tracked_hands import HEADER, tracked
 
 from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand
 from handpose.tracking.summary import Summary
+from tests.support.tracked_hands import HEADER, tracked
 
 
 def summed(*hands: tuple[TrackedHand | LostHand, ...], first: float = 3.0) -> Summary:

@@ -4,6 +4,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_by_hand(run):
     """The sign of x decides; at 0 there is no gradient."""

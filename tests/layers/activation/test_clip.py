@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 CLIP = 'type: "Clip" clip_param { min: -1 max: 2 }'
 
 

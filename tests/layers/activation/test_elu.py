@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.mark.parametrize("in_place", [False, True])
 @pytest.mark.parametrize("alpha", [1, 0.5, -2])

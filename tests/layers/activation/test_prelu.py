@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 SHARED = 'type: "PReLU" prelu_param { channel_shared: true }'
 
 

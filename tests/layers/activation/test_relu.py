@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 LEAKY = 'type: "ReLU" relu_param { negative_slope: 0.25 }'
 
 

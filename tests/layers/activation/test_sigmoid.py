@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.mark.parametrize("in_place", [False, True])
 def test_by_hand(run, in_place):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.both_engines
+
 BETA_2 = 'type: "Swish" swish_param { beta: 2 }'
 
 

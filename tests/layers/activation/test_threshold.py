@@ -4,6 +4,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.mark.parametrize(("options", "y"), [("", [0, 0, 1, 1]), ("threshold: 0.5", [0, 0, 0, 1])])
 @pytest.mark.parametrize("in_place", [False, True])

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; in the second, two equal ones
 
 

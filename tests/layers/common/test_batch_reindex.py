@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 X = [[1.0, 2], [3, 4], [5, 6]]
 
 

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.mark.parametrize("axis", [0, 1, 2, -1])
 def test_one_after_the_other(run, rng, axis):

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 HALF = 'type: "Dropout" dropout_param { dropout_ratio: 0.5 }'
 
 

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 A, B, C = [1.0, 2, -3], [4.0, 2, 0], [0.5, 2, 5]
 
 

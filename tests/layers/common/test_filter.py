@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_by_hand(run):
     """What is not 0 passes; items that were dropped have no gradient."""

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.mark.parametrize(
     ("options", "shape"),

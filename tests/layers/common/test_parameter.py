@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 NET = """
 layer { name: "w" type: "Parameter" top: "w" parameter_param { shape { dim: 2 dim: 3 } } param { lr_mult: 2 } }
 layer { name: "sum" type: "Reduction" bottom: "w" top: "loss" loss_weight: 1 reduction_param { operation: SUMSQ } }

@@ -1,6 +1,9 @@
 """Silence."""
 
 import numpy as np
+import pytest
+
+pytestmark = pytest.mark.both_engines
 
 
 def test_it_reads_and_gives_no_gradient(run):

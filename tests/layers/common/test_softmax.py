@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_by_hand(run):
     """exp(0), exp(log 2), exp(log 5) of 8."""

@@ -1,6 +1,9 @@
 """Split."""
 
 import numpy as np
+import pytest
+
+pytestmark = pytest.mark.both_engines
 
 
 def test_copies_and_sums(run, rng):

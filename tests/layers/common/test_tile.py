@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_by_hand(run):
     """The whole row again and again, not each value; the gradients of the copies are added."""

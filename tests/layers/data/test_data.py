@@ -10,9 +10,11 @@ import cv2
 import lmdb
 import numpy as np
 import pytest
-from caffe_messages import datum, write_blob
 
 import netlib
+from tests.support.caffe_messages import datum, write_blob
+
+pytestmark = pytest.mark.both_engines
 
 
 def write(folder, entries, subdir=True):

@@ -3,12 +3,14 @@
 import cv2
 import numpy as np
 import pytest
-from caffe_messages import blob, content, datum, number, one_by_one, write_blob
 
 import netlib
 from layers.data.datum import decode_datum
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.prototxt import Bytes
+from tests.support.caffe_messages import blob, content, datum, number, one_by_one, write_blob
+
+pytestmark = pytest.mark.both_engines
 
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])

@@ -9,6 +9,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.fixture
 def data(tmp_path, net_of):

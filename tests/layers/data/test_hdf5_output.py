@@ -6,6 +6,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(path, x="dim: 2 dim: 3", t="dim: 2"):
     """A net of two inputs that are written."""

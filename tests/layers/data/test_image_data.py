@@ -6,6 +6,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 SIZES = [(4, 6), (4, 6), (4, 6), (5, 8), (3, 3)]
 
 

@@ -4,6 +4,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_one_shape_for_all_tops_or_one_for_each(net_of):
     """The caller writes the data; a forward leaves it alone."""

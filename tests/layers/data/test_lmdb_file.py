@@ -14,6 +14,8 @@ import pytest
 from layers.data.lmdb_file import BRANCH, LEAF, OVERFLOW, Cursor, Database
 from netlib.errors import DataError
 
+pytestmark = pytest.mark.both_engines
+
 lmdb = pytest.importorskip("lmdb", reason="the package lmdb, which writes the databases, is not installed")
 
 Entries = dict[bytes, bytes]

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 NET = """layer { name: "d" type: "MemoryData" top: "x" top: "t"
                  memory_data_param { batch_size: 2 channels: 3 height: 1 width: 2 } }"""
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from caffe_messages import write_blob
 
 import netlib
 from layers.data.image_data import ImageDataParameter
@@ -10,6 +9,9 @@ from layers.data.transform import Transformer, misplaced
 from netlib.layer import Layer
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter
+from tests.support.caffe_messages import write_blob
+
+pytestmark = pytest.mark.both_engines
 
 
 def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):

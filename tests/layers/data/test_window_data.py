@@ -5,9 +5,11 @@ import math
 import cv2
 import numpy as np
 import pytest
-from caffe_messages import write_blob
 
 import netlib
+from tests.support.caffe_messages import write_blob
+
+pytestmark = pytest.mark.both_engines
 
 H, W = 12, 16
 

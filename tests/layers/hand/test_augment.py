@@ -13,6 +13,8 @@ from handpose.facts.cameras import NYU
 from handpose.surface.render import Capsules, normalise_depth, render_crop
 from netlib.errors import LayerError
 
+pytestmark = pytest.mark.both_engines
+
 LAYER = """
 layer { name: "in" type: "Input" top: "depth" top: "joint"
         input_param { shape { dim: 40 dim: 1 dim: 128 dim: 128 } shape { dim: 40 dim: 6 } } }

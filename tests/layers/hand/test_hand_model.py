@@ -8,6 +8,8 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 
+pytestmark = pytest.mark.both_engines
+
 
 @pytest.fixture
 def text(tmp_path, arm_text):

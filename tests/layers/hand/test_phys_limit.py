@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 SKELETON = """
     dof { name: "bent" lower: -1 upper: 2 }
     dof { name: "free" }

@@ -9,6 +9,8 @@ import netlib
 from layers.hand.skeleton import load, load_for
 from layers.hand.skeleton_file import text_of
 
+pytestmark = pytest.mark.both_engines
+
 HAND = load()
 
 

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 SCORES = [[3, 2, 1], [1, 3, 2], [2, 1, 3], [3, 1, 2]]
 
 

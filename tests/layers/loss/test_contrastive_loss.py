@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 A = np.array([[3, 4], [3, 4], [0, 1], [1, 1]], np.float64)
 SIMILAR = [1, 0, 0, 0]  # at distances 5, 5, 1 and sqrt 2 from the origin
 

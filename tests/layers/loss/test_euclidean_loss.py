@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def test_by_hand(run):
     """(1 + 4 + 9 + 0) / (2 * 2); the gradient difference / N times the loss weight in the top's diff."""

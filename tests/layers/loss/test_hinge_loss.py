@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 X = [[2, -3, 0.5], [0.5, 1, -1]]
 LABELS = [0, 1]  # margins 0 0 1.5 and 1.5 0 0: a margin of exactly 0 has no gradient
 L2 = 'type: "HingeLoss" hinge_loss_param { norm: L2 }'

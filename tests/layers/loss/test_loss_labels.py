@@ -8,6 +8,8 @@ from layers.loss import labels
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LossParameter
 
+pytestmark = pytest.mark.both_engines
+
 
 def loss_param(text):
     """As it stands in a layer."""

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(sigma=2.0):
     """The layer: with a sigma of 2 the square reaches up to 1/4."""

@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 X = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 
 

@@ -6,6 +6,8 @@ from scipy.special import expit
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(outputs=3, options=""):
     """The layer with random weights and biases."""

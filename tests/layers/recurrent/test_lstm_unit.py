@@ -7,6 +7,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 TEXT = 'type: "LSTMUnit"'
 LN3 = math.log(3)  # sigmoid(ln 3) = 3/4, tanh(ln 3) = 4/5
 

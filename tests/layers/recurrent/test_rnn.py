@@ -7,6 +7,8 @@ import netlib
 from netlib import gradcheck
 from netlib.snapshots.snapshot import as_plain
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(kind="RNN", outputs=3, options=""):
     """The layer with random weights and biases."""

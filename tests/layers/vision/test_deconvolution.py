@@ -5,6 +5,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(kind="Deconvolution", **options):
     """The layer with these options, and weights and bias that are not zero."""

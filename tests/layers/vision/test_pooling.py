@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from plain_loops import outputs, pool
 
 import netlib
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
+from tests.support.plain_loops import outputs, pool
+
+pytestmark = pytest.mark.both_engines
 
 
 def text(**options):

@@ -7,6 +7,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(h=2, w=2, scale=1.0):
     """The layer with this grid."""

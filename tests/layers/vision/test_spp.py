@@ -7,6 +7,8 @@ import pytest
 
 import netlib
 
+pytestmark = pytest.mark.both_engines
+
 
 def text(height, pool="MAX"):
     """The layer with so many levels."""

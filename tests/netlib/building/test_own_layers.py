@@ -14,6 +14,8 @@ from netlib import caffe
 from netlib.building import python_layer
 from netlib.proto import prototxt
 
+pytestmark = pytest.mark.both_engines
+
 SQUARE = """
 import netlib
 

@@ -18,6 +18,8 @@ from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError
 from netlib.system.once import once
 
+pytestmark = pytest.mark.both_engines
+
 NET = """
     name: "n" force_backward: true
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }

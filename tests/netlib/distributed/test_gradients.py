@@ -9,6 +9,8 @@ import netlib
 from netlib.distributed.gradients import Gradients
 from netlib.proto import prototxt
 
+pytestmark = pytest.mark.both_engines
+
 FIXED = "param { lr_mult: 0 } param { lr_mult: 0 }"
 SHARED = 'param { name: "w" } param { name: "b" }'
 

@@ -1,7 +1,7 @@
 """Ranks over MPI: with real processes, rank_programs.py holds on each of them."""
 
-import ranks_started
-from ranks_started import PROGRAMS, needs_mpi
+from tests.support import ranks_started
+from tests.support.ranks_started import PROGRAMS, needs_mpi
 
 pytestmark = needs_mpi
 

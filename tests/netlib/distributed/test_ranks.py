@@ -4,13 +4,13 @@ import cv2
 import lmdb
 import numpy as np
 import pytest
-from caffe_messages import datum
 
 from netlib.distributed.ranks import ALONE
 from netlib.distributed.share import RankOfLayers, Share
 from netlib.errors import LayerError, NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt
+from tests.support.caffe_messages import datum
 
 COUNT, ROWS, BATCH = 3, 10, 2
 

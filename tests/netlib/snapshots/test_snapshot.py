@@ -18,6 +18,8 @@ from netlib.snapshots import snapshot
 from netlib.snapshots.solver_state import SolverState
 from netlib.snapshots.weights import image
 
+pytestmark = pytest.mark.both_engines
+
 NET = """
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
     layer { name: "a" type: "InnerProduct" bottom: "x" top: "a" param { name: "w" }

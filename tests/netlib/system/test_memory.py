@@ -13,6 +13,8 @@ import netlib
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError, written
 
+pytestmark = pytest.mark.both_engines
+
 MakeNet = Callable[..., netlib.Net]
 MakeList = Callable[..., Path]
 

@@ -22,6 +22,8 @@ import pytest
 import netlib
 from netlib.system.one_thread import OneThread
 
+pytestmark = pytest.mark.both_engines
+
 OLDER = Path(__file__).parents[1] / "older"
 RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
 MakeNet = Callable[..., netlib.Net]

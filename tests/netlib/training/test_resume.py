@@ -19,6 +19,8 @@ from netlib import engine
 from netlib.snapshots import hdf5_format, snapshot
 from netlib.snapshots.solver_state import SolverState
 
+pytestmark = pytest.mark.both_engines
+
 OLDER = Path(__file__).parents[1] / "older"
 RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chromium_tabs import browser, visit, visits
 
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content
@@ -17,6 +16,7 @@ from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema
+from tests.support.chromium_tabs import browser, visit, visits
 
 __all__ = ["browser", "visit"]  # fixtures
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from made_ledger import PAPERS, entry, trained
 
 from handpose.experiments.table1.findings import FINDINGS, decide
 from handpose.experiments.table1.networks import NETWORKS
 from handpose.experiments.table1.recipes import PAPER
 from handpose.experiments.table1.settings import ONE_HAND
 from handpose.experiments.table1.summary import Line, curve_of, line_of, spread_text, value_of
+from tests.support.made_ledger import PAPERS, entry, trained
 
 OURS_OR_JOINT = FINDINGS[0]
 

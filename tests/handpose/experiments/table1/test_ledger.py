@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_ledger import entry, shown
 
 from handpose.experiments.table1 import ledger
 from handpose.joint_fit.angles import rotations
 from layers.hand import skeleton
 from netlib.errors import DataError
+from tests.support.made_ledger import entry, shown
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:

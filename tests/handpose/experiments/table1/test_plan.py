@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from made_ledger import entry
-
 from handpose.experiments.table1.networks import DIRECT_JOINT, NO_LIMIT, OURS
 from handpose.experiments.table1.plan import Job, lambdas, next_length, order, report, verdict
 from handpose.experiments.table1.recipes import ADAM, PAPER
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND
+from tests.support.made_ledger import entry
 
 JOB = Job(ONE_HAND, OURS, PAPER, 1)
 LENGTHS = PAPER.lengths

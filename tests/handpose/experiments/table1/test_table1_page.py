@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import pytest
-from made_ledger import entry, trained
 
 from handpose.experiments.table1 import ledger, speed
 from handpose.experiments.table1 import page as table1_page
@@ -14,6 +13,7 @@ from handpose.experiments.table1.networks import LAMBDAS
 from handpose.experiments.table1.recipes import ADAM, PAPER
 from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL, SETTINGS
 from netlib.errors import DataError
+from tests.support.made_ledger import entry, trained
 
 RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 

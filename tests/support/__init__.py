@@ -1,0 +1,1 @@
+"""What several tests share: cases, recordings, programs, plain computations to compare with."""
