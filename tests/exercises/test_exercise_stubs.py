@@ -62,4 +62,3 @@ def test_the_recorded_numbers_are_caffes() -> None:
         assert mine[name].dtype == array.dtype
         assert np.array_equal(mine[name], array), name
     assert recorded.FILE.stat().st_size < 160_000
-    assert "exercises = *.npz" in (ROOT / "setup.cfg").read_text(encoding="utf-8")
