@@ -13,12 +13,12 @@ import textwrap
 from exercises.exercise import Exercise, Mistake
 from exercises.reading import functions
 from netlib import files
-from netlib.files.paths import ROOT, command
+from netlib.files.paths import command, own
 
 
 def bugs(exercise: Exercise) -> list[str]:
     """The files, one for each mistake that serves. Raises DataError if our source cannot be read."""
-    source = files.read_text(ROOT / exercise.file, "the source")
+    source = files.read_text(own(exercise.file), "the source")
     made = (_with(exercise, source, mistake) for mistake in exercise.mistakes)
     return [text for text in made if text is not None]
 
