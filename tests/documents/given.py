@@ -163,7 +163,7 @@ def pictures(folder: Path) -> Names:
 
 
 BY_DOCUMENT: dict[str, tuple[Given, ...]] = {
-    "README.md": (frames, frame, crop, weights, log, data, joints, person),
+    "README.md": (frames, frame, crop, weights, data),
     "docs/caffe.md": (nets,),
     "docs/caffe_tools.md": (pictures,),
     "docs/camera.md": (frames,),
@@ -171,11 +171,12 @@ BY_DOCUMENT: dict[str, tuple[Given, ...]] = {
     "docs/fit.md": (frames, frame),
     "docs/onnx.md": (crop,),
     "docs/reliability.md": (nets,),
+    "docs/usage.md": (frames, frame, crop, weights, log, data, joints, person),
     "models/synthetic_hand/readme.md": (frame,),
 }
 NEEDS = {  # packages that commands of a document need; a Python block that imports one says so itself
-    "README.md": ("matplotlib",),
     "docs/caffe_tools.md": ("lmdb",),
     "docs/camera.md": ("av", "matplotlib"),
     "docs/onnx.md": ("onnx", "onnxruntime"),
+    "docs/usage.md": ("matplotlib",),
 }

@@ -57,8 +57,8 @@ def test_documents_and_code_have_pages(site: Path) -> None:
 
 
 def test_lists_tables_and_prototxt_are_such(site: Path) -> None:
-    """The README's reading order, the table of layers, a list in a list, a net in its colours."""
-    assert "<ol>" in (site / "index.html").read_text(encoding="utf-8")
+    """The reading order of the source, the table of layers, a list in a list, a net in its colours."""
+    assert "<ol>" in (site / "docs/code.html").read_text(encoding="utf-8")
     assert "<td>vision</td>" in (site / "docs/layers.html").read_text(encoding="utf-8")
     assert "<ul>\n<li><code>case</code>" in (site / "tests/caffe/index.html").read_text(encoding="utf-8")
     assert '<span class="nt">dof</span>' in (site / "docs/book/8_hand.html").read_text(encoding="utf-8")
