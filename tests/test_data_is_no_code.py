@@ -29,6 +29,7 @@ ALLOWED = {
     "netlib/files/paths.py": "load_module: this project's packages, and Python layers",
     "netlib/system/aliases.py": "names of modules that stand in this project",
     "handpose/moved.py": "the same",
+    "handpose/__main__.py": "a command of this project, which stands in tools/",
     "netlib/engine/choice.py": "the folder fast/",
     "netlib/caffe/draw.py": "runs Graphviz's program dot, without a shell",
     "exercises/process.py": "starts itself, without a shell",

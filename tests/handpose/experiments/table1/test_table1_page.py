@@ -15,7 +15,7 @@ from handpose.experiments.table1.settings import MANY_HANDS, ONE_HAND, REAL, SET
 from netlib.errors import DataError
 from tests.support.made_ledger import entry, trained
 
-RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
+RESULTS = Path(__file__).resolve().parents[4] / "docs" / "results"
 
 
 def test_the_page_that_is_there_is_that_of_the_ledger_that_is_there() -> None:
