@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.joint_formats.angles import turned
-from handpose.joint_formats.frames import HandFrames, frames_of
+from handpose.joint_formats.frames import HandFrames, frames_of, unit
 from handpose.joint_formats.points import FINGERS, POINTS, Point, weights_of
 from handpose.surface.model import Flesh
 from layers.hand.skeleton import Skeleton
@@ -192,12 +192,10 @@ def _orientations(frames: HandFrames, points: Array) -> Array:
     found = {"PALM": (palm, frames.dorsal), "WRIST": (wrist, frames.dorsal)}
     for finger in ("thumb", *FINGERS):
         names = [joint for joint in at if joint.startswith(finger.upper())]
-        bones = [_unit(at[b] - at[a]) for a, b in itertools.pairwise(names)]
-        if finger == "thumb":
-            back = turned(frames.back[finger], frames.bones[finger][0], bones[0])
-        else:
+        bones = [unit(at[b] - at[a]) for a, b in itertools.pairwise(names)]
+        if finger != "thumb":  # the first bone is a metacarpal
             found[names.pop(0)] = bones.pop(0), frames.dorsal
-            back = turned(frames.back[finger], frames.bones[finger][0], bones[0])
+        back = turned(frames.back[finger], frames.bones[finger][0], bones[0])
         for name, bone, after in zip(names, bones, [*bones[1:], bones[-1]]):
             found[name] = bone, back
             back = turned(back, bone, after)
@@ -224,7 +222,3 @@ def _radii(skeleton: Skeleton) -> Array:
     )
     of_joints[skeleton.joint_names.index("palm")] = 0.0  # no point has it
     return np.asarray(_weights("openxr", skeleton) @ of_joints)
-
-
-def _unit(vector: Array) -> Array:
-    return np.asarray(vector / np.linalg.norm(vector))

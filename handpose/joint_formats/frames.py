@@ -1,4 +1,4 @@
-"""Directions of a hand that its joints tell: the palm, and how every finger is turned.
+"""Directions of a hand, computed from its joints: of the palm and of each finger.
 
 All of it is computed for a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
 and directions mirrored back. Everything follows from positions, so joints of a network, a fit and a track are alike.
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handpose.joint_formats.points import FINGERS, POINTS, weights_of
+from handpose.rotations import best_rotation
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -54,18 +55,18 @@ class HandFrames:
 def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
     """The directions of a hand whose joints, of a right hand or mirrored, are ``right`` (K, 3) mm. Raises DataError."""
     rest = _rest(skeleton)
-    R, unit_mm = _kabsch(rest.palm, right[rest.palm_joints])
+    R, unit_mm = _pose_of(rest.palm, right[rest.palm_joints])
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     across = np.cross(mcp[0] - wrist, mcp[-1] - wrist)
-    dorsal = _unit(across)
-    metacarpals = [_unit(b - a) for a, b in zip(cmc, mcp)]
-    radial = _unit(np.cross(metacarpals[1], dorsal))
+    dorsal = unit(across)
+    metacarpals = [unit(b - a) for a, b in zip(cmc, mcp)]
+    radial = unit(np.cross(metacarpals[1], dorsal))
     bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
     palm["thumb"] = metacarpals[0]
     for finger, hinges in rest.hinges.items():
         ends = right[hinges]
-        bones[finger] = np.array([_unit(bone) for bone in ends[1:] - ends[:-1]])
+        bones[finger] = np.array([unit(bone) for bone in ends[1:] - ends[:-1]])
         M = R @ rest.frames[finger]
         d = M.T @ bones[finger][0]
         if finger == "thumb":
@@ -103,13 +104,12 @@ def _rest(skeleton: Skeleton) -> _Rest:
     )  # fmt: skip
 
 
-def _kabsch(rest: Array, found: Array) -> tuple[Array, float]:
-    """The rotation that turns one set of points (N, 3) best into another, and their relative size."""
+def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:
+    """The rotation that moves points (N, 3) best onto others, about their means, and the relative size of both."""
     a, b = rest - rest.mean(axis=0), found - found.mean(axis=0)
-    u, _, vt = np.linalg.svd(b.T @ a)
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    return u @ flip @ vt, float(np.sqrt((b**2).sum() / (a**2).sum()))
+    return best_rotation(a, b), float(np.sqrt((b**2).sum() / (a**2).sum()))
 
 
-def _unit(vector: Array) -> Array:
+def unit(vector: Array) -> Array:
+    """A vector (3,) made 1 long; 0 stays 0."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))

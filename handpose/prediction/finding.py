@@ -17,6 +17,7 @@ from handpose.data.depth_images import depth_image
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CENTER_IN_PALM
 from handpose.facts.sides import Side, mirror_of
+from handpose.rotations import best_rotation
 from handpose.rounding import PLACE_STEP_MM, rounded
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
@@ -103,14 +104,12 @@ def recenter(
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """How the palm is turned: world_from_palm (3, 3) of joints (K, 3).
 
-    With p_k the joints fixed to the palm, from it and in its frame, and x_k the same as given, the rotation that
-    minimises sum_k |x_k - R p_k|² is R = U diag(1, 1, det(U Vᵀ)) Vᵀ with sum_k x_k p_kᵀ = U S Vᵀ (Kabsch, 1976).
-    Raises DataError if the skeleton has too few such joints.
+    It moves the joints fixed to the palm best from where they are in its frame to where they are given. Raises
+    DataError if the skeleton has too few such joints.
     """
     fixed, in_palm = _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
-    U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
-    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
+    return best_rotation(in_palm, from_palm)
 
 
 @functools.lru_cache(maxsize=16)

@@ -1,0 +1,34 @@
+"""best_rotation: found again from moved points, and never a reflection."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from handpose.rotations import best_rotation
+
+RNG = np.random.default_rng(0)
+POINTS = RNG.standard_normal((7, 3))
+
+
+def test_a_rotation_is_found_again() -> None:
+    """From points that it moved."""
+    for wanted in Rotation.random(20, random_state=RNG).as_matrix():
+        np.testing.assert_allclose(best_rotation(POINTS, POINTS @ wanted.T), wanted, atol=1e-12)
+
+
+def test_of_a_mirror_image() -> None:
+    """The nearest rotation: its determinant is 1."""
+    found = best_rotation(POINTS, POINTS * (-1, 1, 1))
+    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(found) > 0
+
+
+def test_with_noise() -> None:
+    """No small turn away from it is better."""
+    moved = POINTS + 0.1 * RNG.standard_normal(POINTS.shape)
+    best = best_rotation(POINTS, moved)
+
+    def error(R: np.ndarray) -> float:
+        return float(((moved - POINTS @ R.T) ** 2).sum())
+
+    for turn in Rotation.from_rotvec(0.01 * RNG.standard_normal((20, 3))).as_matrix():
+        assert error(turn @ best) > error(best)
