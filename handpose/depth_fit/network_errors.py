@@ -144,12 +144,10 @@ def table_of(doubt: Array, error_mm: Array) -> Array:
 
     Means of groups of equal size, made ascending by pooling neighbours that are not (isotonic regression).
     """
-    shown = np.isfinite(doubt)  # of crops that show nothing, no table has to say that nothing is sure
-    doubt, error_mm = doubt[shown], error_mm[shown]
-    shown = np.isfinite(doubt)  # of crops that show nothing, no table has to say that nothing is sure
+    shown = np.isfinite(doubt)  # crops that show nothing have no finite doubt and need no table
     doubt, error_mm = doubt[shown], error_mm[shown]
     order = np.argsort(doubt, kind="stable")
-    groups = np.array_split(order, min(KNOTS, len(order)))
+    groups = [group for group in np.array_split(order, KNOTS) if len(group)]
     x = np.array([doubt[g].mean() for g in groups])
     y = _pooled(np.array([error_mm[g].mean() for g in groups]))
     chance = 1 - _pooled(np.array([(error_mm[g] > GOOD_MM).mean() for g in groups]))

@@ -131,6 +131,8 @@ def test_too_little_to_measure() -> None:
     for count in (1, 30):
         with pytest.raises(DataError, match=f"{count} fits with the same doubt, expected many different ones"):
             table_of(np.full(count, 3.0), np.linspace(1, 50, count))
+    with pytest.raises(DataError, match="0 fits with the same doubt"):  # all crops show nothing
+        table_of(np.full(30, np.inf), np.linspace(1, 50, 30))
 
 
 def test_a_table_of_fits_that_are_known() -> None:
