@@ -1,4 +1,4 @@
-"""Find the bug: our source with one known mistake in the place of the right lines, to be read and mended.
+"""Find the bug: our source with one known mistake in the place of the right lines, to be found and fixed.
 
 Mistakes written in full are used: a function, or methods that replace ours and use neither them nor a helper.
 """
@@ -11,7 +11,7 @@ import sys
 import textwrap
 
 from exercises.exercise import Exercise, Mistake
-from exercises.reading import functions
+from exercises.reading import body_lines, functions
 from netlib import files
 from netlib.files.paths import command, own
 
@@ -32,18 +32,13 @@ def _with(exercise: Exercise, source: str, mistake: Mistake) -> str | None:
         old = there[name]
         new = ast.parse(textwrap.dedent(written[name])).body[0]
         assert isinstance(new, ast.FunctionDef)
-        body = textwrap.dedent(written[name]).splitlines()[_first_line(new) - 1 :]
-        first = old.lineno + _first_line(old) - old.lineno
+        first, last = body_lines(new)
+        body = textwrap.dedent(written[name]).splitlines()[first - 1 : last]
+        first, last = body_lines(old)
         indent = " " * old.col_offset
-        lines[first - 1 : old.end_lineno] = [f"{indent}{line}".rstrip() for line in body]
-    head = f"# There is one mistake in this file. Find and mend it, then: {command('exercise')} {exercise.name}"
+        lines[first - 1 : last] = [f"{indent}{line}".rstrip() for line in body]
+    head = f"# There is one mistake in this file. Find and fix it, then: {command('exercise')} {exercise.name}"
     return "\n".join([f"{head} --file THIS_FILE", *lines]) + "\n"
-
-
-def _first_line(function: ast.FunctionDef) -> int:
-    """Of the body, after the docstring."""
-    body = function.body
-    return body[1].lineno if ast.get_docstring(function) is not None and len(body) > 1 else body[0].lineno
 
 
 def _methods(exercise: Exercise, mistake: Mistake) -> dict[str, str]:

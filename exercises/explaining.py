@@ -148,14 +148,13 @@ def where_wrong(found: Difference) -> str | None:
     ]
     if not places and wrong.ndim >= 2 and min(wrong.shape[-2:]) > 2 and not wrong[..., 1:-1, 1:-1].any():
         places.append("at the border of the picture")
-    right_at = ~wrong
     for what, mask in (
         ("it should be 0", found.wanted == 0),
         ("it should not be 0", found.wanted != 0),
         ("it should be positive", found.wanted > 0),
         ("it should be negative", found.wanted < 0),
     ):
-        if mask.any() and (wrong <= mask).all() and (right_at <= ~mask).all():
+        if mask.any() and np.array_equal(wrong, mask):
             places.append(f"where {what}")
             break
     return f"Only elements {', '.join(places)} are wrong." if places else None

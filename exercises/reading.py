@@ -116,6 +116,14 @@ def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
                         if isinstance(inner, ast.FunctionDef))  # fmt: skip
 
 
+def body_lines(function: ast.FunctionDef) -> tuple[int, int]:
+    """The first and the last line of a function's body after its docstring."""
+    body = function.body
+    has_docstring = ast.get_docstring(function) is not None
+    first = (body[0].end_lineno or 0) + 1 if has_docstring else body[0].lineno
+    return first, function.end_lineno or first
+
+
 def _is_used(name: str, tree: ast.Module) -> bool:
     """Does the file ask for a function or method somewhere?"""
     last = name.split(".")[-1]

@@ -7,7 +7,7 @@ import re
 import textwrap
 
 from exercises.exercise import Exercise
-from exercises.reading import functions
+from exercises.reading import body_lines, functions
 from netlib import files
 from netlib.files.paths import command, own
 
@@ -24,20 +24,12 @@ def stub(exercise: Exercise, *, bare: bool = False) -> str:
     there = dict(functions(tree))
     for name in sorted(exercise.to_do, key=lambda name: -there[name].lineno):
         function = there[name]
-        first, last = _body(function)
+        first, last = body_lines(function)
         lines[first - 1 : last] = _instead("" if bare else exercise.to_do[name], function.body[0].col_offset)
     text = "\n".join(lines) + "\n"
     text = _without_formulas(text) if bare else text
     text = _with_numpy(_kept(text, exercise.keep) if exercise.keep else text)
     return f"# Write what raises NotImplementedError, then: {command('exercise')} {exercise.name}\n{text}"
-
-
-def _body(function: ast.FunctionDef) -> tuple[int, int]:
-    """The lines of a function's body after its docstring."""
-    body = function.body
-    has_docstring = ast.get_docstring(function) is not None
-    first = (body[0].end_lineno or 0) + 1 if has_docstring else body[0].lineno
-    return first, function.end_lineno or first
 
 
 def _without_formulas(text: str) -> str:

@@ -17,8 +17,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import hashlib
-import json
 import sys
 import textwrap
 from pathlib import Path
@@ -29,7 +27,7 @@ import tools
 
 tools.begin(__name__)
 
-from exercises import process
+from exercises import process, solutions
 from exercises.bugs import bugs
 from exercises.checking import Step
 from exercises.exercise import Exercise
@@ -37,13 +35,10 @@ from exercises.reading import ExerciseError
 from exercises.stubs import stub
 from exercises.table import EXERCISES
 from netlib.errors import did_you_mean
-from netlib.files import atomic
-from netlib.files.paths import ROOT, command, exists
+from netlib.files.paths import command
 from tools.common.arguments import natural, parser_of, positive, positive_number
 from tools.common.console import DONE, FAILED, guarded, say
 from tools.common.progress import ProgressBar
-
-PROGRESS = Path(".exercises.json")  # in the working folder: which files have passed
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -84,33 +79,18 @@ def run(args: argparse.Namespace) -> int:
         return start(exercise, bare=args.bare)
     if args.bug:
         return plant(exercise, args.bug)
-    path = Path(args.file) if args.file is not None else file_of(exercise)
+    path = Path(args.file) if args.file is not None else solutions.to_check(exercise)
     return check(exercise, path, args.iterations, args.limit, not args.no_python_layers)
 
 
 def show_all() -> int:
     """The exercises in the order of the book; a tick at those whose file here has passed, a point at those begun."""
-    passed = _passed()
+    passed = solutions.passed()
     for number, exercise in enumerate(EXERCISES.values(), 1):
-        begun = exists(Path(f"{exercise.name}.py"))
-        mark = "✓" if begun and passed.get(exercise.name) == _checksum(exercise) else "·" if begun else " "
+        mark = solutions.mark(exercise, passed)
         say(f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
     say(f"Begin one: {command('exercise')} relu --start")
     return DONE
-
-
-def _checksum(exercise: Exercise) -> str:
-    """Of the reader's file in the working folder."""
-    return hashlib.sha256(Path(f"{exercise.name}.py").read_bytes()).hexdigest()
-
-
-def _passed() -> dict[str, str]:
-    """Of each exercise that has passed here, the checksum of the file that did; nothing if the list is not readable."""
-    try:
-        found = json.loads(PROGRESS.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def plant(exercise: Exercise, number: int) -> int:
@@ -118,34 +98,19 @@ def plant(exercise: Exercise, number: int) -> int:
     files, path = bugs(exercise), Path(f"{exercise.name}_bug.py")
     if not 1 <= number <= len(files):
         raise ExerciseError(f"{exercise.name} has {len(files)} bugs to find; there is no bug {number}")
-    if exists(path) or path.is_symlink():
-        raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
-    atomic.replace_text(path, files[number - 1])
-    say(
-        f"wrote {path}: bug {number} of {len(files)}. Read it, mend it, then: "
-        f"{command('exercise')} {exercise.name} --file {path}"
-    )
+    solutions.write_new(path, files[number - 1])
+    say(f"wrote {path}: bug {number} of {len(files)}. Read it, fix it, then: "
+        f"{command('exercise')} {exercise.name} --file {path}")  # fmt: skip
     return DONE
 
 
 def start(exercise: Exercise, *, bare: bool = False) -> int:
-    """Write the stub; a file that is there is somebody's work, and stays. Raises ExerciseError."""
-    path = Path(f"{exercise.name}.py")
-    if exists(path) or path.is_symlink():
-        raise ExerciseError(f"{path}: is there already, and stays as it is; remove it to begin anew")
-    atomic.replace_text(path, stub(exercise, bare=bare))
+    """Write the stub. Raises ExerciseError if the file is there."""
+    path = solutions.place(exercise)
+    solutions.write_new(path, stub(exercise, bare=bare))
     say(f"wrote {path}: {exercise.title}")
     say(f"Write {', '.join(exercise.to_do)}; then: {command('exercise')} {exercise.name}")
     return DONE
-
-
-def file_of(exercise: Exercise) -> Path:
-    """The file to check: the one here, else that of the project. Raises ExerciseError if there is neither."""
-    here, there = Path(f"{exercise.name}.py"), ROOT / "docs" / "exercises" / f"{exercise.name}.py"
-    for path in (here, there):
-        if exists(path):
-            return path
-    raise ExerciseError(f"{here}: is not there; {command('exercise')} {exercise.name} --start writes one")
 
 
 def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, python_layers: bool) -> int:
@@ -153,19 +118,19 @@ def check(exercise: Exercise, path: Path, iterations: int, limit_s: float, pytho
     say(f"{exercise.title} ({path})")
     passed = False
     with contextlib.ExitStack() as stack:
-        progress = None
+        bar = None
         for news in process.checked(exercise, path, iterations, limit_s, python_layers):
             if isinstance(news, Step):
                 stack.close()  # the bar goes before the last line comes
                 tell(news)
                 passed = news.passed
                 continue
-            progress = progress or stack.enter_context(ProgressBar(iterations, "iterations", "training"))
-            progress(news)
+            bar = bar or stack.enter_context(ProgressBar(iterations, "iterations", "training"))
+            bar(news)
     if not passed:
         return FAILED
-    if path == Path(f"{exercise.name}.py"):
-        atomic.replace_text(PROGRESS, json.dumps(_passed() | {exercise.name: _checksum(exercise)}, indent=1) + "\n")
+    if path == solutions.place(exercise):
+        solutions.note(exercise)
     say(f"All of it is right. Ours, to compare: {exercise.file}")
     return DONE
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from exercises import solutions
 from exercises.bugs import bugs
 from exercises.checking import steps
 from exercises.reading import ReadersFile
@@ -129,7 +130,7 @@ def test_the_file_here_comes_first(work: Path, capsys: pytest.CaptureFixture[str
 
 def test_no_file_at_all(work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the tools are installed without docs/."""
-    monkeypatch.setattr(command, "ROOT", work)
+    monkeypatch.setattr(solutions, "ROOT", work)
     assert command.main(["relu"]) == 1
     assert capsys.readouterr().err == "relu.py: is not there; python tools/exercise.py relu --start writes one\n"
 
