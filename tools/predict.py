@@ -55,25 +55,14 @@ from handpose.prediction.prediction import FramePrediction
 from handpose.prediction.predictor import Predictor
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import findings, hand_pages, outputs, pictures
-from tools.common.arguments import (
-    add_engine,
-    add_joints_option,
-    camera,
-    center,
-    cube,
-    natural,
-    parser_of,
-    positive_number,
-    refuse_given,
-)
+from tools.common import arguments, findings, hand_pages, outputs, pictures
 from tools.common.console import DONE, guarded, say
 from tools.common.sources import say_doubts
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__, nets=True)
+    parser = arguments.parser_of(__doc__, nets=True)
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="crops, or with --camera whole depth frames")
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET",
@@ -84,18 +73,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="(default: either, with --fit no right)")
     parser.add_argument("--out", metavar="DIR", default=".", help="where the pictures go (default: here)")
     parser.add_argument("--html", metavar="FILE", help="write a page with all the hands, to turn around")
-    parser.add_argument("--cube", type=cube, metavar="MM", help=f"edge of the cube (default of hands: {CUBE_MM:g})")
-    parser.add_argument("--camera", type=camera, metavar="NAME|FX,FY,U0,V0",
+    parser.add_argument(
+        "--cube", type=arguments.cube, metavar="MM", help=f"edge of the cube (default of hands: {CUBE_MM:g})"
+    )
+    parser.add_argument("--camera", type=arguments.camera, metavar="NAME|FX,FY,U0,V0",
                         help="the images are whole depth frames of this camera: "
                              f"{', '.join(CAMERAS)}, or FX,FY,U0,V0")  # fmt: skip
-    parser.add_argument("--unit", type=positive_number, metavar="MM",
+    parser.add_argument("--unit", type=arguments.positive_number, metavar="MM",
                         help="what a pixel's value of 1 stands for (default: 1, of sr305 0.125)")  # fmt: skip
-    parser.add_argument("--center", type=center, metavar="U,V[,D]", action="append",
+    parser.add_argument("--center", type=arguments.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: middle of the hand, once for all frames or once per frame")  # fmt: skip
-    parser.add_argument("--refine", type=lambda text: natural(text, MOST_REFINE), default=3, metavar="N",
+    parser.add_argument("--refine", type=lambda text: arguments.natural(text, MOST_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
-    add_engine(parser)
-    add_joints_option(parser, "in the table instead of ours, in --json with them")
+    arguments.add_engine(parser)
+    arguments.add_joints_option(parser, "in the table instead of ours, in --json with them")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
     if args.model and not args.weights:
@@ -103,7 +94,7 @@ def main(argv: list[str] | None = None) -> int:
     if args.fit == "no" and args.hand == "either":
         parser.error("--hand either needs a fit, which tells the hands apart; say --hand right or left")
     if args.camera is None:
-        refuse_given(parser, args, ["center", "unit", "refine"], "is for whole frames; name their --camera")
+        arguments.refuse_given(parser, args, ["center", "unit", "refine"], "is for whole frames; name their --camera")
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
                      "expected once, or for each")  # fmt: skip
@@ -129,18 +120,12 @@ def run(args: argparse.Namespace) -> int:
             say_doubts(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
-        joints = dict(zip(predictor.skeleton.joint_names, found.joints_mm))
-        other = findings.in_format(found, predictor, args.joints) if args.joints else {}
         if args.json:
-            rounded = {name: xyz.round(2).tolist() for name, xyz in joints.items()}
-            results.append({"image": image, "picture": str(place), "cube_mm": predictor.cube_mm,
-                            **findings.facts(found, predictor), "joints_mm": rounded, **other})  # fmt: skip
+            values = findings.values(found, predictor, args.joints)
+            results.append({"image": image, "picture": str(place), **values})
         else:
-            words = f"{findings.in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
-            say(f"{image}: {words}; picture {place}")
-            for line in (
-                findings.format_lines(found, args.joints, other) if args.joints else findings.joint_lines(joints)
-            ):
+            words, lines = findings.table(found, predictor, args.joints)
+            for line in (f"{image}: {words}; picture {place}", *lines):
                 say(line)
     if args.html:
         hand_pages.write(Path(args.html), hands, predictor)

@@ -18,8 +18,28 @@ from netlib.blob import Array
 from tools.common import pictures
 
 
+def values(found: Prediction, predictor: Predictor, joints: FormatName | None) -> dict[str, Any]:
+    """What JSON says of the hand; with its joints in another format, too. Raises DataError for another body then."""
+    rounded = {name: xyz.round(2).tolist() for name, xyz in _joints(found, predictor).items()}
+    return {"cube_mm": predictor.cube_mm, **facts(found, predictor), "joints_mm": rounded,
+            **(_in_format(found, predictor, joints) if joints else {})}  # fmt: skip
+
+
+def table(found: Prediction, predictor: Predictor, joints: FormatName | None) -> tuple[str, list[str]]:
+    """The hand in words, and the lines of its joints, or of those of another format. Raises DataError as ``values``."""
+    words = f"{in_words(found, predictor)}, cube {predictor.cube_mm:g} mm"
+    if joints:
+        return words, _format_lines(found, joints, _in_format(found, predictor, joints))
+    own = _joints(found, predictor)
+    return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own.items()]
+
+
+def _joints(found: Prediction, predictor: Predictor) -> dict[str, Array]:
+    return dict(zip(predictor.skeleton.joint_names, found.joints_mm))
+
+
 def facts(found: Prediction, predictor: Predictor) -> dict[str, Any]:
-    """What JSON says beside the joints."""
+    """What JSON says besides the joints."""
     said: dict[str, Any] = {"hand": found.hand} if predictor.is_hand else {"body": predictor.skeleton.name}
     if isinstance(found, FramePrediction):
         said |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
@@ -46,19 +66,14 @@ def in_words(found: Prediction, predictor: Predictor) -> str:
     return words
 
 
-def in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:
+def _in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:
     """What JSON says of the hand in another format. Raises DataError for another body than a hand."""
     if isinstance(found, FramePrediction):
         return joint_values.hand_values(name, predictor.skeleton, found.hand, found.xyz, found.camera)
     return joint_values.hand_values(name, predictor.skeleton, found.hand, found.joints_mm, None, found.cube_mm)
 
 
-def joint_lines(joints: dict[str, Array]) -> list[str]:
-    """The table of our joints."""
-    return [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in joints.items()]
-
-
-def format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -> list[str]:
+def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -> list[str]:
     """The tables of a format's joints, and of the angles. Each line has what ``values`` has of a joint."""
     center = "from the camera" if isinstance(found, FramePrediction) else "from the crop's centre"
     about = "about its mean" if name == "mediapipe" else center
