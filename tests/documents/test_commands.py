@@ -21,6 +21,7 @@ pytest.importorskip("sybil", reason="tests of documents need sybil: pip install 
 
 from tests.documents import commands, given, workplace
 from tests.documents.test_blocks import DOCUMENTS
+from tests.documents.workplace import CODE
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -198,19 +199,7 @@ def test_commands_in_running_text_parse() -> None:
 
 def test_commands_in_help_texts_and_messages_parse() -> None:
     """Of every file that is no test."""
-    tops = (
-        "netlib",
-        "layers",
-        "fast",
-        "handpose",
-        "exercises",
-        "export",
-        "tools",
-        "benchmarks",
-        "docs",
-        "tests/faults",
-        "tests/support",
-    )
+    tops = (*CODE, "tests/faults", "tests/support")
     found = {path: in_source(path) for top in tops for path in (ROOT / top).rglob("*.py")}
     bench = found[ROOT / "benchmarks" / "bench.py"]
     assert {"make bench", "python benchmarks/bench.py --json speed.json"} <= set(bench)

@@ -16,20 +16,8 @@ import numpy as np
 import netlib
 
 ROOT = Path(__file__).resolve().parents[2]
-LINKED = (
-    "netlib",
-    "layers",
-    "fast",
-    "handpose",
-    "exercises",
-    "export",
-    "tools",
-    "benchmarks",
-    "docs",
-    "tests",
-    "setup.cfg",
-    "Makefile",
-)
+CODE = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "benchmarks", "docs")
+LINKED = (*CODE, "tests", "setup.cfg", "Makefile")
 COPIED = ("prototxt", "models")  # what documents may write into
 LARGE = 100_000  # bytes; larger files are linked even there, and replaced, as all writers do
 
