@@ -22,7 +22,7 @@ from pathlib import Path
 from types import ModuleType
 
 from netlib.errors import PrototxtError
-from netlib.files.paths import BASE, ROOT, load_module
+from netlib.files.paths import BASE, ROOT, load_module, own
 from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
@@ -104,11 +104,11 @@ def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
     if _is_ours(top):
         if inner:
             _add_folders(importlib.import_module(top))
-        own = _own_file(name)
-        if own is not None and _may_have(own, wanted):
-            module = load_module(f"{name} of {own}", own)
+        theirs = _own_file(name)
+        if theirs is not None and _may_have(theirs, wanted):
+            module = load_module(f"{name} of {theirs}", theirs)
             if hasattr(module, wanted):
-                return module, str(own)
+                return module, str(theirs)
     file = _file_of(name)
     if file is not None and not _may_have(file, wanted):
         return None, str(file)
@@ -117,7 +117,7 @@ def _import(name: str, wanted: str) -> tuple[ModuleType | None, str]:
 
 
 def _is_ours(top: str) -> bool:
-    return any((base / top / "__init__.py").is_file() for base in (ROOT, BASE))
+    return (own(top) / "__init__.py").is_file()
 
 
 def _folders() -> list[Path]:
