@@ -61,7 +61,7 @@ def measure(
 ) -> GestureFigures:
     """Read the gestures of the tracks of recordings, which show one hand. Raises NetlibError.
 
-    track  what is told of a recording: by a tracker, or its truth
+    track  gives the track of a recording: a tracker's, or the true one
     """
     found = GestureFigures()
     for recording in recordings:

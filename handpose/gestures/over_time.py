@@ -1,7 +1,7 @@
 """The gesture of a hand over time, with hysteresis: it neither flickers nor follows a single frame.
 
 Scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed score is above BEGIN, and stays
-until it is below END or another one begins. A hand that was not seen for FORGET_S begins anew.
+until it is below END or another one begins. A hand that was not seen for FORGET_S starts without history.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ ANGLES_KEY = "anatomical_deg"
 
 
 def format_values(name: FormatName) -> dict[str, Any]:
-    """What the header of a track says of a format."""
+    """A format, for the header of a track."""
     chosen = FORMATS[name]
     return {"name": name, "joints": list(chosen.joints), "bones": [list(bone) for bone in chosen.bones],
             "length": chosen.unit, "axes": chosen.in_words, "angles": list(ANGLES)}  # fmt: skip
@@ -46,7 +46,7 @@ def format_values(name: FormatName) -> dict[str, Any]:
 def hand_values(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None
 ) -> dict[str, Any]:
-    """What JSON says of a hand besides our joints. Raises DataError for another body than a hand."""
+    """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
     parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm))
     angles = anatomical_angles(skeleton, hand, xyz)
     joints = {key: None if values is None else _rounded(values, key) for key, values in parts.items()}
