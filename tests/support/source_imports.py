@@ -1,9 +1,8 @@
-"""Source files as the rules about them see them: what a file imports, and which files break a rule."""
+"""What a source file imports."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -30,8 +29,3 @@ def imports_of(tree: ast.AST) -> set[str]:
             assert node.level == 0, f"relative import in line {node.lineno}"
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
     return found
-
-
-def offenders(wrong: Mapping[str, set[str]]) -> dict[str, list[str]]:
-    """The files that break a rule, each with what it has and should not have."""
-    return {name: sorted(what) for name, what in wrong.items() if what}

@@ -21,11 +21,6 @@ LONGEST = 160  # lines; what is longer has logic that belongs elsewhere
 WITH_ENGINE = ["extract_features", "measure_fit", "predict", "test", "time", "train"]
 
 
-def imported_from_tools(path: Path) -> set[str]:
-    """The modules of tools/ that a file imports, wherever in it."""
-    return {name.split(".")[1] for name in imports(path) if name.startswith("tools.")}
-
-
 def examples(doc: str, name: str) -> list[list[str]]:
     """The arguments of each command that a docstring shows, without what its output is led to."""
     lines = doc.replace("\\\n", " ").splitlines()
@@ -36,13 +31,6 @@ def examples(doc: str, name: str) -> list[list[str]]:
 def test_the_commands_are_found() -> None:
     """Else the other tests would look at nothing."""
     assert {"train", "test", "predict", "table1", "make_synthetic"} <= set(COMMANDS)
-
-
-@pytest.mark.parametrize("folder", ["tools", "benchmarks", "handpose", "exercises", "export", "docs"])
-def test_no_program_imports_a_command(folder: str) -> None:
-    """What two of them need is in tools/common/, or in handpose/."""
-    for path in (ROOT / folder).rglob("*.py"):
-        assert imported_from_tools(path) <= {"common"}, path
 
 
 @pytest.mark.parametrize("name", COMMANDS)
