@@ -36,9 +36,9 @@ def test_frames_are_the_same_every_time() -> None:
 
 def test_a_camera_keeps_its_noise_and_its_background() -> None:
     """The level of the noise is drawn once: of a hand that keeps still all frames are equally noisy."""
-    recording = SyntheticRecording("rest", ICVL, seconds=1)
+    recording = SyntheticRecording("rest", ICVL, seconds=0.4)
     assert recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
-    clean = SyntheticRecording("rest", ICVL, seconds=1, sensor=None)
+    clean = SyntheticRecording("rest", ICVL, seconds=0.4, sensor=None)
     truth = clean.frame(0).depth
     off = np.abs(np.stack([frame.depth for frame in recording]) - truth)[:, truth > 0]
     noise = np.mean(off, axis=1, where=off < 10)  # away from edges
