@@ -157,6 +157,8 @@ def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
         label = label.strip() or "0"  # Caffe's label of a line that has none
         if not re.fullmatch(r"[+-]?\d{1,10}", label):
             raise DataError(f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'")
+        if not -(2**31) <= int(label) < 2**31:
+            raise DataError(f"{path}:{number}: the label {label} does not fit into 32 bits, as Caffe's labels do")
         items.append((name, int(label)))
     if not items:
         raise DataError(f"{path}: the list of images is empty")

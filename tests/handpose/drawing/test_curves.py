@@ -31,6 +31,11 @@ def columns(picture: Image, id: int) -> list[int]:
     return np.flatnonzero((picture[:, PLOT] == colour_of(id)).all(axis=2).any(axis=0)).tolist()
 
 
+def says_a_name(picture: Image, id: int) -> bool:
+    """Are there words in the hand's colour beside the curves? OpenCV versions smooth them differently."""
+    return bool((np.abs(picture[:, 1280 - 130 :].astype(int) - colour_of(id)).max(axis=2) <= 10).any())
+
+
 def test_the_surer_the_higher() -> None:
     """A curve per hand, in the hand's colour."""
     picture = strip(*(frame(n / 10, h1=0.9, h2=0.3) for n in range(20)))
@@ -62,10 +67,10 @@ def test_without_a_confidence_there_is_no_curve() -> None:
     """Nobody has measured it, so nothing is drawn but the hand's name."""
     picture = strip(*(frame(n / 10, h1=np.nan) for n in range(20)))
     assert columns(picture, 1) == []
-    assert (picture[:, 1280 - 130 :] == colour_of(1)).all(axis=2).any()
+    assert says_a_name(picture, 1)
 
 
 def test_a_lost_hand_is_named() -> None:
     """In its colour, beside the curves."""
     lost = TrackedFrame(1, 0.1, (), (LostHand(4, "left", 0.0, "left the image"),))
-    assert (strip(lost)[:, 1280 - 130 :] == colour_of(4)).all(axis=2).any()
+    assert says_a_name(strip(lost), 4)

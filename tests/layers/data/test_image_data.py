@@ -177,6 +177,7 @@ def test_notes(tmp_path, pictures, net_of):
         (b"\xff\xfe", "", "list.txt: cannot read the list of images: not a text file"),
         (b"picture 0.png 1\npicture 1.png cat", "", "list.txt:2: the label 'cat' is not a whole number"),
         (b"picture 0.png 1.5", "", "list.txt:1: the label '1.5' is not a whole number; expected 'path label'"),
+        (b"picture 0.png 4294967295", "", "list.txt:1: the label 4294967295 does not fit into 32 bits"),
         (b"gone.png 1", "", "gone.png: cannot read the image: No such file or directory"),
         (b"list.txt 1", "", r"list.txt: not an image that OpenCV can decode"),
         (b"empty 1", "", r"empty: not an image that OpenCV can decode \(0 bytes\)"),
