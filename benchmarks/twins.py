@@ -72,25 +72,25 @@ def one_thread() -> Iterator[None]:
 
 ELSEWHERE = ("HandAugment", "Kinematics")  # not in this network: a layer of the recipe, and what fits use
 PARTS: dict[str, Off] = {
-    **{f"twin of {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ not in ELSEWHERE},
+    **{f"fast {plain.__name__}": without_twin(plain) for plain in TWINS if plain.__name__ not in ELSEWHERE},
     "slices of the batch": patched(
         fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]
     ),
     "second thread": one_thread,
-    "windows that see something": patched(WindowTiles, "fits", staticmethod(lambda x, T, w: False)),
+    "windows without background": patched(WindowTiles, "fits", staticmethod(lambda x, T, w: False)),
     "ReLU after the pooling": patched(fast.plan, "_pool_first", lambda row, hidden: list(row)),
-    "tiles agreed between layers": patched(fast.plan, "_agree_on_tiles", lambda order, hidden: {}),
-    "products that are not packed": patched(fast.row_tiles, "unpacked_parts", lambda rows, inner, columns: 1),
-    "gradients written, not added to": patched(
+    "tiles between layers": patched(fast.plan, "_agree_on_tiles", lambda order, hidden: {}),
+    "products without packing": patched(fast.row_tiles, "unpacked_parts", lambda rows, inner, columns: 1),
+    "gradients overwritten, not added": patched(
         fast.inner_product.FastInnerProduct, "setup", fast.inner_product.InnerProduct.setup
     ),
-    "few items one by one": patched(fast.inner_product, "FEW_ITEMS", 0),
-    "products in blocks": patched(fast.inner_product, "LARGEST_BLOCK", 1 << 30),
+    "small batches one item at a time": patched(fast.inner_product, "FEW_ITEMS", 0),
+    "blocked products": patched(fast.inner_product, "LARGEST_BLOCK", 1 << 30),
     "updates without temporaries": patched(FastEngine, "rules", RULES),
     "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
-    "inputs copied by all threads": patched(fast.engine, "LARGE", 1 << 40),
+    "inputs copied on all threads": patched(fast.engine, "LARGE", 1 << 40),
     "reshape only where shapes change": patched(WholeStep, "_now", lambda step: object()),
-    "one pose by another way": patched(fast.kinematics, "FEW", 0),
+    "algorithm for single poses": patched(fast.kinematics, "FEW", 0),
 }
 
 

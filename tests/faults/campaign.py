@@ -54,33 +54,33 @@ class Promise:
 
 _F = "tests.faults."
 PROMISES = (
-    Promise("a damaged file is one line, or is read all the same: no traceback, no crash, no hang",
-            "every reader on files with flipped bits, cut, spliced, with extreme numbers and strange names",
+    Promise("a damaged file gives a one-line error or is still readable: no traceback, no crash, no hang",
+            "every reader on files with flipped bits, truncated, spliced, with extreme numbers and unusual names",
             _F + "readers", dice=1),
-    Promise("what a checksum guards is right or refused; a solver that refuses is as it was",
-            "solver states and their weights, packaged models, depth pictures, damaged in the same way", _F + "readers",
+    Promise("content with a checksum is correct or rejected; the solver is unchanged after a rejection",
+            "solver states and their weights, packaged models, depth images, damaged in the same way", _F + "readers",
             ("resume", "packaged", "depth picture"), 1),
-    Promise("what is no file (a FIFO, a folder, /dev/zero, a link to itself, 1 TB) is one line",
+    Promise("other objects (a FIFO, a folder, /dev/zero, a link to itself, 1 TB) give a one-line error",
             "in place of every file of every reader", _F + "disks", ("nothing for", "an empty", "a directory", "a FIFO",
             "/dev/zero", "a link", "a file of")),
-    Promise("a killed run loses nothing; the next one ends bit for bit the same and leaves nothing behind",
-            "SIGKILL before every file event of every run that writes", _F + "kills"),
-    Promise("a signal stops a training with a snapshot, from which it goes on bit for bit",
-            "SIGINT, SIGTERM, SIGHUP at every forward, also of tests, and at every file event of a snapshot",
+    Promise("after a kill nothing is lost; the next run ends bit for bit the same and removes temporary files",
+            "SIGKILL before every file operation of every run that writes", _F + "kills"),
+    Promise("a signal stops a training with a snapshot, from which it continues bit for bit",
+            "SIGINT, SIGTERM, SIGHUP during every forward pass, also of tests, and every file operation of a snapshot",
             _F + "signals", ("SIGINT at a f", "SIGTERM at a f", "SIGHUP at a f")),
     Promise("... at any time", "the same at random moments", _F + "signals",
             ("SIGINT at a r", "SIGTERM at a r", "SIGHUP at a r"), 0.1),
-    Promise("a disk that is full, read-only or failing is one line; old files are whole; the next run ends the same",
-            "from every file event on; files limited to nine sizes", _F + "disks",
+    Promise("a full, read-only or failing disk gives a one-line error; old files are whole; the next run ends the same",
+            "from every file operation on; files limited to nine sizes", _F + "disks",
             ("full", "read-only", "one failing", "limited")),
-    Promise("data that are cut, zeroed, removed or replaced while a training reads them are one line, or it goes on",
+    Promise("data truncated, zeroed, removed or replaced during a training give a one-line error, or it continues",
             "after every iteration", _F + "disks", ("data ",)),
-    Promise("two trainings into one prefix: the second says so, a kill of the first frees it", "both", _F + "disks",
-            ("two",)),
-    Promise("no temporary file is written through somebody's link", "links planted at all names that can be guessed",
+    Promise("two trainings with one prefix: the second is rejected; killing the first releases the prefix", "both",
+            _F + "disks", ("two",)),
+    Promise("no temporary file is written through a symbolic link", "links at all predictable names",
             _F + "disks", ("planted",)),
-    Promise("clocks do not matter", "standing still, going backwards, jumping", _F + "disks", ("clock",)),
-    Promise("nothing leaks", "hundreds of nets and solvers built, trained, restored, dropped", _F + "disks", ("soak",)),
+    Promise("clocks do not matter", "stopped, running backwards, jumping", _F + "disks", ("clock",)),
+    Promise("no leaks", "hundreds of nets and solvers built, trained, restored, released", _F + "disks", ("soak",)),
 )  # fmt: skip
 
 
@@ -125,7 +125,7 @@ def groups(only: str = "") -> list[Group]:
 
 def table(done: list[Group]) -> str:
     """Markdown: what is promised, and what was found."""
-    lines = ["| promise | how it is tested | cases | failures |", "|---|---|---:|---:|"]
+    lines = ["| guarantee | how it is tested | cases | failures |", "|---|---|---:|---:|"]
     for promise in PROMISES:
         own = [group for group in done if group.promise is promise]
         if own:

@@ -159,8 +159,8 @@ def test_the_table() -> None:
     groups[0].failures.append((7, Outcome("TRACEBACK", "KeyError")))
     groups[1].counts.update(read=10, over=1)
     head, _, row, total = campaign.table(groups).splitlines()
-    assert head == "| promise | how it is tested | cases | failures |"
-    assert row.startswith("| a damaged file is one line") and row.endswith("| 1,211 | 1 |")
+    assert head == "| guarantee | how it is tested | cases | failures |"
+    assert row.startswith("| a damaged file gives a one-line error") and row.endswith("| 1,211 | 1 |")
     assert total == "| | all | 1,211 | 1 |"
 
 
