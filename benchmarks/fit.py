@@ -23,10 +23,10 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.depth_fit.observation import observe
+from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.search import PLANS
 from handpose.facts.cameras import NYU
-from handpose.prediction.many import TOGETHER, fit_crops
+from handpose.prediction.crop_fits import MAX_CROPS, fit_crops
 from handpose.prediction.nets import hand_inputs
 from handpose.prediction.packaged import load_predictor
 from handpose.synthetic.generator import Generator
@@ -48,11 +48,12 @@ def run(args: argparse.Namespace) -> int:
     engine.get().set_threads(1)
     generator = Generator(3, "test")
     scenes = [generator.scene(number) for number in range(2)]
-    crops = np.concatenate([scene.depth for scene in scenes])[:TOGETHER]
-    uvd = np.concatenate([scene.center_uvd for scene in scenes])[:TOGETHER]
+    crops = np.concatenate([scene.depth for scene in scenes])[:MAX_CROPS]
+    uvd = np.concatenate([scene.center_uvd for scene in scenes])[:MAX_CROPS]
     rows = [["ms a frame", "network", "observation", "all, single", f"all, {len(crops)} together"]]
-    for plan, how in PLANS.items():
-        predictor = load_predictor(fit=plan, hand="right")
+    hands = HandCrops.of_sides(crops, uvd, NYU, 300.0)
+    for plan in PLANS.values():
+        predictor = load_predictor(fit=plan.name, hand="right")
         net, fitter = predictor.net, predictor.fitter
         assert fitter is not None
         one = itertools.cycle(range(len(crops)))
@@ -60,13 +61,13 @@ def run(args: argparse.Namespace) -> int:
         def single(work: Callable[[slice], object], one=one) -> float:  # type: ignore[no-untyped-def]
             return _median(lambda: work(slice(n := next(one), n + 1)), args.repeats)
 
-        turned = np.stack([np.rot90(crops[0], quarter) for quarter in how.quarters])
+        turned = np.stack([np.rot90(crops[0], quarter) for quarter in plan.quarters])
         rows.append([
-            plan,
+            plan.name,
             f"{_median(lambda turned=turned, net=net: hand_inputs(net, turned), args.repeats):.1f}",  # type: ignore[misc]
-            f"{single(lambda r, how=how: observe(crops[r], uvd[r], NYU, 300.0, how.points)):.1f}",  # type: ignore[misc]
-            f"{single(lambda r, net=net, f=fitter, p=plan: fit_crops(net, f, crops[r], uvd[r], NYU, p)):.1f}",  # type: ignore[misc]
-            f"{_median(lambda net=net, f=fitter, p=plan: fit_crops(net, f, crops, uvd, NYU, p), 3) / len(crops):.1f}",  # type: ignore[misc]
+            f"{single(lambda r, p=plan: hands.take(r).observe(p.points)):.1f}",  # type: ignore[misc]
+            f"{single(lambda r, net=net, f=fitter, p=plan: fit_crops(net, f, hands.take(r), p)):.1f}",  # type: ignore[misc]
+            f"{_median(lambda net=net, f=fitter, p=plan: fit_crops(net, f, hands, p), 3) / len(crops):.1f}",  # type: ignore[misc]
         ])  # fmt: skip
     print(aligned(rows))
     return DONE

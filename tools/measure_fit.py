@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_other_bodies(skeleton_to_fit(net), "the recipes are of hands")
     skeleton = skeleton_to_fit(net)
     terms = TERMS if args.terms else {"nothing": Weights()}
+    plans = [PLANS[name] for name in args.plans]
     rows: list[dict[str, Any]] = []
     begun = time.perf_counter()
     with ProgressBar(args.frames * len(args.recipes) * len(terms)) as progress:
@@ -96,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
             for without, own in terms.items():
                 generator = Generator(args.seed, "test", recipes.recipe(recipe))
                 found = measure(net, functools.partial(DepthFitter.of_file, skeleton, weights, weights=own),
-                                frames_of(generator, args.frames), tuple(args.plans), hands=args.hands,
+                                frames_of(generator, args.frames), plans, hands=args.hands,
                                 progress=progress)  # fmt: skip
                 rows += _rows(recipe, found, without if args.terms else "", args.roll)
     if args.json:

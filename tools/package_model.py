@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -26,7 +27,7 @@ tools.begin(__name__)
 from handpose.depth_fit.body import FleshModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
-from handpose.depth_fit.search import PLANS
+from handpose.depth_fit.search import PLANS, Plan
 from handpose.experiments import fit_figures
 from handpose.experiments.fit_figures import frames_of
 from handpose.experiments.model_file import rounded, write_model
@@ -95,7 +96,7 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
     with ProgressBar(3 * args.frames) as progress:
 
-        def measured(errors: NetworkErrors | None, plans: tuple[str, ...]) -> fit_figures.Figures:
+        def measured(errors: NetworkErrors | None, plans: Sequence[Plan]) -> fit_figures.Figures:
             return fit_figures.measure(net, lambda unit: DepthFitter(FleshModel(skeleton, unit), errors),
                                        frames_of(generator, args.frames), plans, progress=progress)  # fmt: skip
 
@@ -103,7 +104,7 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
         _round(net, args.bits)
         first = measured(None, ())
         errors = NetworkErrors(covariance(first.limbs), {}, {})
-        found = measured(errors, tuple(PLANS))
+        found = measured(errors, list(PLANS.values()))
     weights = {plan: weights_of(found.signs[plan], found.fits[plan]) for plan in PLANS}
     tables = {plan: table_of(doubt_of(found.signs[plan], weights[plan]), found.fits[plan]) for plan in PLANS}
     write_model(net, NetworkErrors(errors.limbs, tables, weights), args.out)

@@ -48,11 +48,9 @@ from handpose.depth_fit.search import PLANS
 from handpose.facts.cameras import CAMERAS, NYU
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import SOUGHT_SIDES
-from handpose.prediction.nets import best_fit
-from handpose.prediction.options import MOST_REFINE
 from handpose.prediction.packaged import load_predictor, predictor_of
-from handpose.prediction.prediction import FramePrediction
-from handpose.prediction.predictor import Predictor
+from handpose.prediction.prediction import Prediction
+from handpose.prediction.predictor import MAX_REFINE, Predictor
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, hand_pages, outputs, pictures
@@ -83,7 +81,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="what a pixel's value of 1 stands for (default: 1, of sr305 0.125)")  # fmt: skip
     parser.add_argument("--center", type=arguments.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: middle of the hand, once for all frames or once per frame")  # fmt: skip
-    parser.add_argument("--refine", type=lambda text: arguments.natural(text, MOST_REFINE), default=3, metavar="N",
+    parser.add_argument("--refine", type=lambda text: arguments.natural(text, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")  # fmt: skip
     arguments.add_engine(parser)
     arguments.add_joints_option(parser, "in the table instead of ours, in --json with them")
@@ -116,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
     results, hands = [], []
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image) if whole else predictor.in_crop(depth)
-        if isinstance(found, FramePrediction) and predictor.is_hand:
+        if found.in_frame and predictor.is_hand:
             say_doubts(image, depth, found.camera, args.unit, found.fit.confidence if found.fit else 0.0)
         hands.append((image, found))
         findings.draw(place, found, predictor)
@@ -137,15 +135,14 @@ def run(args: argparse.Namespace) -> int:
 def _predictor(args: argparse.Namespace) -> Predictor:
     """The predictor that the arguments ask for."""
     camera, options = args.camera or NYU, {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine}
-    model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
-    options["fit"] = args.fit or (best_fit(model) if args.weights else "accurate")
-    options["hand"] = args.hand or ("right" if options["fit"] == "no" else "either")
     if not args.weights:
-        return load_predictor(camera, **options)
-    return predictor_of(model, args.weights, camera, **options)
+        options["hand"] = args.hand or ("right" if args.fit == "no" else "either")
+        return load_predictor(camera, fit=args.fit or "accurate", **options)
+    model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
+    return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
 
 
-def _in_frame(predictor: Predictor, depth: NDArray[np.float32], middle: Any, image: str) -> FramePrediction:
+def _in_frame(predictor: Predictor, depth: NDArray[np.float32], middle: Any, image: str) -> Prediction:
     """The hand in a frame; an error names the image, and says what to do."""
     try:
         return predictor.in_frame(depth, middle)

@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         if args.fit:
             deploy = deploy_of(net, args.deploy, snapshot, args.engine)
             with ProgressBar(data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}") as progress:
-                joints = fit_all(net, deploy, snapshot, args.fit, progress.reach)
+                joints = fit_all(net, deploy, snapshot, PLANS[args.fit], progress.reach)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)
             rows[-1] |= {f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()}
     if args.picture:

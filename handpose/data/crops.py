@@ -27,6 +27,7 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 SIZE = 128  # pixels on a side
+CUBES_MM = (50.0, 10_000.0)  # range of a cube's edge: a small hand to several people; values in metres are below it
 
 
 class Window(NamedTuple):

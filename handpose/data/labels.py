@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.data.crops import CUBES_MM
 from handpose.facts.cameras import CAMERAS, Camera
-from handpose.facts.cubes import CUBES_MM
 from handpose.facts.nyu import CUBE_MM
 from netlib.blob import Array
 from netlib.errors import DataError

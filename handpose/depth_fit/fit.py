@@ -1,8 +1,8 @@
 """Fit the flesh of a body to depth crops, from where a network put it: half the error, and how sure one may be.
 
 fitter = DepthFitter(FleshModel(skeleton, CUBE_MM / 2), errors)
-seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
-found = fitter.fit(seen, starts, "accurate")   # starts: what the network sees, per quarter turn of the plan
+seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)   # plan: search.FAST or search.ACCURATE
+found = fitter.fit(seen, starts, plan)   # starts: the network's predictions, one per quarter turn of the plan
 found.joints                                        # (N, K, 3) mm from the crops' centres
 """
 
@@ -18,7 +18,7 @@ from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
 from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
 from handpose.depth_fit.objective import Objective, Weights
 from handpose.depth_fit.observation import Observation
-from handpose.depth_fit.search import PLANS, Found, Plan, drawn, search
+from handpose.depth_fit.search import Found, Plan, drawn, search
 from handpose.joint_fit.parallel import for_each
 from handpose.rounding import NETWORK_STEP, rounded
 from layers.hand.skeleton import Skeleton
@@ -65,6 +65,18 @@ class DepthFit:
     signs: Array
     start: Array
 
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def take(self, rows: slice) -> DepthFit:
+        """The fits of some frames."""
+        return DepthFit(**{name: values[rows] for name, values in vars(self).items()})
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[DepthFit]) -> DepthFit:
+        """The fits of the frames of all parts, in order."""
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
 
 class DepthFitter:
     """Fits of one body.
@@ -88,7 +100,7 @@ class DepthFitter:
         return cls(model, read_errors(path, model), weights)
 
     def fit(
-        self, seen: Observation, starts: Sequence[Array], plan: str, *, size: float | Array | None = None,
+        self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
         before: Array | None = None, seed: int = 0,
     ) -> DepthFit:  # fmt: skip
         """The best fit of every frame. Raises DataError.
@@ -101,9 +113,9 @@ class DepthFitter:
         before  x (N, V) as the frames before let it be expected: one more start, with a prior about itself
         seed    of the drawn starts
         """
-        how, model = PLANS[plan], self.model
-        if len(starts) != len(how.quarters):
-            raise DataError(f"{len(starts)} starts, expected {len(how.quarters)} for the plan {plan!r}")
+        model = self.model
+        if len(starts) != len(plan.quarters):
+            raise DataError(f"{len(starts)} starts, expected {len(plan.quarters)} for the plan {plan.name!r}")
         own = np.stack([rounded(x, NETWORK_STEP) for x in starts])
         if before is not None:
             own = np.concatenate([own, before[None]])
@@ -111,17 +123,17 @@ class DepthFitter:
             raise DataError(f"starts of {own.shape[1]} frames for {len(seen)} crops")
         network = model.joints(own[0])
         tried, priors = [own], [own if before is None else np.concatenate([own[:-1], self._expected(before)[None]])]
-        if how.draws:
-            tried.append(drawn(model, own[0], self.errors.limbs, how.draws, seed))
-            priors.append(np.tile(own[:1], (how.draws, 1, 1)))
-        handicap = np.ones(len(own) + how.draws)
+        if plan.draws:
+            tried.append(drawn(model, own[0], self.errors.limbs, plan.draws, seed))
+            priors.append(np.tile(own[:1], (plan.draws, 1, 1)))
+        handicap = np.ones(len(own) + plan.draws)
         if before is not None:
             handicap[len(own) - 1] = STAY
-        found = self._searched(seen, np.concatenate(tried), np.concatenate(priors), how, size, handicap)
+        found = self._searched(seen, np.concatenate(tried), np.concatenate(priors), plan, size, handicap)
         return self._told(found, seen, network, plan)
 
     def follow(
-        self, seen: Observation, before: Array, moved_mm: Array, plan: str, *, size: float | Array | None = None
+        self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None
     ) -> DepthFit:
         """The fits that are near what the frames before let expect, x (N, V): a few iterations, without the network.
 
@@ -132,7 +144,7 @@ class DepthFitter:
         """
         network = self.model.joints(before)
         priors = self._expected(before)[None]
-        found = self._searched(seen, before[None].copy(), priors, PLANS[plan].near(), size, np.ones(1), HOLD)
+        found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones(1), HOLD)
         off = (found.x - priors[0])[:, self.model.limbs]
         found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
         return self._told(found, seen, network, plan, moved_mm)
@@ -145,7 +157,7 @@ class DepthFitter:
         return prior
 
     def _searched(
-        self, seen: Observation, starts: Array, priors: Array, how: Plan, size: float | Array | None, handicap: Array,
+        self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None, handicap: Array,
         hold: float = 1.0,
     ) -> Found:  # fmt: skip
         """The best of starts (K, N, V) with these priors, in pieces that suit the cache.
@@ -160,7 +172,7 @@ class DepthFitter:
         found = Found(np.zeros((N, V)), np.zeros((N, 4)), np.zeros(N, int))
 
         def job(rows: slice) -> None:
-            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, how, handicap)
+            part = search(objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, handicap)
             for whole, values in zip(found, part):
                 whole[rows] = values
 
@@ -168,7 +180,7 @@ class DepthFitter:
         return found
 
     def _told(
-        self, found: Found, seen: Observation, network: Array, plan: str, moved_mm: Array | float = 0.0
+        self, found: Found, seen: Observation, network: Array, plan: Plan, moved_mm: Array | float = 0.0
     ) -> DepthFit:
         """What is told of fits, that moved away from the network's joints (N, K, 3), or ``moved_mm`` at least."""
         model, joints = self.model, self.model.joints(found.x)
@@ -176,7 +188,7 @@ class DepthFitter:
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < FEWEST] = np.inf  # what is not there does not contradict any hand
-        doubt, error_mm, confidence = self.errors.expected(plan, signs)
+        doubt, error_mm, confidence = self.errors.expected(plan.name, signs)
         error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
         confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
         return DepthFit(

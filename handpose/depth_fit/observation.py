@@ -5,7 +5,8 @@ Everything is in mm from the crop's centre, in camera axes (x right, y up, z awa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.data.crops import Window, crop_scale, window
 from handpose.facts.cameras import Camera
-from handpose.facts.sides import MIRROR
+from handpose.facts.sides import MIRROR, Side, is_mirrored
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -85,6 +86,67 @@ class Observation:
         """Every so manieth of the points."""
         few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
         return Observation(**(vars(self) | few))
+
+
+@dataclass(frozen=True)
+class HandCrops:
+    """Crops of N hands. Networks and body models know right hands, so left hands are mirrored here, once, along x.
+
+    What is found in the mirrored crops is in mirrored camera axes; multiplied by ``mirror`` it is in the camera's axes.
+
+    crops       (N, S, S) in [-1, 1], not mirrored
+    center_uvd  (N, 3) px, px, mm: the crops' centres, not mirrored
+    camera      of the frames
+    cube_mm     edge of the crops' cubes
+    mirrored    (N,) True for left hands
+    """
+
+    crops: NDArray[np.floating]
+    center_uvd: Array
+    camera: Camera
+    cube_mm: float
+    mirrored: NDArray[np.bool_]
+
+    @classmethod
+    def of_sides(
+        cls, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: float,
+        sides: Side | Sequence[Side] = "right",
+    ) -> HandCrops:  # fmt: skip
+        """Crops of hands of these sides, one for all or one for each."""
+        each = [sides] * len(crops) if isinstance(sides, str) else sides
+        mirrored = np.array([is_mirrored(side) for side in each], dtype=bool)
+        return cls(crops, np.asarray(center_uvd, dtype=np.float64).reshape(-1, 3), camera, cube_mm, mirrored)
+
+    def __len__(self) -> int:
+        return len(self.crops)
+
+    def take(self, rows: slice) -> HandCrops:
+        """Some of the crops."""
+        return replace(self, crops=self.crops[rows], center_uvd=self.center_uvd[rows], mirrored=self.mirrored[rows])
+
+    @property
+    def as_right(self) -> NDArray[np.floating]:
+        """(N, S, S) with left hands mirrored: the network's input."""
+        if not self.mirrored.any():
+            return self.crops
+        crops = self.crops.copy()
+        crops[self.mirrored] = self.crops[self.mirrored][:, :, ::-1]
+        return crops
+
+    @property
+    def mirror(self) -> Array:
+        """(N, 3) factors between the camera's axes and the mirrored ones, in both directions."""
+        return np.where(self.mirrored[:, None], MIRROR, 1.0)
+
+    @property
+    def center_mm(self) -> Array:
+        """(N, 3) centres in mm, in mirrored camera axes."""
+        return np.asarray(self.camera.unproject(self.center_uvd) * self.mirror)
+
+    def observe(self, points: int) -> Observation:
+        """The crops as observations of right hands, sampled at this number of points. Raises DataError."""
+        seen = observe(self.crops, self.center_uvd, self.camera, self.cube_mm, points)
+        return seen.mirrored(self.mirrored) if self.mirrored.any() else seen
 
 
 def observe(

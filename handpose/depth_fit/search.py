@@ -8,7 +8,7 @@ and its prediction with limbs drawn from the errors that it makes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +25,16 @@ from netlib.errors import NetlibError
 class Plan:
     """How a fit searches.
 
-    points    that a frame is sampled at
-    quarters  of a turn by which the crop is turned for the network; 0 is the crop as it is
-    draws     further starts about the first prediction, with limbs drawn from the network's errors
-    first     what all starts go through, on every ``thin``-th of the points
-    keep      so many of them go on to
-    last      to the end, on all points
+    name      of the plan; ``NetworkErrors`` has a table for each
+    points    number of points sampled from a frame
+    quarters  quarter turns of the crop for the network; 0 is the crop as it is
+    draws     number of further starts, drawn about the first prediction from the network's errors
+    first     stages for all starts, on every ``thin``-th point
+    keep      number of starts that continue
+    last      stages for these, on all points
     """
 
+    name: str
     points: int
     quarters: tuple[int, ...]
     draws: int
@@ -41,16 +43,16 @@ class Plan:
     keep: int
     last: tuple[Stage, ...]
 
-    def near(self) -> Plan:
-        """From one start that is near already."""
-        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, NEAR),))
+    def refining(self) -> Plan:
+        """The plan from one start that is already close to the solution."""
+        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING_ITERATIONS),))
 
 
-NEAR = 4  # iterations from a start that is near
-PLANS = {
-    "fast": Plan(300, (0,), 0, 1, (), 1, (Stage(13, 6),)),
-    "accurate": Plan(400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),)),
-}
+REFINING_ITERATIONS = 4
+FAST = Plan("fast", 300, (0,), 0, 1, (), 1, (Stage(13, 6),))
+ACCURATE = Plan("accurate", 400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),))
+PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
+Fit = Literal["no", "fast", "accurate"]  # the name of a plan, or "no" for the network alone
 
 
 class Found(NamedTuple):

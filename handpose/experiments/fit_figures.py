@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.depth_fit.fit import DepthFit, DepthFitter
+from handpose.depth_fit.observation import HandCrops
+from handpose.depth_fit.search import Plan
 from handpose.facts.cameras import Camera
-from handpose.prediction.many import fit_crops
-from handpose.prediction.starts import fit_starts
+from handpose.facts.sides import SIDES
+from handpose.prediction.crop_fits import fit_crops, fit_starts
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.generator import BLOCK, Generator
 from layers.hand.skeleton import Skeleton
@@ -71,7 +73,7 @@ def measure(
     net: Net,
     fitter_of: Callable[[float], DepthFitter],
     blocks: Iterator[Block],
-    plans: tuple[str, ...],
+    plans: Sequence[Plan],
     *,
     hands: bool = False,
     progress: Callable[[int], None] = lambda done: None,
@@ -91,18 +93,21 @@ def measure(
             "limbs": (x - fitter.model.variables_of(block.inputs))[:, limbs],
             "roll": roll_of(fitter.model.skeleton, block.inputs),
         }
+        right, left = (
+            HandCrops.of_sides(block.crops, block.center_uvd, block.camera, 2 * block.unit, side) for side in SIDES
+        )
         for plan in plans:
-            fit = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan)
-            part |= {f"{name} {plan}": values for name, values in _of(fit, block).items()}
+            fit = fit_crops(net, fitter, right, plan)
+            part |= {f"{name} {plan.name}": values for name, values in _of(fit, block).items()}
             if hands:
-                mirrored = fit_crops(net, fitter, block.crops, block.center_uvd, block.camera, plan, side="left")
-                part[f"right {plan}"] = fit.doubt < mirrored.doubt
+                part[f"right {plan.name}"] = fit.doubt < fit_crops(net, fitter, left, plan).doubt
         parts.append(part)
         progress(len(block.crops))
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def per_plan(name: str) -> dict[str, Array]:
-        return {plan: whole[f"{name} {plan}"] for plan in plans if f"{name} {plan}" in whole}
+        columns = {plan.name: f"{name} {plan.name}" for plan in plans}
+        return {plan: whole[column] for plan, column in columns.items() if column in whole}
 
     return Figures(
         network=whole["network"],

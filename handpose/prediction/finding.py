@@ -86,8 +86,8 @@ def recenter(
 ) -> Array:
     """The crop centre (3,) at which training has the hand whose joints were predicted in the crop at ``center_uvd``.
 
-    joints  (K, 3) half-cubes from the crop centre
-    side    of the hand, if the skeleton is a right one
+    joints  (K, 3) half-cubes from the crop centre; those of a left hand mirrored
+    side    of the hand
 
     Training with NYU's centres, that is: those of other data sets lie elsewhere in the palm (ICVL's at its joint).
     Raises DataError if the skeleton has no palm.
@@ -95,7 +95,7 @@ def recenter(
     if "palm" not in skeleton.joint_names:
         raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")
     mirror = mirror_of(side)
-    hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3) * mirror
+    hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
     palm = hand[skeleton.joint_names.index("palm")]
     move = rounded(palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM, PLACE_STEP_MM)
     return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror)

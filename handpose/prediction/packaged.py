@@ -7,18 +7,18 @@ between two lines ``---``: name, caffemodel (the file of weights), license, sha2
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from handpose.depth_fit.body import FleshModel
-from handpose.depth_fit.network_errors import read_errors
+from handpose.depth_fit.fit import DepthFitter
+from handpose.depth_fit.search import Fit
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.sides import SoughtSide
 from handpose.prediction.locator import Locator
-from handpose.prediction.nets import cube_of, hand_layer, trained
-from handpose.prediction.options import Fit, check_options
-from handpose.prediction.predictor import Predictor
+from handpose.prediction.nets import best_fit, cube_of, hand_layer, trained
+from handpose.prediction.predictor import Predictor, check_options
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
 from netlib.files.paths import ROOT
@@ -90,22 +90,28 @@ def load_predictor(
     camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
     fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
-    """A predictor with a packaged model; the options are those of ``Predictor``. Raises NetlibError."""
+    """A predictor with a packaged model; for the options see ``Predictor``. Raises NetlibError."""
+    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
     card = read_card(folder)
     return predictor_of(checked_net(card), checked_weights(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
                         fit=fit, engine=engine)  # fmt: skip
 
 
 def predictor_of(
-    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float | None, hand: SoughtSide, refine: int,
-    fit: Fit, engine: str | None = None,
+    model: str | Path, weights: str | Path, camera: Camera, *, cube_mm: float | None = None,
+    hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
 ) -> Predictor:  # fmt: skip
-    """A predictor with any net and its weights. Raises NetlibError."""
-    check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)  # before the weights are read for them
+    """A predictor with any net and its weights. Raises NetlibError.
+
+    fit   default: the one that suits the net (``nets.best_fit``)
+    hand  default: "either" with a fit, otherwise "right"
+    """
+    check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no")  # before reading the weights
     net = trained(model, weights, engine)
-    layer = hand_layer(net)
-    errors = None
+    fit = fit or best_fit(net)
+    hand = hand or ("right" if fit == "no" else "either")
+    layer, fitter = hand_layer(net), None
     if fit != "no" and layer is not None:
-        errors = read_errors(weights, FleshModel(layer.skeleton, cube_of(layer.skeleton, cube_mm) / 2))
-    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, errors=errors,
-                     locator=load_locator(engine=engine))  # fmt: skip
+        fitter = DepthFitter.of_file(layer.skeleton, weights, cube_of(layer.skeleton, cube_mm) / 2)
+    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
+                     locator=functools.partial(load_locator, engine=engine))  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is told of a hand in a picture: where its joints are, how it is fitted, how sure that is."""
+"""The result of a prediction: the joints of a hand, the fit to its depth, and how reliable both are."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from netlib.blob import Array
 
 
 @dataclass(frozen=True)
-class FittedHand:
-    """What the fit to the depth found beside the joints.
+class HandFit:
+    """The fit of the capsule model to the depth.
 
-    inputs      (D,) of the skeleton; of a left hand, those of its mirror image
-    whole       (D',) of the whole body, likewise: the same, and what only its flesh has
-    size        relative to the skeleton: bones, offsets, radii
-    girth       how much thicker still: radii
-    misfit      how badly the flesh explains the picture, in deviations squared
-    doubt       how much speaks against the fit (``handpose.depth_fit.network_errors``)
-    strangeness how little the place is a hand, in mm (``handpose.depth_fit.strangeness``)
-    error_mm    the error of the joints to be expected; NaN if nobody has measured it for these weights
-    confidence  the chance that it is below 30 mm; NaN likewise
-    capsules    the flesh, in mm from the crop's centre
+    inputs           (D,) of the skeleton; of a left hand, those of its mirror image
+    whole            (D',) of the whole body, likewise: ``inputs`` and the degrees of freedom of the surface alone
+    size             scale relative to the skeleton: bones, offsets and radii
+    girth            additional scale of the radii
+    misfit           how badly the model explains the depth, in squared deviations
+    doubt            uncertainty of the fit (``handpose.depth_fit.network_errors``)
+    rejection_score  mm; how unlike a hand the place is (``handpose.depth_fit.rejection``)
+    error_mm         expected error of the joints; NaN if it was not measured for these weights
+    confidence       probability that the error is below 30 mm; NaN likewise
+    capsules         the surface, in mm from the crop's centre
     """
 
     inputs: Array
@@ -35,7 +35,7 @@ class FittedHand:
     girth: float
     misfit: float
     doubt: float
-    strangeness: float
+    rejection_score: float
     error_mm: float
     confidence: float
     capsules: Capsules
@@ -45,12 +45,15 @@ class FittedHand:
 class Prediction:
     """The hand in one crop.
 
-    joints   (K, 3) half-cubes from the crop centre: x right, y up, z away from the camera
-    network  (K, 3) the same as the network alone has it
-    crop     (128, 128) in [-1, 1], where the hand was seen
-    cube_mm  edge of the crop's cube
-    hand     "right" or "left", if the skeleton is a right one
-    fit      what the fit found, if there was one
+    joints      (K, 3) half-cubes from the crop centre: x right, y up, z away from the camera
+    network     (K, 3) the joints predicted by the network alone
+    crop        (128, 128) in [-1, 1], the network's input; not mirrored
+    cube_mm     edge of the crop's cube
+    hand        "right" or "left"; "right" for other bodies
+    fit         None without a fit
+    camera      of the frame
+    center_uvd  (3,) crop centre in px, px, mm
+    in_frame    False for a crop without its frame: then camera and centre are assumed
     """
 
     joints: Array
@@ -58,24 +61,15 @@ class Prediction:
     crop: NDArray[np.float32]
     cube_mm: float
     hand: Side
-    fit: FittedHand | None
+    fit: HandFit | None
+    camera: Camera
+    center_uvd: Array
+    in_frame: bool = True
 
     @property
     def joints_mm(self) -> Array:
         """(K, 3) mm from the crop centre."""
         return np.asarray(self.joints * self.cube_mm / 2)
-
-
-@dataclass(frozen=True)
-class FramePrediction(Prediction):
-    """The hand in a crop of a whole frame.
-
-    camera      of the frame
-    center_uvd  (3,) crop centre in px, px, mm
-    """
-
-    camera: Camera
-    center_uvd: Array
 
     @property
     def center_mm(self) -> Array:

@@ -1,66 +1,67 @@
 """Predictor: the joints of a hand in a crop, or in a whole depth frame.
 
 predictor = load_predictor(KINECT2)   # the packaged weights, and the fit to the depth
-found = predictor.in_frame(depth)     # depth (424, 512) in mm, 0 where nothing was read
+found = predictor.in_frame(depth)     # depth (424, 512) in mm, 0 where there is no reading
 found.xyz                             # (K, 3) mm in camera axes
-found.fit.confidence                  # ... and how sure they are
+found.fit.confidence                  # probability that their mean error is below 30 mm
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from numbers import Integral, Real
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.data.crops import SIZE
+from handpose.data.crops import CUBES_MM, SIZE
 from handpose.data.depth_images import check_unit, depth_image, numbers
 from handpose.depth_fit.body import FleshModel
 from handpose.depth_fit.fit import DepthFitter
-from handpose.depth_fit.network_errors import NetworkErrors
+from handpose.depth_fit.search import PLANS, Fit
 from handpose.facts.cameras import NYU, Camera
 from handpose.facts.nyu import CUBE_MM
-from handpose.facts.sides import SIDES, Side, SoughtSide
+from handpose.facts.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
 from handpose.prediction import finding
-from handpose.prediction.crop_hands import CropHands, Place, doubt
-from handpose.prediction.frame_hands import FrameHands
 from handpose.prediction.locator import Locator
 from handpose.prediction.nets import cube_of, hand_layer, is_hand
-from handpose.prediction.options import Fit, check_options
-from handpose.prediction.prediction import FramePrediction, Prediction
+from handpose.prediction.pipeline import HandPipeline
+from handpose.prediction.prediction import Prediction
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
 
-ALONE_MM = 750.0  # a crop without its frame is taken to be of the middle of the image, so far away; larger ones farther
+CROP_DEPTH_MM = 750.0  # assumed depth of a crop without its frame, in the middle of the image; larger cubes farther
+MAX_REFINE = 100  # a crop that still moves after this many moves does not converge
 
 
 class Predictor:
-    """A net that sees the joints of a hand in a crop, and what it takes to use it on crops and on whole frames.
+    """Predicts the hand in crops and in whole frames with one net.
 
-    net      its input is the blob depth, its joints are the blob pred, which a HandModel computes
-    camera   of the frames; one without a size takes frames of any
-    cube_mm  edge of the cube around the body; None: NYU's, if it is a hand
-    hand     which it is, in an image that is not mirrored; "either" tries both and takes the one that explains the
-             picture better, which needs a fit
-    refine   how often the crop of a frame is moved to the palm that was predicted in it; 0 for nets whose training
-             crops are not centred as NYU's are (ICVL's)
-    fit      move the predicted hand until it explains the depth (``handpose.depth_fit``): the plan, or "no"
-    errors   of the net, where somebody has measured them (``read_errors``)
-    locator  says where hands are in a frame; without one, the nearest thing is taken for the hand
+    net      with the input blob depth and the output blob pred, which a HandModel computes
+    camera   of the frames; one without a size accepts frames of any size
+    cube_mm  edge of the cube around the body; default for hands: NYU's
+    hand     side of the hand, in an image that is not mirrored; "either" fits both and takes the less uncertain one
+    refine   maximum number of moves of a frame's crop to the palm predicted in it; 0 for nets whose training crops are
+             not centred as NYU's (ICVL's)
+    fit      "no", or the name of the plan by which the predicted pose is fitted to the depth
+    fitter   of the net's body; by default one for a network with unknown errors
+    locator  finds hands in frames, or a function that loads one when it is first used; without it, the nearest surface
+             is taken for the hand
 
-    Another body than a hand, which its skeleton tells, is not searched for, is no left or right one, and its crops stay
-    where they are: in a frame somebody has to say where it is.
+    Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
+    than a hand has no side and is not searched for: ``in_frame`` needs its centre, and the crop does not move.
 
-    A net knows the hand of its training data: of NYU and of the synthetic hands a right hand. Raises NetlibError for a
-    net without these blobs or without a HandModel, for a fit of a skeleton without flesh, and for options that are
-    none.
+    Raises NetlibError for a net without these blobs or without a HandModel, for a fit of a skeleton without a surface,
+    and for invalid options.
     """
 
     def __init__(
         self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
-        refine: int = 3, fit: Fit = "no", errors: NetworkErrors | None = None, locator: Locator | None = None,
+        refine: int = 3, fit: Fit = "no", fitter: DepthFitter | None = None,
+        locator: Locator | Callable[[], Locator] | None = None,
     ) -> None:  # fmt: skip
         check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit)
         for name in ("depth", "pred"):
@@ -76,84 +77,84 @@ class Predictor:
         self.net, self.skeleton, self.camera = net, layer.skeleton, camera
         self.is_hand = is_hand(layer.skeleton)
         if hand == "left" and not self.is_hand:
-            raise NetlibError(f"skeleton {self.skeleton.name!r} is no hand, so there is no left one")
-        self.cube_mm = cube_of(self.skeleton, cube_mm)
-        self.refine, self.fit, self.locator = refine if self.is_hand else 0, fit, locator
+            raise NetlibError(f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one")
+        self.cube_mm, self.refine = cube_of(self.skeleton, cube_mm), refine if self.is_hand else 0
         self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
-        self.fitter = None if fit == "no" else DepthFitter(FleshModel(self.skeleton, self.cube_mm / 2), errors)
+        self.plan, self.fitter = PLANS.get(fit), None
+        if self.plan is not None:
+            self.fitter = fitter or DepthFitter(FleshModel(self.skeleton, self.cube_mm / 2))
+        self.pipeline = HandPipeline(net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan)
+        self._locator = locator
 
     @property
-    def _crops(self) -> CropHands:
-        return CropHands(self.net, self.cube_mm, self.fitter)
+    def locator(self) -> Locator | None:
+        """The locator, loaded at the first access. Raises NetlibError."""
+        if callable(self._locator):
+            self._locator = self._locator()
+        return self._locator
 
-    @property
-    def _frames(self) -> FrameHands:
-        return FrameHands(self._crops, self.skeleton, self.sides, self.refine, self.fit)
+    @locator.setter
+    def locator(self, locator: Locator | None) -> None:
+        self._locator = locator
 
     def in_crop(self, depth: NDArray[np.floating]) -> Prediction:
-        """The hand in a crop (128, 128) in [-1, 1]; what is masked is background. Raises DataError, NetlibError."""
+        """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background. Raises DataError, NetlibError."""
         image = numbers(depth, "crop", 1)
         if image.shape != (SIZE, SIZE):
             raise DataError(f"crop of shape {image.shape}, expected ({SIZE}, {SIZE})")
-        seen = image.astype(np.float32)
-        low, high = float(seen.min()), float(seen.max())
+        crop = image.astype(np.float32)
+        low, high = float(crop.min()), float(crop.max())
         if not -1 <= low <= high <= 1:
             what = "that are not numbers" if np.isnan(low) else f"from {low:g} to {high:g}"
             raise DataError(f"crop with values {what}, expected -1 to 1")
-        camera, middle = self.alone()
-        places = [Place(seen, middle, side) for side in self.sides]
-        found = min(self._crops.hands(places, camera, self.fit), key=doubt)
-        return Prediction(**{field.name: getattr(found, field.name) for field in dataclasses.fields(Prediction)})
-
-    def alone(self) -> tuple[Camera, Array]:
-        """Camera and centre (3,) that a crop without its frame is taken to have."""
         camera = self.camera
         if not camera.width:
             camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
-        return camera, np.array([camera.u0, camera.v0, ALONE_MM * max(1.0, self.cube_mm / CUBE_MM)])
+        center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
+        return dataclasses.replace(self.pipeline.in_crop(crop, camera, center), in_frame=False)
 
-    def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> FramePrediction:
-        """The hand in a depth frame (height, width) in mm, 0 or masked where nothing was read.
+    def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Prediction:
+        """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
-        center  where to look first, as for ``start``. Without it, and with a locator and a fit, every place that the
-                locator tells is fitted fast, and those that look most like a hand by the plan. Of the sides in one
-                crop the one with less doubt is taken, of places the one that is less strange and likelier
+        center  where to start, as for ``start``. Without it, and with a locator and a fit, all places that the locator
+                finds are fitted by the fast plan, and the best of them by the plan. Between the sides in one crop the
+                uncertainty of the fit decides, between places its rejection score and the locator's odds
 
-        Raises UnitError for depths in another unit, DataError, NetlibError.
+        Raises UnitError for depths that cannot be mm, DataError, NetlibError.
         """
         depth = _in_mm(depth)
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
-            raise DataError(f"skeleton {self.skeleton.name!r} is no hand, and only hands are searched for")
+            raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
         if center is None and self.locator is not None:
             located = self.locator.hands(depth, camera)
             starts = list(camera.project(located.center))
-            return self._frames.near(depth, camera, starts, list(located.odds), find=True)[0]
-        return self._frames.near(depth, camera, [self._start(depth, center)], [0.0], find=False)[0]
+            return self.pipeline.in_frame(depth, camera, starts, list(located.odds), search=True)[0]
+        return self.pipeline.in_frame(depth, camera, [self._start(depth, center)], [0.0], search=False)[0]
 
     def hands_at(
-        self, depth: NDArray[np.generic], starts: Sequence[Array], odds: Sequence[float]
-    ) -> list[FramePrediction]:
-        """The hands at places where a locator saw some, as ``in_frame`` looks at them, the likeliest first.
+        self, depth: NDArray[np.generic], starts: Sequence[Array], log_odds: Sequence[float]
+    ) -> list[Prediction]:
+        """The hands at places that a locator found, as ``in_frame`` fits them, the best first.
 
-        starts  (3,) px, px, mm each
-        odds    logarithms of the odds that there is a hand
+        starts    (3,) px, px, mm each
+        log_odds  of a hand at each
 
-        Raises DataError if all places are out of sight, NetlibError.
+        Raises DataError if all places are outside the image, NetlibError.
         """
         depth = _in_mm(depth)
-        return self._frames.near(depth, self._camera_of(depth), starts, odds, find=True)
+        return self.pipeline.in_frame(depth, self._camera_of(depth), starts, log_odds, search=True)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
-        """Where to look first: the crop centre (3,), u, v in px and d in mm. Raises DataError.
+        """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
 
-        center  (u, v, d) is taken as it is; (u, v) gets the depth that is seen there; without it, the likeliest hand of
-                the locator, or the nearest thing
+        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the place that the locator finds
+                likeliest, or the nearest surface
         """
         return self._start(_in_mm(depth), center)
 
     def _start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None) -> Array:
-        """The same in a frame that is known to be in mm."""
+        """``start`` in a checked frame."""
         if center is None:
             camera = self._camera_of(depth)
             if self.locator is not None:
@@ -163,10 +164,27 @@ class Predictor:
         return place if len(place) == 3 else finding.depth_around(depth, *place)
 
     def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
-        """The camera, with the frame's size if it has none."""
+        """The camera; if it has no size, with the frame's."""
         if self.camera.width:
             return self.camera
         return dataclasses.replace(self.camera, width=depth.shape[1], height=depth.shape[0])
+
+
+def check_options(*, cube_mm: float | None, hand: str, refine: int, fit: str) -> None:
+    """Raise NetlibError for invalid options of a ``Predictor``."""
+    for name, word, known in (("hand", hand, SOUGHT_SIDES), ("fit", fit, get_args(Fit))):
+        if word not in known:
+            raise NetlibError(f"{name}={word!r}{did_you_mean(str(word), known)}; expected {', '.join(known)}")
+    low, high = CUBES_MM
+    if cube_mm is not None and not (isinstance(cube_mm, Real) and low <= cube_mm <= high):
+        raise NetlibError(f"cube_mm={cube_mm!r}; expected {low:g} to {high:g} mm")
+    check_whole("refine", refine, 0, MAX_REFINE)
+
+
+def check_whole(name: str, value: object, low: int, high: int) -> None:
+    """Raise NetlibError unless the argument ``name`` is a whole number from ``low`` to ``high``."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or not low <= int(value) <= high:
+        raise NetlibError(f"{name}={value!r}; expected a whole number from {low} to {high}")
 
 
 def _in_mm(depth: object) -> NDArray[np.generic]:

@@ -9,7 +9,9 @@ import numpy as np
 
 from handpose.data import labels
 from handpose.depth_fit.fit import DepthFitter
-from handpose.prediction.many import TOGETHER, fit_crops
+from handpose.depth_fit.observation import HandCrops
+from handpose.depth_fit.search import Plan
+from handpose.prediction.crop_fits import MAX_CROPS, fit_crops
 from handpose.prediction.nets import crops_of, data_layer, hand_layer, skeleton_to_fit
 from netlib.blob import Array
 from netlib.errors import NetlibError
@@ -31,7 +33,7 @@ def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | No
 
 
 def fit_all(
-    net: Net, deploy: Net, weights: str | Path, plan: str, progress: Callable[[int], None] = lambda done: None
+    net: Net, deploy: Net, weights: str | Path, plan: Plan, progress: Callable[[int], None] = lambda done: None
 ) -> Array:
     """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from what ``deploy`` predicts.
 
@@ -45,9 +47,10 @@ def fit_all(
     for unit in np.unique(half):
         fitter = DepthFitter.of_file(skeleton, weights, float(unit))
         own = np.flatnonzero(half == unit)
-        for rows in blocks(len(own), TOGETHER):
+        for rows in blocks(len(own), MAX_CROPS):
             crops = np.stack(crops_of(net, own[rows]))
-            found = fit_crops(deploy, fitter, crops, centers[own[rows]], camera, plan)
+            hands = HandCrops.of_sides(crops, centers[own[rows]], camera, 2 * float(unit))
+            found = fit_crops(deploy, fitter, hands, plan)
             joints[own[rows]] = found.joints / unit
             done += len(crops)
             progress(done)

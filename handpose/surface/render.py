@@ -67,7 +67,8 @@ class Capsules(NamedTuple):
         return self._replace(a=self.a + by, b=self.b + by)
 
     def mirrored(self, axes: NDArray[np.float64]) -> Capsules:
-        """All ends times (3,)."""
+        """All ends multiplied by (3,), or by (N, 3)."""
+        axes = axes.reshape(-1, 1, 3)
         return self._replace(a=self.a * axes, b=self.b * axes)
 
     def frames(self, rows: slice | NDArray[np.int_]) -> Capsules:

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from handpose.data.flying_pixels import clear_crop
 from handpose.depth_fit.fit import DepthFit
-from handpose.depth_fit.observation import observe
-from handpose.depth_fit.search import PLANS
-from handpose.depth_fit.strangeness import strangeness
+from handpose.depth_fit.observation import HandCrops
+from handpose.depth_fit.rejection import rejection_score
+from handpose.depth_fit.search import Plan
 from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side, is_mirrored, mirror_of
+from handpose.facts.sides import Side, mirror_of
+from handpose.prediction.crop_fits import fit_starts
 from handpose.prediction.finding import recenter
 from handpose.prediction.predictor import Predictor
-from handpose.prediction.starts import fit_starts
 from handpose.tracking.body_pose import Placed, Placer
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -92,15 +92,15 @@ class Looker:
     """Looks at places with the network and the fitter of a predictor, by its plan."""
 
     def __init__(self, predictor: Predictor, camera: Camera) -> None:
-        assert predictor.fitter is not None
+        assert predictor.fitter is not None and predictor.plan is not None
         self.net, self.fitter, self.camera = predictor.net, predictor.fitter, camera
-        self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.fit, predictor.sides
+        self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.plan, predictor.sides
         assert predictor.locator is not None
         self.locator = predictor.locator
         self.placer = Placer(self.fitter.model)
         self._middle = self._middle_of_crops()
 
-    def look(self, depth: NDArray[np.float32], aims: Sequence[Aim], plan: str | None = None) -> list[Sight | None]:
+    def look(self, depth: NDArray[np.float32], aims: Sequence[Aim], plan: Plan | None = None) -> list[Sight | None]:
         """What is seen at each place; None where it is out of sight. Raises NetlibError.
 
         plan  of the fit; by default the predictor's
@@ -138,13 +138,13 @@ class Looker:
             return self.camera.project(middle[0])
         if sight.aim.moved_mm is not None:
             return sight.aim.center_uvd
-        joints = sight.fit.network[0] * mirror_of(side) / (self.cube_mm / 2)
+        joints = sight.fit.network[0] / (self.cube_mm / 2)
         return recenter(joints, self.fitter.model.skeleton, sight.aim.center_uvd, self.cube_mm, self.camera, side)
 
-    def strangeness(self, sight: Sight) -> float:
-        """How little there is a hand, in mm."""
-        crop, center = sight.crop[None], sight.aim.center_uvd[None]
-        return float(strangeness(self.fitter.model, sight.fit, crop, center, self.camera, sight.aim.side)[0])
+    def rejection_score(self, sight: Sight) -> float:
+        """The rejection score of the fit in mm: how unlike a hand the place is."""
+        hand = self._hands([sight.aim], sight.crop[None])
+        return float(rejection_score(self.fitter.model, sight.fit, hand)[0])
 
     def arm(self, sight: Sight) -> Array:
         """Places (A, 3) in mm, camera axes, along the axes of what only the flesh has: of a hand its forearm."""
@@ -163,13 +163,15 @@ class Looker:
         center = recenter(model.joints(x)[0] / (self.cube_mm / 2), model.skeleton, uvd, self.cube_mm, self.camera)
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))
 
-    def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: str) -> list[Sight]:
+    def _hands(self, aims: Sequence[Aim], crops: NDArray[np.float32]) -> HandCrops:
+        """The crops (N, S, S) of these aims."""
+        uvd = np.stack([aim.center_uvd for aim in aims])
+        return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [aim.side for aim in aims])
+
+    def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: Plan) -> list[Sight]:
         """The same for places of which the same things are known."""
-        mirrored, uvd = np.array([is_mirrored(aim.side) for aim in aims]), np.stack([aim.center_uvd for aim in aims])
-        seen = observe(crops, uvd, self.camera, self.cube_mm, PLANS[plan].points)
-        if mirrored.any():
-            seen = seen.mirrored(mirrored)
-        centers = self.camera.unproject(uvd) * np.stack([mirror_of(aim.side) for aim in aims])
+        hands = self._hands(aims, crops)
+        seen, centers = hands.observe(plan.points), hands.center_mm
         placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]
         before, model = None, self.fitter.model
         if placed:
@@ -179,16 +181,11 @@ class Looker:
         if before is not None and aims[0].moved_mm is not None:
             fit = self.fitter.follow(seen, before, np.array([aim.moved_mm for aim in aims]), plan, size=sizes)
         else:
-            fit = self.fitter.fit(seen, self._starts(crops, mirrored, plan), plan, size=sizes, before=before)
-            goes_on &= fit.start == len(PLANS[plan].quarters)
+            starts = fit_starts(self.net, model, hands.as_right, plan.quarters)
+            fit = self.fitter.fit(seen, starts, plan, size=sizes, before=before)
+            goes_on &= fit.start == len(plan.quarters)
         sights = []
         for i, (aim, center) in enumerate(zip(aims, centers)):
-            own = DepthFit(**{name: values[i : i + 1] for name, values in vars(fit).items()})
+            own = fit.take(slice(i, i + 1))
             sights.append(Sight(aim, center, crops[i], own, self.placer.placed(own.x[0], center), bool(goes_on[i])))
         return sights
-
-    def _starts(self, crops: NDArray[np.float32], mirrored: NDArray[np.bool_], plan: str) -> list[Array]:
-        """What the network sees in crops (N, S, S), turned by each quarter of the plan; some mirrored."""
-        shown = crops.copy()
-        shown[mirrored] = crops[mirrored][:, :, ::-1]
-        return fit_starts(self.net, self.fitter.model, shown, PLANS[plan].quarters)

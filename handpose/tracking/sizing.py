@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from handpose.depth_fit.body import SIZE, SIZE_LIMIT
-from handpose.depth_fit.observation import observe
-from handpose.depth_fit.search import PLANS
+from handpose.depth_fit.observation import HandCrops
+from handpose.depth_fit.search import FAST
 from handpose.depth_fit.size_calibration import calibrate_size
-from handpose.facts.sides import is_mirrored
 from handpose.tracking.looking import Looker, Sight
 from netlib.errors import DataError
 
@@ -50,8 +49,8 @@ class SizeKeeper:
         sights, looker = sorted(self._sights, key=lambda one: one.doubt)[:BEST], self._looker
         self._sights = []
         crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.aim.center_uvd) for s in sights)))
-        seen = observe(crops, uvd, looker.camera, looker.cube_mm, PLANS["fast"].points)
-        seen = seen.mirrored() if is_mirrored(sight.aim.side) else seen
+        hands = HandCrops.of_sides(crops, uvd, looker.camera, looker.cube_mm, sight.aim.side)
+        seen = hands.observe(FAST.points)
         x = np.concatenate([s.fit.x for s in sights])
         size = float(np.exp(np.median(x[:, SIZE])))
         for _ in range(TIMES):

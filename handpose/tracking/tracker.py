@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import check_size
 from handpose.data.depth_images import check_unit, depth_image
+from handpose.depth_fit.search import ACCURATE, Fit, Plan
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.prediction.nets import refuse_other_bodies
-from handpose.prediction.options import Fit, check_whole
 from handpose.prediction.packaged import load_predictor
-from handpose.prediction.predictor import Predictor
+from handpose.prediction.predictor import Predictor, check_whole
 from handpose.sources.recording import DepthFrame
 from handpose.track_files.track import LostHand, TrackedFrame, TrackHeader
 from handpose.tracking.following import COAST, ENOUGH, Follower
@@ -151,7 +151,7 @@ class Tracker:
         aims = {follower.id: follower.aims(time) for follower in self.followers}
         sights = self._looks(depth, aims)
         others = {follower.id: follower.other_aims(depth, sights[follower.id], time) for follower in self.followers}
-        again = self._looks(depth, others, "accurate")
+        again = self._looks(depth, others, ACCURATE)
         for follower in list(self.followers):
             known, seen = self.known[follower.id], [*sights[follower.id], *again[follower.id]]
             if follower.take(sights[follower.id], again[follower.id], time):
@@ -161,7 +161,7 @@ class Tracker:
             known.reason = reason(depth, self.camera, self.looker.cube_mm, aims[follower.id][0], best)
 
     def _looks(
-        self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: str | None = None
+        self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: Plan | None = None
     ) -> dict[int, list[Sight | None]]:
         """One look at all places of several hands, by their ids."""
         sights = iter(self.looker.look(depth, [aim for own in aims.values() for aim in own], plan))
@@ -196,7 +196,7 @@ class Tracker:
         """To the locator, and beside the picture of the body that was fitted."""
         if self.scout.chance(depth, sight.center_mm * mirror_of(sight.aim.side)) < LIKELY:
             return False
-        return self.looker.strangeness(sight) < strange_mm
+        return self.looker.rejection_score(sight) < strange_mm
 
     def _scout(self, depth: NDArray[np.float32], time: float) -> None:
         """Look for a hand that nobody follows."""
@@ -224,7 +224,7 @@ class Tracker:
         except DataError:  # out of sight
             return []
         aims = [Aim(found.center_uvd, side) for side in self.predictor.sides]
-        seen = [sight for sight in self.looker.look(depth, aims, "accurate") if sight is not None]
+        seen = [sight for sight in self.looker.look(depth, aims, ACCURATE) if sight is not None]
         if not seen or max(s.confidence for s in seen) < ENOUGH:
             return []
         best = min(seen, key=lambda s: s.doubt)

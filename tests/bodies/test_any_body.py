@@ -12,6 +12,7 @@ from handpose.data.crops import crop_pixels, restore_joints
 from handpose.depth_fit.body import FleshModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import observe
+from handpose.depth_fit.search import FAST
 from handpose.facts.cameras import KINECT2
 from handpose.joint_fit.levenberg_marquardt import fit_joints
 from handpose.prediction.nets import hand_layer
@@ -145,7 +146,7 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)
     start[:, :3] = scene.bodies.inputs[:n, :3] + rng.normal(0, 0.02, (n, 3))
     seen = observe(scene.depth[:n], scene.center_uvd[:n], KINECT2, 2 * HALF, 300)
-    fit = DepthFitter(model).fit(seen, [model.variables_of(start)], "fast")
+    fit = DepthFitter(model).fit(seen, [model.variables_of(start)], FAST)
     before = np.linalg.norm(model.joints(model.variables_of(start)) - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(fit.joints - truth, axis=2).mean(axis=1)
     assert after.mean() < 0.6 * before.mean() and (after < before).mean() > 0.8

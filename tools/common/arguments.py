@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from handpose.data.crops import CUBES_MM
 from handpose.facts.cameras import CAMERAS, Camera
-from handpose.facts.cubes import CUBES_MM
 from handpose.joint_formats.formats import FORMAT_NAMES
 from netlib import engine
 from netlib.files.paths import command, is_subcommand

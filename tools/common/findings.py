@@ -11,7 +11,7 @@ import numpy as np
 from handpose.drawing import flesh, hands, sheets
 from handpose.drawing.identities import percent
 from handpose.joint_formats.formats import FORMATS, FormatName
-from handpose.prediction.prediction import FramePrediction, Prediction
+from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import Predictor
 from handpose.track_files import joint_values
 from netlib.blob import Array
@@ -41,7 +41,7 @@ def _joints(found: Prediction, predictor: Predictor) -> dict[str, Array]:
 def facts(found: Prediction, predictor: Predictor) -> dict[str, Any]:
     """What JSON says besides the joints."""
     said: dict[str, Any] = {"hand": found.hand} if predictor.is_hand else {"body": predictor.skeleton.name}
-    if isinstance(found, FramePrediction):
+    if found.in_frame:
         said |= {"center_uvd": found.center_uvd.round(2).tolist(), "center_mm": found.center_mm.round(2).tolist()}
     if found.fit:
         measured = not math.isnan(found.fit.error_mm)
@@ -61,21 +61,21 @@ def in_words(found: Prediction, predictor: Predictor) -> str:
     if found.fit and not math.isnan(found.fit.error_mm):
         words += f", {percent(found.fit.confidence)} sure, {found.fit.error_mm:.0f} mm of error expected"
     words += "; joints in mm from the crop's centre"
-    if isinstance(found, FramePrediction):
+    if found.in_frame:
         words += " at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
     return words
 
 
 def _in_format(found: Prediction, predictor: Predictor, name: FormatName) -> dict[str, Any]:
     """What JSON says of the hand in another format. Raises DataError for another body than a hand."""
-    if isinstance(found, FramePrediction):
+    if found.in_frame:
         return joint_values.hand_values(name, predictor.skeleton, found.hand, found.xyz, found.camera)
     return joint_values.hand_values(name, predictor.skeleton, found.hand, found.joints_mm, None, found.cube_mm)
 
 
 def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -> list[str]:
     """The tables of a format's joints, and of the angles. Each line has what ``values`` has of a joint."""
-    center = "from the camera" if isinstance(found, FramePrediction) else "from the crop's centre"
+    center = "from the camera" if found.in_frame else "from the crop's centre"
     about = "about its mean" if name == "mediapipe" else center
     kinds = {key: of for key, of in values[name].items() if of is not None and key != "center_m"}
     lines = [f"  {name}: {', '.join(kinds)}; {FORMATS[name].in_words}, {about}"]
@@ -88,13 +88,9 @@ def _format_lines(found: Prediction, name: FormatName, values: dict[str, Any]) -
 
 def draw(picture: Path, found: Prediction, predictor: Predictor) -> None:
     """The skeleton on the crop and in space; between them the flesh, if there was a fit."""
-    place: dict[str, Any] = {}
-    if isinstance(found, FramePrediction):
-        place = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
-    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **place)]
+    place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
+    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **(place if found.in_frame else {}))]
     if found.fit:
-        camera, middle = predictor.alone()
-        place = place or {"center_uvd": middle, "cube_mm": found.cube_mm, "camera": camera}
         drawn.append(flesh.over_crop(found.crop, found.fit.capsules, **place))
     drawn.append(hands.view_3d(found.joints, predictor.skeleton))
     pictures.write_image(picture, sheets.sheet(drawn, len(drawn)))

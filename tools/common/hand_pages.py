@@ -10,7 +10,7 @@ from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content, hand
 from handpose.facts.sides import as_right
 from handpose.prediction.nets import hand_inputs
-from handpose.prediction.prediction import FramePrediction, Prediction
+from handpose.prediction.prediction import Prediction
 from handpose.prediction.predictor import Predictor
 from handpose.sequences.gestures import poses
 from handpose.synthetic.pose_prior import BodySampler
@@ -29,13 +29,10 @@ def write(path: Path, found: Sequence[tuple[str, Prediction]], predictor: Predic
 
 
 def _hand(image: str, found: Prediction, predictor: Predictor) -> dict[str, Any]:
-    camera, middle = predictor.alone()
-    if isinstance(found, FramePrediction):
-        camera, middle = found.camera, found.center_uvd
     if found.fit:
         inputs, size, girth = found.fit.whole, found.fit.size, found.fit.girth
     else:
         inputs, size, girth = hand_inputs(predictor.net, as_right(found.crop, found.hand)[None])[0], 1.0, 1.0
     words = findings.in_words(found, predictor).partition(";")[0]
-    return hand(Path(image).name, words, inputs, camera=camera, center_uvd=middle,
+    return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, girth=girth, side=found.hand)  # fmt: skip

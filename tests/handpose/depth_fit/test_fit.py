@@ -11,6 +11,7 @@ from handpose.depth_fit.body import FleshModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors
 from handpose.depth_fit.observation import observe
+from handpose.depth_fit.search import ACCURATE, FAST, Plan
 from handpose.facts.cameras import NYU
 from handpose.rounding import NETWORK_STEP, rounded
 from handpose.surface.model import Flesh
@@ -53,7 +54,7 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     """Joints near the truth, inputs that make them, a size, a misfit, and what the table says of it."""
     model = fitter.model
     start = start_of(scene, model)
-    found = fitter.fit(scene.seen, [start], "fast")
+    found = fitter.fit(scene.seen, [start], FAST)
     assert np.median(np.linalg.norm(found.joints - scene.joints, axis=2).mean(axis=1)) < 6
     assert error(model, start, scene).mean() > 12
     np.testing.assert_allclose(found.joints, model.joints(found.x))
@@ -68,17 +69,17 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
     """The accurate plan, on average; its errors are not measured here, so its confidence is unknown."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast")
-    accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, "accurate")
+    fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST)
+    accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
     assert np.log(accurate.misfit).mean() < np.log(fast.misfit).mean()
     assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
 
 
-@pytest.mark.parametrize("plan", ["fast", "accurate"])
-def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> None:
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
     """A frame's fit does not depend on the frames beside it, nor on threads; a second run is the same bit for bit."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    quarters = 4 if plan == "accurate" else 1
+    quarters = len(plan.quarters)
     whole = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
     again = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
     np.testing.assert_array_equal(whole.x, again.x)
@@ -94,12 +95,12 @@ def test_frames_and_threads(fitter: DepthFitter, scene: Scene, plan: str) -> Non
         engine.get().set_threads(threads)
 
 
-@pytest.mark.parametrize("plan", ["fast", "accurate"])
-def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Scene, plan: str) -> None:
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
     """Predictions that differ as those of two processors do, by 1e-7, are fitted alike."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
     nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
-    quarters = 4 if plan == "accurate" else 1
+    quarters = len(plan.quarters)
     found, again = (
         fitter.fit(scene.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly)
     )
@@ -111,7 +112,7 @@ def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> Non
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     inputs = fitter.model.inputs_of(scene.truth[:2])
-    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [fitter.model.variables_of(inputs)], "fast")
+    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [fitter.model.variables_of(inputs)], FAST)
     assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.doubt).all()
 
 
@@ -119,7 +120,7 @@ def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) 
     """The longer its edge cuts the hand, the less; nothing else changes."""
     start = [start_of(scene, fitter.model)]
     cut = [np.full(len(scene.seen), mm, np.float32) for mm in (0, 40, 60, 300)]
-    found = [fitter.fit(replace(scene.seen, cut_mm=own), start, "fast") for own in cut]
+    found = [fitter.fit(replace(scene.seen, cut_mm=own), start, FAST) for own in cut]
     for one, part, times in zip(found, (1, 1, 0.9, 0.6), (1, 1, 1.3, 2.2)):
         np.testing.assert_allclose(one.confidence, part * found[0].confidence)
         np.testing.assert_allclose(one.error_mm, np.minimum(times * found[0].error_mm, LOST_MM))
@@ -129,15 +130,15 @@ def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) 
 def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
     """Exactly enough."""
     inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    found = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast", size=1.07)
+    found = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=1.07)
     assert found.size == pytest.approx(1.07, abs=2e-3)
 
 
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
     """The true pose as a start, of the hand and of its mirror image."""
     inputs = fitter.model.inputs_of(scene.truth)
-    right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, "accurate")
-    left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, "accurate")
+    right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
+    left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, ACCURATE)
     assert (right.misfit < left.misfit).all()
 
 
@@ -155,7 +156,7 @@ def test_any_body_with_flesh() -> None:
     crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
     fitter = DepthFitter(FleshModel(skeleton, 150.0))
     start = inputs + rng.normal(0, 0.15, inputs.shape)
-    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, "accurate")
+    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, ACCURATE)
     truth = flesh.kinematics.joints(inputs) * 150
     before = np.linalg.norm(flesh.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
     after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
@@ -169,14 +170,14 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     far[:, model.limbs] = np.clip(far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs])
     far[:, model.root[3:]] += 0.7
     near = scene.truth + np.random.default_rng(0).normal(0, 0.02, scene.truth.shape)
-    alone = fitter.fit(scene.seen, [far], "fast")
-    found = fitter.fit(scene.seen, [far], "fast", before=near)
+    alone = fitter.fit(scene.seen, [far], FAST)
+    found = fitter.fit(scene.seen, [far], FAST, before=near)
     assert (found.start == 1).mean() > 0.7 and np.median(error(model, found.x, scene)) < 4
     assert error(model, found.x, scene).mean() < 0.5 * error(model, alone.x, scene).mean()
     np.testing.assert_allclose(found.network, alone.network)
-    other = fitter.fit(scene.seen, [near], "fast", before=far)
+    other = fitter.fit(scene.seen, [near], FAST, before=far)
     assert (other.start == 0).mean() > 0.7
-    accurate = fitter.fit(scene.seen, [far] * 4, "accurate", before=near)
+    accurate = fitter.fit(scene.seen, [far] * 4, ACCURATE, before=near)
     assert (accurate.start == 4).mean() > 0.5
 
 
@@ -184,15 +185,15 @@ def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
     """Each frame has its own, also of the start that is given."""
     inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
     for found in (
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast", size=sizes),
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "fast", size=sizes, before=scene.truth),
-        fitter.follow(scene.seen, scene.truth, np.zeros(12), "fast", size=sizes),
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes),
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes, before=scene.truth),
+        fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes),
     ):
         np.testing.assert_allclose(found.size, sizes, atol=3e-3)
 
 
-@pytest.mark.parametrize("plan", ["fast", "accurate"])
-def test_following(fitter: DepthFitter, scene: Scene, plan: str) -> None:
+@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
+def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
     """From near the truth a little nearer, without a network; how far that was off is still a sign of doubt."""
     model = fitter.model
     before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
@@ -215,13 +216,13 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch:
     before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
     before[:, -2:] = 0
     before = np.clip(before, model.lower, model.upper)
-    found = fitter.follow(scene.seen, before, np.zeros(len(before)), "fast")
+    found = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
     expected = before.copy()
     expected[:, model.own] = 0
     prior = objective.measure(found.x, scene.seen, objective.prior_of(expected, fitter.precision)).prior
     np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
     monkeypatch.setattr("handpose.depth_fit.fit.HOLD", 1.0)
-    loose = fitter.follow(scene.seen, before, np.zeros(len(before)), "fast")
+    loose = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
     held, free = (np.abs(fit.x - before)[:, model.limbs].mean() for fit in (found, loose))
     assert held < 0.95 * free
 
@@ -230,6 +231,6 @@ def test_mistakes(fitter: DepthFitter, scene: Scene) -> None:
     """As many starts as quarter turns, as many frames as crops."""
     inputs = fitter.model.inputs_of(scene.truth)
     with pytest.raises(DataError, match="1 starts, expected 4 for the plan 'accurate'"):
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], "accurate")
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], ACCURATE)
     with pytest.raises(DataError, match="starts of 11 frames for 12 crops"):
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs[:11])], "fast")
+        fitter.fit(scene.seen, [fitter.model.variables_of(inputs[:11])], FAST)

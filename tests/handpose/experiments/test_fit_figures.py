@@ -7,9 +7,10 @@ import pytest
 
 from handpose.depth_fit.body import FleshModel
 from handpose.depth_fit.fit import DepthFitter
+from handpose.depth_fit.search import ACCURATE, FAST
 from handpose.experiments.fit_figures import auc, frames_of, measure, roll_of
+from handpose.prediction.crop_fits import fit_starts
 from handpose.prediction.packaged import load_predictor
-from handpose.prediction.starts import fit_starts
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
@@ -23,7 +24,7 @@ def test_figures_of_the_packaged_network() -> None:
     fitter = predictor.fitter
     done: list[int] = []
     frames = frames_of(Generator(77, "test", recipes.recipe("nyu")), 40)
-    found = measure(predictor.net, lambda unit: fitter, frames, ("fast", "accurate"), hands=True, progress=done.append)
+    found = measure(predictor.net, lambda unit: fitter, frames, (FAST, ACCURATE), hands=True, progress=done.append)
     assert done == [40] and len(found.network) == 40 and found.limbs.shape == (40, 20)
     network, fast, accurate = (np.median(e) for e in (found.network, found.fits["fast"], found.fits["accurate"]))
     assert accurate < fast < 0.6 * network and accurate < 6

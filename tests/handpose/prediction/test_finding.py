@@ -152,7 +152,7 @@ def test_a_crop_beside_moves_to_the_place_of_training(hands, side):
     mirror = mirror_of(side)
     off = np.array([25.0, -40.0, 30.0])
     for joints, center in zip(moved(inputs, sampler, off * mirror), centers):
-        found = recenter(joints * mirror, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, side)
+        found = recenter(joints, sampler.skeleton, NYU.project(center - off), CUBE_MM, NYU, side)
         assert NYU.unproject(found) == pytest.approx(center, abs=1e-9)
 
 

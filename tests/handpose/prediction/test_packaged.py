@@ -38,7 +38,7 @@ def test_the_packaged_model() -> None:
     assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
     ignored, missing = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", netlib.TEST).copy_from(weights)
     assert not ignored and not missing
-    assert load_predictor().fit == "accurate" and load_predictor(fit="no", hand="left").fitter is None
+    assert load_predictor().plan is PLANS["accurate"] and load_predictor(fit="no", hand="left").fitter is None
 
 
 def test_the_packaged_locator() -> None:

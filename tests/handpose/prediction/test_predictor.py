@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,7 +79,7 @@ layer { name: "hand\"""",
 )
 
 
-def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
+def test_a_net_that_predicts_the_size(net_of: NetOf) -> None:
     """Its joints are those of its layer, of the hand's own size."""
     net = net_of(SIZED % 1, netlib.TEST)
     bias = net.params["DoF"][1].data
@@ -88,11 +87,10 @@ def test_a_net_that_predicts_the_size(net_of: NetOf, tmp_path: Path) -> None:
     found = Predictor(net).in_crop(some_crop())
     usual = HAND.scaled(1.5)
     assert np.allclose(found.joints, kinematics_of(usual).joints(bias[None].astype(float))[0], atol=1e-5)
-    (tmp_path / "net.prototxt").write_text(SIZED % 1)
-    assert best_fit(tmp_path / "net.prototxt") == "accurate"
+    assert best_fit(net) == "accurate"
 
 
-def test_a_net_that_predicts_bones(net_of: NetOf, tmp_path: Path) -> None:
+def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
     """A fit does not know them, so it is refused."""
     boned = SIZED.replace("num_output: 1 ", "num_output: 31 ") % 1
     net = net_of(boned, netlib.TEST)
@@ -101,8 +99,7 @@ def test_a_net_that_predicts_bones(net_of: NetOf, tmp_path: Path) -> None:
         Predictor(net, fit="fast").in_crop(some_crop())
     with pytest.raises(NetlibError, match=message):
         skeleton_to_fit(net)
-    (tmp_path / "net.prototxt").write_text(boned)
-    assert best_fit(tmp_path / "net.prototxt") == "no"
+    assert best_fit(net) == "no"
 
 
 @pytest.mark.parametrize(
@@ -176,13 +173,21 @@ def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
     assert found.camera == KINECT2
 
 
-def test_what_is_changed_later_counts(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
-    """How often a crop is moved is asked at every call."""
-    predictor = Predictor(fixed(30, 0, 0), KINECT2)
-    moved = predictor.in_frame(frame).center_uvd
-    predictor.refine = 0
-    assert np.array_equal(predictor.in_frame(frame).center_uvd, predictor.start(frame))
-    assert not np.array_equal(moved, predictor.start(frame))
+def test_a_locator_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Once, by the first frame without a centre."""
+    loads: list[Said] = []
+
+    def load() -> Said:
+        loads.append(Said(np.array([[30.0, -20, 700]]), np.zeros(1)))
+        return loads[-1]
+
+    predictor = Predictor(seeing, KINECT2, refine=0, locator=load)
+    predictor.in_crop(some_crop())
+    predictor.in_frame(frame, (260, 210, 690))
+    assert not loads
+    for _ in range(2):
+        np.testing.assert_allclose(predictor.in_frame(frame).center_mm, (30, -20, 700))
+    assert len(loads) == 1 and predictor.locator is loads[0]
 
 
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
@@ -226,3 +231,28 @@ def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
     """Are told by their shape, not by what is seen in them."""
     with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
         load_predictor(NYU).in_frame(frame)
+
+
+# ----------------------------------------------------------------------------------------------- options
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"hand": "Left"}, r"hand='Left' \(did you mean 'left'\?\); expected right, left, either"),
+        ({"hand": None}, "hand=None; expected right, left, either"),
+        ({"fit": "best"}, "fit='best'; expected no, fast, accurate"),
+        ({"refine": -1}, "refine=-1; expected a whole number from 0 to 100"),
+        ({"refine": 1.5}, "refine=1.5; expected a whole number from 0 to 100"),
+        ({"refine": 10**9}, "refine=1000000000; expected a whole number from 0 to 100"),
+        ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
+        ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
+        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
+    ],
+    ids=str,
+)
+def test_options_that_are_none(seeing: netlib.Net, option: dict[str, Any], message: str) -> None:
+    """Are refused when the predictor is made, by its name or with the packaged weights."""
+    for make in (lambda: Predictor(seeing, **option), lambda: load_predictor(**option)):
+        with pytest.raises(NetlibError, match=f"^{message}$"):
+            make()

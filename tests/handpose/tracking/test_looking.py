@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from handpose.depth_fit.search import ACCURATE
 from handpose.facts.cameras import ICVL, Camera
 from handpose.facts.sides import MIRROR, mirror_of
 from handpose.prediction.packaged import load_predictor
@@ -57,10 +58,10 @@ def error(looker: Looker, sight: Sight | None, shown: Take) -> float:
 
 def test_a_hand_is_seen(looker: Looker, depth: np.ndarray, center: np.ndarray, shown: Take) -> None:
     """Where it is, and by the accurate plan, too; surely, and not strange."""
-    for plan in (None, "accurate"):
+    for plan in (None, ACCURATE):
         (sight,) = looker.look(depth, [Aim(center, "right")], plan)
         assert sight is not None and error(looker, sight, shown) < 15
-        assert sight.confidence > 0.7 and sight.badness < 15 and looker.strangeness(sight) < 90
+        assert sight.confidence > 0.7 and sight.badness < 15 and looker.rejection_score(sight) < 90
         np.testing.assert_allclose(sight.center_mm, ICVL.unproject(center))
 
 
@@ -74,7 +75,7 @@ def test_no_hand_is_strange(looker: Looker, depth: np.ndarray, center: np.ndarra
     """More than a hand is: the forearm beside the image's edge, or a place beside the hand."""
     there, beside = looker.look(depth, [Aim(center, "right"), Aim(center + (0, 75, 0), "right")])
     assert there is not None and beside is not None
-    assert looker.strangeness(beside) > looker.strangeness(there) + 15
+    assert looker.rejection_score(beside) > looker.rejection_score(there) + 15
 
 
 def test_places_of_all_kinds_together(looker: Looker, depth: np.ndarray, center: np.ndarray) -> None:
@@ -147,7 +148,7 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     (other,) = left.look(np.ascontiguousarray(depth[:, ::-1]), [Aim(place, "left")])
     assert one is not None and other is not None
     assert np.linalg.norm(joints(left, other) * MIRROR - joints(right, one), axis=1).mean() < 4
-    assert left.strangeness(other) == pytest.approx(right.strangeness(one), rel=0.25)
+    assert left.rejection_score(other) == pytest.approx(right.rejection_score(one), rel=0.25)
     np.testing.assert_allclose(left.center_of(other.body, "left")[1:], right.center_of(one.body, "right")[1:], atol=5)
 
 

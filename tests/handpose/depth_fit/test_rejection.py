@@ -1,4 +1,4 @@
-"""handpose/depth_fit/strangeness.py"""
+"""handpose/depth_fit/rejection.py"""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ import pytest
 
 from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
 from handpose.depth_fit.fit import DepthFit
-from handpose.depth_fit.strangeness import CAP_MM, MISFIT_MM, MOVED, OUTSIDE_MM, STRETCHED_MM, strangeness
+from handpose.depth_fit.observation import HandCrops
+from handpose.depth_fit.rejection import CAP_MM, MISFIT_MM, MOVED, OUTSIDE_MM, STRETCHED_MM, rejection_score
 from handpose.facts.cameras import NYU
 from handpose.surface.render import normalise_depth, render_crop
 
 UVD = np.array([[320.0, 240, 700]])
+
+
+def score(model: FleshModel, fit: DepthFit, crop: np.ndarray, uvd: np.ndarray = UVD) -> float:
+    """The score of a right hand in NYU's cube."""
+    return float(rejection_score(model, fit, HandCrops.of_sides(crop, uvd, NYU, 300.0))[0])
 
 
 @pytest.fixture
@@ -31,16 +37,16 @@ def crop(model: FleshModel, fit: DepthFit) -> np.ndarray:
     return normalise_depth(depth, UVD[:, 2], 300.0)
 
 
-def test_a_hand_is_not_strange(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+def test_a_hand_is_not_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
     """Where it is, predicted where it is: nothing."""
-    assert strangeness(model, fit, crop, UVD, NYU)[0] < 0.1
+    assert score(model, fit, crop) < 0.1
 
 
 def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
     """An empty picture, a prediction 20 mm away, a hand beside the image, a misfit, a larger hand."""
 
     def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
-        return float(strangeness(model, fit, crop, uvd, NYU)[0])
+        return score(model, fit, crop, uvd)
 
     assert of(crop=np.ones_like(crop)) == pytest.approx(2 * CAP_MM, abs=1)
     assert of(replace(fit, network=fit.joints + (20, 0, 0))) == pytest.approx(MOVED * 20 + of())
@@ -52,7 +58,7 @@ def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None
         assert of(replace(fit, x=larger)) > 0.2 * STRETCHED_MM
 
 
-def test_a_stick_on_one_finger_is_strange(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+def test_a_stick_on_one_finger_is_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
     """Much of the hand is nowhere, however well the stick lies on the finger."""
     stick = np.where(np.arange(128) > 64, crop, 1.0).astype(np.float32)  # a part of the hand's own picture
-    assert strangeness(model, fit, stick, UVD, NYU)[0] > 15
+    assert score(model, fit, stick) > 15

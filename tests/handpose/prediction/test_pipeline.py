@@ -1,4 +1,4 @@
-"""handpose/prediction/frame_hands.py: as a predictor uses it."""
+"""handpose/prediction/pipeline.py: as a predictor uses it, on crops and at places of frames."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import pytest
 
 import netlib
 from handpose.data.flying_pixels import clear_crop
-from handpose.facts.cameras import KINECT2
+from handpose.facts.cameras import KINECT2, Camera
 from handpose.facts.nyu import CENTER_IN_PALM, CUBE_MM
 from handpose.facts.sides import Side, mirror_of
 from handpose.prediction import finding
-from handpose.prediction.frame_hands import LARGEST_MOVE_MM
 from handpose.prediction.packaged import load_predictor
+from handpose.prediction.pipeline import MAX_MOVE_MM
 from handpose.prediction.predictor import Predictor
 from handpose.synthetic.scenes import draw_scenes
 from layers.hand import skeleton
-from netlib.errors import DataError
-from tests.handpose.prediction.conftest import Said
+from netlib.errors import DataError, NetlibError
+from tests.handpose.prediction.conftest import Said, some_crop
 
 HAND = skeleton.load()
 
@@ -65,11 +65,11 @@ def test_a_crop_as_in_training_stays(fixed: Callable[..., netlib.Net], frame: np
 
 
 def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
-    """Moves the crop no farther than LARGEST_MOVE_MM, not out of the image, and not to the camera."""
+    """Moves the crop no farther than MAX_MOVE_MM, not out of the image, and not to the camera."""
     start = np.array([260.0, 210.0, 690.0])
     found = Predictor(fixed(25, 0, 0), KINECT2, refine=9).in_frame(frame, start)
     moved = np.linalg.norm(found.center_mm - KINECT2.unproject(start))
-    assert moved == pytest.approx(50, abs=1e-3) and moved < LARGEST_MOVE_MM
+    assert moved == pytest.approx(50, abs=1e-3) and moved < MAX_MOVE_MM
     near = np.array([260.0, 210.0, 155.0])
     found = Predictor(fixed(0, 0, -20), KINECT2).in_frame(frame, near)
     np.testing.assert_array_equal(found.center_uvd, near)
@@ -117,7 +117,7 @@ def test_hands_at_places(frame: np.ndarray) -> None:
     found = predictor.hands_at(frame, [wall, away, hand], [0.0, 5.0, 0.0])
     assert len(found) >= 2 and np.linalg.norm(found[0].center_mm - (30, -20, 700)) < 60
     assert all(one.fit is not None and one.camera == KINECT2 for one in found)
-    strange = [one.fit.strangeness for one in found if one.fit]
+    strange = [one.fit.rejection_score for one in found if one.fit]
     assert strange[0] == min(strange)
     bribed = predictor.hands_at(frame, [wall, hand], [100.0, 0.0])
     assert np.linalg.norm(bribed[0].center_mm - (-250, 100, 1480)) < 100
@@ -139,3 +139,32 @@ def test_a_hand_at_a_place_without_a_fit(seeing: netlib.Net, frame: np.ndarray) 
     away, there = KINECT2.project(np.array([[9000.0, 0, 700], [30, -20, 700]]))
     (found,) = Predictor(seeing, KINECT2, refine=0).hands_at(frame, [away, there], [1.0, 0.0])
     np.testing.assert_array_equal(found.center_uvd, there)
+
+
+def test_the_other_hand(seeing: netlib.Net) -> None:
+    """The mirror image of what is seen in the mirrored crop."""
+    left = Predictor(seeing, hand="left").in_crop(some_crop())
+    right = Predictor(seeing).in_crop(some_crop()[:, ::-1])
+    np.testing.assert_array_equal(left.joints, right.joints * (-1, 1, 1))
+    np.testing.assert_array_equal(left.crop, some_crop())
+
+
+def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
+    """Never a picture of nothing."""
+    net = fixed(0, 0, 0)
+    net.params["DoF"][1].data[4] = np.nan
+    with pytest.raises(NetlibError, match="predicts joints that are not finite; check its weights"):
+        Predictor(net).in_crop(some_crop())
+
+
+def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
+    """With nearly the same rejection score, also for a camera that does not look from the middle of its image."""
+    part, strange = frame[:, 150:400], []
+    for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
+        camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
+        predictor = load_predictor(camera, fit="accurate", hand=hand)  # type: ignore[arg-type]
+        center = camera.project(np.array([30.0, -20, 700]) * mirror_of(hand))
+        found = predictor.in_frame(np.ascontiguousarray(depth), center)
+        assert found.fit is not None and found.camera == camera
+        strange.append(found.fit.rejection_score)
+    assert strange[0] == pytest.approx(strange[1], rel=0.2)

@@ -1,4 +1,4 @@
-"""handpose/prediction/starts.py: where fits start, from what a net sees."""
+"""handpose/prediction/crop_fits.py"""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ import pytest
 
 import netlib
 from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.observation import HandCrops
+from handpose.depth_fit.search import FAST
+from handpose.facts.cameras import NYU
+from handpose.prediction import crop_fits
+from handpose.prediction.crop_fits import fit_crops, fit_starts
 from handpose.prediction.nets import hand_layer, hand_poses
-from handpose.prediction.starts import fit_starts
+from handpose.prediction.packaged import load_predictor
+from handpose.prediction.predictor import Predictor
+from handpose.synthetic.generator import Generator, Scene
 from layers.hand.skeleton import load
 from netlib.net import Net
 from tests.handpose.prediction.conftest import NetOf
@@ -20,6 +27,55 @@ layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size" inner_prod
 layer { name: "joints" type: "InnerProduct" bottom: "depth" top: "joints" inner_product_param { num_output: 93 } }
 layer { name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }
 """
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    """The packaged one, fast."""
+    return load_predictor(fit="fast", hand="right")
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Some frames."""
+    return Generator(9).scene(0)
+
+
+def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten crops at once, or four at a time: the same to rounding, which now and then tips a fit into another valley."""
+    done: list[int] = []
+    args = (
+        predictor.net,
+        predictor.fitter,
+        HandCrops.of_sides(scene.depth[:10], scene.center_uvd[:10], NYU, 300.0),
+        FAST,
+    )
+    whole = fit_crops(*args)
+    monkeypatch.setattr(crop_fits, "MAX_CROPS", 4)
+    parts = fit_crops(*args, progress=done.append)
+    apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
+    assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7
+    assert done == [4, 4, 2] and whole.inputs.shape == (10, 47)
+
+
+def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
+    """The mirrored crop of a hand, seen as a left one, has the same pose, but for the pixel by which crops differ."""
+    fitter = predictor.fitter
+    right = fit_crops(
+        predictor.net, fitter, HandCrops.of_sides(scene.depth[:8], scene.center_uvd[:8], NYU, 300.0), FAST
+    )
+    uvd = scene.center_uvd[:8] * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
+    mirrored = HandCrops.of_sides(scene.depth[:8, :, ::-1], uvd, NYU, 300.0, "left")
+    left = fit_crops(predictor.net, fitter, mirrored, FAST)
+    apart = np.linalg.norm(left.joints - right.joints, axis=2).mean(axis=1)
+    assert np.median(apart) < 8
+
+
+def test_a_known_size(predictor: Predictor, scene: Scene) -> None:
+    """Is kept."""
+    hands = HandCrops.of_sides(scene.depth[:2], scene.center_uvd[:2], NYU, 300.0)
+    found = fit_crops(predictor.net, predictor.fitter, hands, FAST, size=0.95)
+    assert found.size == pytest.approx(0.95, abs=3e-3)
 
 
 def crops(count: int) -> np.ndarray:

@@ -17,13 +17,12 @@ scenes drawn for it (``handpose.synthetic.scenes``, seed 100).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
 from handpose.depth_fit.fit import DepthFit
-from handpose.depth_fit.observation import BACKGROUND
+from handpose.depth_fit.observation import BACKGROUND, HandCrops
 from handpose.facts.cameras import Camera
-from handpose.facts.sides import Side, mirror_of
 from handpose.surface.render import Capsules, in_front, normalise_depth, render_crop
 from netlib.blob import Array
 
@@ -32,19 +31,10 @@ FEWEST = 0.08  # part of a crop that a hand fills at least: 10% of them fill les
 MOVED, OUTSIDE_MM, MISFIT_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
 
 
-def strangeness(
-    model: FleshModel, fit: DepthFit, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera,
-    side: Side = "right",
-) -> Array:  # fmt: skip
-    """Of N places, (N,) in mm.
-
-    fit    what was found there
-    crops  (N, S, S) in [-1, 1], cut at ``center_uvd`` (N, 3)
-    side   of the hands; the fit is of their mirror images if they are left ones
-    """
-    uvd = np.asarray(center_uvd, dtype=np.float64)
-    center, mirror = camera.unproject(uvd), mirror_of(side)
-    flesh = model.capsules(fit.x, center * mirror).mirrored(mirror)
+def rejection_score(model: FleshModel, fit: DepthFit, hands: HandCrops) -> Array:
+    """The scores (N,) in mm of fits to the crops of N places."""
+    crops, uvd, camera, mirror = hands.crops, hands.center_uvd, hands.camera, hands.mirror
+    flesh = model.capsules(fit.x, hands.center_mm).mirrored(mirror)
     capsules = in_front(flesh, uvd[:, 2] - model.unit_mm)  # nearer is not in the crop
     whole = _rendered(capsules, uvd, 2 * model.unit_mm, camera, crops.shape[1])
     own = ~model.flesh.limbs
@@ -53,7 +43,7 @@ def strangeness(
     shown = (hand < BACKGROUND) & (hand <= whole)
     moved = np.linalg.norm(fit.joints - fit.network, axis=2).mean(axis=1)
     moved = np.maximum(moved, np.nan_to_num(fit.signs[:, -1], posinf=0))  # of a fit that follows, as the network said
-    u, v, _ = np.moveaxis(camera.project(fit.joints * mirror + center[:, None]), -1, 0)
+    u, v, _ = np.moveaxis(camera.project((fit.joints + hands.center_mm[:, None]) * mirror[:, None]), -1, 0)
     outside = ((u < 0) | (u >= camera.width) | (v < 0) | (v >= camera.height)).mean(axis=1)
     told = crops > -BACKGROUND  # at the near face anything may be
     unexplained = _mean(apart, told & ((crops < BACKGROUND) | (whole < BACKGROUND)))
