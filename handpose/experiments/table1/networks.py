@@ -28,7 +28,7 @@ class Network:
     labels  the angles that it learns from, if it does: those of a hand fitted to the joints, as the paper had them, or
             the exact ones
     limit   loss_weight and norm of its PhysLimit, where they are not those of its file
-    people  is it told, or does it find, how large the hand is? Only where hands differ
+    people  its input or output includes the size of the hand; only for hands that differ
     """
 
     name: str
@@ -59,8 +59,8 @@ NETWORKS = (
     Network("bottleneck", "DeepPrior's bottleneck", PROTOTXT / "table1/bottleneck.prototxt", by_fit=True),
     Network("direct_parameter_exact", "direct parameter, exact angles", PROTOTXT / "table1/direct_parameter.prototxt",
             labels="exact"),
-    Network("ours_scale", "ours, which finds the size", PROTOTXT / "table1/ours_scale.prototxt", people=True),
-    Network("ours_bones", "ours, told the bones", PROTOTXT / "table1/ours_bones.prototxt", people=True),
+    Network("ours_scale", "ours with predicted size", PROTOTXT / "table1/ours_scale.prototxt", people=True),
+    Network("ours_bones", "ours with given bones", PROTOTXT / "table1/ours_bones.prototxt", people=True),
 )  # fmt: skip
 
 

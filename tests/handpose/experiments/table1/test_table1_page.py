@@ -35,17 +35,17 @@ def test_tables_findings_and_pictures() -> None:
               "hands of many people: the paper's solver", "Speed"]  # fmt: skip
     assert re.findall(r"^## (.*)$", page, re.MULTILINE) == titles
     assert ("| ours | 17.93 ± 0.01 | 16.93 ± 0.01 | 18.93 ± 0.01 | 12.20 ± 0.00° | 11.20 ± 0.00° | 0.9% ± 0.0% | "
-            "50.0% ± 0.0% | 6,000 | done | 16.9 mm | 12.2° |") in page  # fmt: skip
+            "50.0% ± 0.0% | 6,000 | converged | 16.9 mm | 12.2° |") in page  # fmt: skip
     assert "| DeepPrior's bottleneck | 19.02 | 18.02 | 20.02 | 22.00° | 21.00° | – |" in page
     assert page.count("| ours is better on joints than direct joint | **confirmed** |") == 1
     assert page.count("| **undecided**: one seed | +0.30 mm | +0.30 mm |") == 1
-    assert "| ours, its angles on the person's own bones | 13.93 ± 0.01 |" in page
-    assert "| ours more than direct joint, hands of many people | -0.30 ± 0.00 |" in page
-    assert "| here, one frame at a time | 812 |" in page and "the paper, a GPU | 125 |" in page
+    assert "| ours, predicted angles with the person's bones | 13.93 ± 0.01 |" in page
+    assert "| ours minus direct joint, hands of many people | -0.30 ± 0.00 |" in page
+    assert "| here, one frame at a time | 812 |" in page and "| paper, on a GPU | 125 |" in page
     assert len(re.findall(r"!\[", page)) == 6 and "lambda" not in page
     left = ("one hand, as in NYU, our recipe: 6 of 12; hands of many people, our recipe: 8 of 8; "
             "one hand, as in NYU, the weight of PhysLimit: 6 of 8.")  # fmt: skip
-    assert f"**Trainings that are still to be done:** {left}" in page
+    assert f"**Missing trainings:** {left}" in page
 
 
 def test_nothing_and_nyu() -> None:
@@ -65,8 +65,8 @@ def test_nyu_comes_first() -> None:
     titles = re.findall(r"^## (.*)$", page, re.MULTILINE)
     assert [title.split(":")[0] for title in titles] == ["NYU", "NYU", ONE_HAND.title, MANY_HANDS.title, "Speed"]
     assert page.count("![") == 4 and page.count("NYU, the paper's solver](table1_") == 3
-    assert "still to be done:** NYU, our recipe: 10 of 10; hands of many people" in page
-    assert "| ours more than direct joint, NYU | " in page
+    assert "Missing trainings:** NYU, our recipe: 10 of 10; hands of many people" in page
+    assert "| ours minus direct joint, NYU | " in page
 
 
 def test_the_weights_of_physlimit() -> None:
