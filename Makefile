@@ -7,7 +7,7 @@
 # make faults  kill it, cut its files, fill its disk: tens of thousands of cases (half an hour; CASES=100 for a look)
 # make table1  the paper's Table 1: trains what is missing of it (days; HOURS=8 for a night), writes docs/results
 # make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
-# make twins   what each part of fast/ is worth, by switching it off (minutes)
+# make parts   the time that each part of fast/ saves, by switching it off (minutes)
 # make ranks   threads of one process against processes of mpiexec, and a model of many machines
 # make docs    what documents show of the code: code, figures, exercises, made anew
 # make book    the chapters as notebooks, in build/book
@@ -15,7 +15,7 @@
 # make lint    the style and type checks of the continuous integration
 #
 # ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
-# program of demo, table1, bench, twins, ranks or docs.
+# program of demo, table1, bench, parts, ranks or docs.
 PYTHON ?= python3
 # Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
@@ -25,10 +25,10 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train person arm test kernels docs book site faults lint table1 bench twins ranks clean
+.PHONY: help demo train person arm test kernels docs book site faults lint table1 bench parts ranks clean
 
 help:
-	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
+	@sed -n '/^#/!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
 
 demo: .venv/tools
 	$(RUN) tools/demo.py --out demo $(OPTIONS)
@@ -61,8 +61,8 @@ table1: .venv/tools
 bench: .venv/bench
 	$(RUN) benchmarks/bench.py $(OPTIONS)
 
-twins: .venv/tools
-	$(RUN) benchmarks/twins.py $(OPTIONS)
+parts: .venv/tools
+	$(RUN) benchmarks/parts.py $(OPTIONS)
 
 ranks: .venv/mpi
 	$(RUN) benchmarks/ranks.py $(OPTIONS)
@@ -93,11 +93,14 @@ else
 	$(RUN) -m docs.making.site.check site
 endif
 
+# The files whose spelling and wording codespell checks (setup.cfg, docs/wording.txt).
+WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs models tests/caffe/README.md
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/codespell $(WORDED)
 
 .venv/tools .venv/test .venv/docs .venv/dev .venv/bench .venv/mpi: setup.cfg
 	@test -x $(RUN) || $(PYTHON) -m venv .venv

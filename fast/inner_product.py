@@ -23,7 +23,7 @@ from netlib.blob import Blob, Blobs
 from netlib.system.memory import blocks
 
 LARGEST_BLOCK = 640  # features; 1,024 are two blocks, one per thread on two cores
-FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/twins.py shows both
+FEW_ITEMS = 8  # up to here one by one is faster; benchmarks/parts.py shows both
 
 
 class FastInnerProduct(Twin, InnerProduct):

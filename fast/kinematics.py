@@ -27,7 +27,7 @@ from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-FEW = 16  # poses up to which fewer calls are faster than fewer operations (benchmarks/twins.py: one image)
+FEW = 16  # poses up to which fewer calls are faster than fewer operations (benchmarks/parts.py: one image)
 
 
 class FastPose(Pose):

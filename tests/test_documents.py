@@ -8,6 +8,7 @@ from urllib.parse import unquote
 
 import pytest
 
+import handpose
 from docs.making import markdown, symbols
 from layers import LAYER_TYPES
 from netlib import caffe, engine
@@ -85,3 +86,10 @@ def test_all_of_pycaffe_is_told() -> None:
     names = {*caffe.__all__, *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_"))}
     ours = {"Solver", "TRAIN", "TEST", "net_class", "update_rule", "solver_count", "solver_rank", "set_multiprocess"}
     assert {name for name in names - ours if not re.search(rf"\b{name}\b", text)} == set()
+
+
+def test_the_changelog_has_the_version() -> None:
+    """Its first release is the version that setup.cfg reads in handpose/__init__.py."""
+    headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    releases = [heading for heading in headings if heading != "Unreleased"]
+    assert re.fullmatch(rf"{re.escape(handpose.__version__)} \(\d{{4}}-\d\d-\d\d\)", releases[0])

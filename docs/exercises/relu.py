@@ -1,5 +1,5 @@
 # Write what raises NotImplementedError, then: python tools/exercise.py relu
-"""ReLU: cut off what is negative.
+"""ReLU: rectified linear unit; replaces negative values by 0.
 
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
@@ -7,8 +7,8 @@ top[0]     y  same shape, may be the same blob
 y  = x where x > 0, slope x elsewhere
 dx = dy where x > 0, slope dy elsewhere (as in Caffe, also at 0)
 
-In place x is y by the time of backward; its sign tells the same, unless the slope is negative or another layer in place
-has changed it since.
+In place, backward sees y instead of x. The sign is the same unless the slope is negative or another layer in place has
+changed it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from netlib.proto.schema import Engine, numbered
 class ReLUParameter:
     """The ``relu_param { ... }`` block."""
 
-    negative_slope: float = numbered(1, 0.0)  # 0: cut off; small and positive: "leaky"
-    engine: Engine = numbered(2, "DEFAULT")  # Caffe's choice of implementation; accepted, ignored
+    negative_slope: float = numbered(1, 0.0)  # of negative values; above 0: "leaky" ReLU
+    engine: Engine = numbered(2, "DEFAULT")  # accepted, ignored
 
 
 class ReLU(Layer):
@@ -42,7 +42,7 @@ class ReLU(Layer):
         self.reads_signs = bottom[0] is top[0]
         self.slope = self.dtype.type(self.param.negative_slope)
         if self.slope < 0 and bottom[0] is top[0]:
-            raise self.fail("with a negative negative_slope cannot run in place", "negative_slope")
+            raise self.fail("a negative negative_slope cannot run in place", "negative_slope")
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         # Give top[0] the shape of bottom[0].

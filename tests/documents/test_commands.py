@@ -82,7 +82,7 @@ RUN = {
 # Of these, the commands are parsed.
 NOT_RUN = {
     **{
-        name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "twins", "ranks")
+        name: f"tests/benchmarks runs benchmarks/{name}.py in its smallest form" for name in ("bench", "parts", "ranks")
     },
     "book": "tests/docs/test_notebooks.py makes the notebooks by the same program and runs chapter 1",
     "test": "it runs these tests",

@@ -19,7 +19,7 @@ from tests.support.source_imports import imports_of, parsed
 from tests.tools.conftest import ROOT
 from tests.tools.test_tools import COMMANDS
 
-BENCHMARKS = ("ablation", "bench", "fit", "twins")
+BENCHMARKS = ("ablation", "bench", "fit", "parts")
 PROGRAMS = [f"tools/{name}.py" for name in COMMANDS] + [f"benchmarks/{name}.py" for name in BENCHMARKS]
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 

@@ -1,4 +1,4 @@
-"""benchmarks/twins.py: every part of fast/ can be switched off, and what it saves is a row of the table."""
+"""benchmarks/parts.py: every part of fast/ can be switched off, and what it saves is a row of the table."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.paper import Paper
 
-twins = pytest.importorskip("benchmarks.twins")  # without fast/ there is nothing to time
+parts = pytest.importorskip("benchmarks.parts")  # without fast/ there is nothing to time
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +30,10 @@ def expected(paper: Paper) -> list[np.ndarray]:
     return trained_and_predicted(paper)
 
 
-@pytest.mark.parametrize("part", twins.PARTS)
+@pytest.mark.parametrize("part", parts.PARTS)
 def test_without_a_part(part: str, paper: Paper, expected: list[np.ndarray], keep_threads: None) -> None:
     """A net trains and predicts the same to rounding."""
-    with twins.PARTS[part]():
+    with parts.PARTS[part]():
         found = trained_and_predicted(paper)
     for ours, wanted in zip(found, expected):
         np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-5)
@@ -41,11 +41,11 @@ def test_without_a_part(part: str, paper: Paper, expected: list[np.ndarray], kee
 
 def test_the_table(keep_threads: None, capsys: pytest.CaptureFixture[str]) -> None:
     """A row for a part that is named, with ms and a share for each job."""
-    options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--only", "one pose"]
-    assert twins.main(options) == 0
+    options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--only", "single poses"]
+    assert parts.main(options) == 0
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.split()[3:] == ["step", "2", "forward", "2", "one", "image"]
-    assert [row[:34].rstrip() for row in rows] == ["one pose by another way"]
+    assert [row[:34].rstrip() for row in rows] == ["algorithm for single poses"]
     assert all(len(row[34:].split()) == 6 for row in rows)
 
 
@@ -55,5 +55,5 @@ def test_the_table(keep_threads: None, capsys: pytest.CaptureFixture[str]) -> No
 def test_usage(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Wrong usage is argparse's own message, which names the option, and status 2."""
     with pytest.raises(SystemExit, match="2"):
-        twins.main(options)
+        parts.main(options)
     assert options[0] in capsys.readouterr().err.splitlines()[-1]

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What each part of fast/ is worth: everything timed with it, and with it switched off.
 
-    make twins                                  or: python benchmarks/twins.py --rounds 7
+    make parts                                  or: python benchmarks/parts.py --rounds 7
 
 Of each part, the paper's training step and forward pass are timed with the part and without, in turn, A B A B ..., and
 the median of the differences is printed, in ms and as a share of the time with it. What gains less than 2% everywhere
