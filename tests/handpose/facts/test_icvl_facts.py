@@ -105,3 +105,17 @@ def test_bones(hand: Skeleton) -> None:
             length = np.linalg.norm(published[:, j] - published[:, j - 1], axis=1)
             assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
             assert length.std() / length.mean() < 0.03  # a rigid bone
+
+
+@needs_real
+def test_the_published_hand_is_rigid_and_not_nyus() -> None:
+    """The lengths in docs/paper.md: thumb root to mid, thumb mid to tip, index root to mid."""
+    published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
+    nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
+    bones = (("thumb_root", "thumb_mid"), ("thumb_mid", "thumb_tip"), ("index_root", "index_mid"))
+    one, other = np.array([[icvl.JOINTS.index(joint) for joint in bone] for bone in bones]).T
+    lengths = np.linalg.norm(published[:, one] - published[:, other], axis=2)
+    np.testing.assert_allclose(lengths.mean(axis=0), (32.3, 17.0, 29.3), atol=0.05)
+    assert lengths.std(axis=0).min() > 0.2 and lengths.std(axis=0).max() < 0.4
+    of_nyu = np.linalg.norm(nyu[:, one] - nyu[:, other], axis=2)
+    np.testing.assert_allclose(of_nyu, [(46.1, 23.7, 33.1)], atol=0.06)
