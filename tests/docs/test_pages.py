@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from docs.making import hand_picture
 from docs.making.pages import BROWSER, PAGES, momentum, small_net, windows
 from netlib.files.paths import ROOT
 from tests.support.chromium_tabs import browser, visit
@@ -39,6 +43,17 @@ def test_the_sources_are_short() -> None:
     for path in BROWSER.iterdir():
         lines = path.read_text(encoding="utf-8").splitlines()
         assert len(lines) <= LONGEST and all(len(line) <= 120 for line in lines), path.name
+
+
+def test_the_picture_of_the_hand(browser: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """``python -m docs.making.hand_picture`` takes it from the page; it has its size and shows something."""
+    monkeypatch.setattr(hand_picture, "chromium", lambda: contextlib.nullcontext(browser))
+    monkeypatch.setattr(hand_picture, "PICTURE", tmp_path / "hand.png")
+    monkeypatch.setattr(hand_picture, "ROOT", tmp_path)
+    assert hand_picture.main() == 0
+    image = cv2.imread(str(tmp_path / "hand.png"))
+    assert image.shape == (hand_picture.SIZE["height"], hand_picture.SIZE["width"], 3)
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
 
 
 # ---------------------------------------------------------------------------------------------- momentum

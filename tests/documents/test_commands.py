@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -172,10 +173,12 @@ def in_document(path: Path) -> list[str]:
     return [" ".join(match[2].split()) for match in _SPAN.finditer(text)]
 
 
+@cache
 def in_source(path: Path) -> list[str]:
     """The commands in the strings of a Python file: docstrings, which are help texts, and messages."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    found: list[str] = []
+    text = path.read_text(encoding="utf-8")
+    for node in ast.walk(ast.parse(text)) if "python " in text or "make " in text else ():
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             for line in node.value.replace("\\\n", " ").splitlines():
                 found += [match[1] for match in [*_PROGRAM.finditer(line), *_MAKE.finditer(line)]]
@@ -225,12 +228,85 @@ def test_a_mistake_is_found(command: str, what: str) -> None:
     assert (what in mistake(command)) and bool(mistake(command)) == bool(what)
 
 
-def test_every_program_is_run_by_its_tests() -> None:
-    """Each imports the program, and calls its ``main``."""
-    programs = {path.stem for path in ROOT.glob("tools/*.py") if "def main(" in path.read_text(encoding="utf-8")}
-    tested = set()
-    for path in (ROOT / "tests").rglob("test_*.py"):
+# The test that runs a program; that of tools/NAME.py is tests/tools/test_NAME.py unless it is named here.
+RUN_BY = {
+    "benchmarks.ablation": "tests/benchmarks/test_ablation.py",
+    "benchmarks.bench": "tests/benchmarks/test_bench.py",
+    "benchmarks.fit": "tests/benchmarks/test_fit_benchmark.py",
+    "benchmarks.ranks": "tests/benchmarks/test_ranks_benchmark.py",
+    "benchmarks.twins": "tests/benchmarks/test_twins.py",
+    "docs.book.nano": "tests/docs/test_nano.py",
+    "docs.making": "tests/docs/test_made.py",
+    "docs.making.hand_picture": "tests/docs/test_pages.py",
+    "docs.making.notebooks": "tests/docs/test_notebooks.py",
+    "docs.making.site.check": "tests/docs/site/test_site_check.py",
+    "handpose": "tests/handpose/test_main.py",
+    "netlib.caffe": "tests/netlib/test_install.py",
+    "tests.caffe.reduce": "tests/caffe/test_caffe_whole.py",
+    "tests.exercises.reduce_recordings": "tests/exercises/test_exercise_stubs.py",
+    "tests.faults.campaign": "tests/documents/test_commands.py",  # make faults
+    "tests.handpose.prediction.moved_frames": "tests/handpose/prediction/test_processors.py",
+    "tests.support.random_programs": "tests/fast/test_random_programs.py",
+    "tests.support.rank_programs": "tests/netlib/distributed/test_mpi.py",
+    "tools.exercise": "tests/exercises/test_exercise_command.py",
+    "tools.export_onnx": "tests/export/onnx/test_export_onnx.py",
+    "tools.measure_fit": "tests/tools/test_package_model.py",
+}
+# What stands in the test of one that does not import it by its name and call its ``main``.
+BY_COMMAND = {
+    "benchmarks.twins": 'pytest.importorskip("benchmarks.twins")',
+    "docs.book.nano": "COMMAND",
+    "handpose": '"-m", "handpose"',
+    "netlib.caffe": '"-m", "netlib.caffe"',
+    "tests.caffe.reduce": "reduce.main(",
+    "tests.faults.campaign": '"faults": Run(',
+    "tests.support.rank_programs": "run(4, PROGRAMS, ",
+}
+
+
+def program(words: list[str]) -> str:
+    """The module of this project that a command runs as a program; empty if there is none."""
+    while words and (commands._PYTHON.fullmatch(words[0]) or words[0] in ("-m", "mpi4py")):
+        words = words[1:]
+    at = next((at for at, word in enumerate(words) if commands._PYTHON.fullmatch(word)), None)
+    if words[:1] == ["mpiexec"] and at is not None:
+        return program(words[at:])
+    name = words[0].removesuffix(".py").replace("/", ".") if words else ""
+    path = ROOT.joinpath(*name.split("."))
+    is_program = path.parent.joinpath(f"{path.name}.py").is_file() or (path / "__main__.py").is_file()
+    return name if name and is_program else ""
+
+
+def named_programs() -> set[str]:
+    """By documents, the Makefile, help texts and messages; and every tool."""
+    texts = {MAKEFILE.replace("$(RUN)", "python")}
+    for path in DOCUMENTS:
+        if path.name != "CHANGELOG.md":
+            texts |= set(in_document(path))
+            texts |= set(re.findall(r"^```bash\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE))
+    for path in [path for top in (*CODE, "tests") for path in (ROOT / top).rglob("*.py")]:
+        if path.name != "test_commands.py":  # it has commands that are wrong
+            texts |= set(in_source(path))
+    found = {f"tools.{path.stem}" for path in ROOT.glob("tools/*.py") if "def main(" in path.read_text("utf-8")}
+    for text in texts:
+        for line in text.replace("\\\n", " ").splitlines():
+            for words in re.split(r"[;&|]| # ", line.strip()):
+                found.add(program(words.split()))
+    return found - {""}
+
+
+def test_every_named_program_is_run_by_a_test() -> None:
+    """Each imports the program and calls its ``main``, or starts it as the table says."""
+    named = named_programs()
+    assert {"tools.train", "netlib.caffe", "tests.faults.campaign", "docs.making", "benchmarks.ranks"} <= named
+    for name in sorted(named):
+        path = ROOT / RUN_BY.get(name, f"tests/tools/test_{name.rpartition('.')[2]}.py")
+        assert name in RUN_BY or (name.startswith("tools.") and path.is_file()), f"no test runs {name}"
         text = path.read_text(encoding="utf-8")
-        if path.stem not in ("test_tools", "test_begin") and re.search(r"\bmain\(", text):
-            tested |= {name.split(".")[1] for name in imports(path) if name.startswith("tools.")}
-    assert programs - tested == set()
+        if name in BY_COMMAND:
+            assert BY_COMMAND[name] in text, name
+        else:
+            assert re.search(r"\bmain\(", text), f"{path} does not call the main of {name}"
+            assert any(other.startswith(name) for other in imports(path)), f"{path} does not import {name}"
+    assert set(RUN_BY) <= named, "programs that no document names"
+    assert set(BY_COMMAND) <= set(RUN_BY)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from tests.support import random_programs
@@ -23,3 +25,11 @@ def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None
         except AssertionError as error:
             pytest.fail(f"program {seed}: {error}")
     assert undecided <= 1
+
+
+def test_the_campaign(capsys: pytest.CaptureFixture[str]) -> None:
+    """Counts programs and operations; one program alone shows what it does."""
+    assert random_programs.main(["--count", "2", "--first", "100000"]) == 0
+    assert re.match(r"2 programs, \d+ operations, 0 failed, 0 undecided, ", capsys.readouterr().out)
+    assert random_programs.main(["--show", "1"]) == 0
+    assert "layer {" in capsys.readouterr().out

@@ -461,13 +461,13 @@ def check(seed: int, show: Callable[[str], object] = lambda line: None) -> Count
         netlib.set_threads(threads)
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run a campaign."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--show", type=int, metavar="SEED")
-    args = parser.parse_args()
+    args = parser.parse_args(argv)
     if args.show is not None:
         check(args.show, print)
         return 0

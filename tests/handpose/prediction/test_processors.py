@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
+import re
 
 import numpy as np
+import pytest
 
-from netlib.files.paths import ROOT
-
-SCRIPT = """
-import json
-import netlib
-import numpy as np
-from handpose.prediction.packaged import load_predictor
-from handpose.synthetic.scenes import draw_scenes
-depth = np.rint(draw_scenes(np.random.default_rng(9), 2).depth).astype(np.uint16)
-found = [load_predictor(fit=fit).in_frame(frame) for fit in ("fast", "accurate") for frame in depth]
-print(json.dumps([hand.xyz.tolist() for hand in found]))
-"""
+from tests.handpose.prediction import moved_frames
 
 
-def test_kernels() -> None:
-    """The joints agree to 0.1 mm. Other BLAS libraries than OpenBLAS ignore the variable."""
-    found = []
-    for kernels in ("Haswell", "Nehalem"):
-        done = subprocess.run([sys.executable, "-c", SCRIPT], env=os.environ | {"OPENBLAS_CORETYPE": kernels}, cwd=ROOT,
-                              capture_output=True, text=True, check=True)  # fmt: skip
-        found.append(np.array(json.loads(done.stdout)))
-    assert found[0].shape == (4, 31, 3)
-    assert np.linalg.norm(found[0] - found[1], axis=2).max() < 0.1
+def test_kernels(capsys: pytest.CaptureFixture[str]) -> None:
+    """The joints agree to 0.1 mm under two sets of kernels, whatever the fit."""
+    assert moved_frames.main(["--frames", "2", "--kernels", "Haswell", "Nehalem"]) == 0
+    largest = re.findall(r"^\| `(\w+)` \| 2 \| .* \| (\S+) mm \|$", capsys.readouterr().out, re.MULTILINE)
+    assert [fit for fit, _ in largest] == ["accurate", "fast"]
+    assert max(float(moved) for _, moved in largest) < 0.1
+
+
+def test_moves() -> None:
+    """The largest move of a frame's joints, between any two of the sets."""
+    found = np.zeros((3, 1, 2, 31, 3))
+    found[2, 0, 1, 7] = 3, 0, 4
+    assert moved_frames.moves(found).tolist() == [[0, 5]]
