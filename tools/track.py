@@ -5,6 +5,7 @@
     python tools/track.py take.mkv --bvh wave.bvh --csv wave.csv --sheet wave.png
     python tools/track.py "frames/left_*.png" --camera sr305 --json left.json
     python tools/track.py realsense --json - | my_program
+    python tools/track.py realsense --serve
     python tools/track.py takes/wave --look first.png
 
 SOURCE is a folder of 16-bit PNG or names in it (quoted, with a *), a stack of frames (.npy, .npz, .h5), a video (.mkv,
@@ -15,7 +16,7 @@ a picture of the first hand.
 Every hand is followed from its last pose; while fewer than --hands are, the image is searched for more. Whether it is
 a left one or a right one is decided over its first frames, its size over its first seconds, and both are kept. Angles
 and the palm's pose are smoothed, so that bones keep their length; --raw leaves them as they were found. --fit
-accurate takes about a third longer than fast.
+accurate takes about a third longer than fast. --serve shows the track in a browser while it is made (docs/live.md).
 
 Without any output named, FILE.json and FILE.png, a sheet, are written here, called like the source, unless there are
 such files already. Ctrl-C and a recording that is cut leave whole files of what was done.
@@ -106,6 +107,7 @@ def _track(
 ) -> None:
     """Track and write till the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
     with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
+        outputs.begin(recording, stopper.check)
         for frame in islice(recording, frames):
             stopper.check()
             found = tracker.step(frame)

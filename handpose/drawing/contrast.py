@@ -35,10 +35,20 @@ class Contrast:
         self._spread += part * (spread - self._spread)
         self._time, self._known = time, self._known or len(hands) > 0
 
+    @property
+    def middle(self) -> float:
+        """The depth in mm that is half as light."""
+        assert self._middle is not None, "see() comes first"
+        return self._middle
+
+    @property
+    def spread(self) -> float:
+        """The distance in mm from there that gets half of the greys of one side."""
+        return self._spread
+
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The picture (height, width) of a depth image in mm."""
-        assert self._middle is not None, "see() comes first"
-        away = (np.arange(_FARTHEST + 1) - self._middle) / self._spread
+        away = (np.arange(_FARTHEST + 1) - self.middle) / self.spread
         shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / (1 + np.abs(away)))).astype(np.uint8)
         shades[0] = 0
         return np.asarray(shades[np.minimum(depth, _FARTHEST).astype(np.uint16)])

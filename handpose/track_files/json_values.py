@@ -87,11 +87,16 @@ def header_of(fields: Fields) -> TrackHeader:
 
 
 class FrameValues:
-    """Frames as objects, one after the other: the bones of a hand stand in the first one, and where they change."""
+    """Frames as objects, one after the other: the bones of a hand stand in the first one, and where they change.
 
-    def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
+    every_bone  write the bones in every frame, for receivers that miss some
+    """
+
+    def __init__(
+        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, every_bone: bool = False
+    ) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
-        self._camera, self._joints = header.camera, joints
+        self._camera, self._joints, self._every_bone = header.camera, joints, every_bone
         self._gestures = GestureReader(header.skeleton) if gestures else None
         self._dofs = angles.free_dofs(header.skeleton)
         names = header.skeleton.dof_names
@@ -108,7 +113,7 @@ class FrameValues:
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
         bones = rounded(hand.bones * self._unit_mm, 3)
-        new = {} if self._bones.get(hand.id) == bones else {"bones_mm": bones}
+        new = {} if self._bones.get(hand.id) == bones and not self._every_bone else {"bones_mm": bones}
         self._bones[hand.id] = bones
         return {
             "id": int(hand.id), "hand": hand.hand,

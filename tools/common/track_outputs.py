@@ -1,10 +1,11 @@
-"""What a track is written as: files of joints and angles, a video, a sheet, Rerun's viewer; all of them at once."""
+"""What a track is written as: files of joints and angles, a video, a sheet, Rerun's viewer, a page; all at once."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import os
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ from handpose.track_files.writing import TrackWriter, open_writer
 from netlib.errors import NetlibError
 from tools.common import outputs, pictures
 from tools.common.arguments import add_joints_option, name_in
+from tools.common.live_output import LIVE, LiveOutput, add_live_options
 
 FILES = ("json", "csv", "bvh")
 DRAWN = ("video", "sheet", "rerun")
@@ -47,21 +49,22 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="the whole track on one page")  # fmt: skip
     parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
                         help="Rerun's viewer, or with a name its file")  # fmt: skip
+    add_live_options(parser)
     parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="only the first look, and the first hand as a picture")  # fmt: skip
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
     """Name those that are always there, if none is named, which ``args.unnamed`` says; --look stands alone."""
-    asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN))
+    asked = any(getattr(args, name) is not None for name in (*FILES, *DRAWN, *LIVE))
     if args.look is not None and asked:
         parser.error("--look stops after the first look; write all else in another run")
     args.unnamed = args.look is None and not asked
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
     for option in ("joints", "gestures"):
-        if getattr(args, option) and args.json is None and args.csv is None:
-            parser.error(f"--{option} is for --json and --csv; name one of them")
+        if getattr(args, option) and all(getattr(args, name) is None for name in ("json", "csv", *LIVE)):
+            parser.error(f"--{option} is for --json, --csv, --serve and --udp; name one of them")
 
 
 def _stem(source: str) -> str:
@@ -92,7 +95,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
 
 def is_drawn(args: argparse.Namespace) -> bool:
     """Is anything asked for that shows flesh?"""
-    return any(getattr(args, name) is not None for name in DRAWN)
+    return any(getattr(args, name) is not None for name in (*DRAWN, "serve"))
 
 
 class Outputs:
@@ -107,23 +110,33 @@ class Outputs:
         self._view: RerunView | None = None
         if args.rerun is not None:
             self._view = RerunView(header, Path(args.rerun) if args.rerun else None)
+        self._live = LiveOutput(args, header) if any(getattr(args, name) is not None for name in LIVE) else None
         paths = [path for path in (getattr(args, name) for name in FILES) if path is not None]
         self._writers: list[TrackWriter] = [
             open_writer(path, header, rate, args.joints, args.gestures) for path in paths
         ]
-        self._open: list[TrackWriter | VideoFile | RerunView] = []
+        self._open: list[TrackWriter | VideoFile | RerunView | LiveOutput] = []
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # which are made later: said at once
             outputs.check_place(Path(name))
-        named = [output for output in (*self._writers, self._video, self._view) if output is not None]
+        every = (*self._writers, self._video, self._view, self._live)
+        named = [output for output in every if output is not None]
         with contextlib.ExitStack() as stack:
             for output in named:
                 stack.enter_context(output)
             stack.pop_all()
         self._open = named
         return self
+
+    def begin(self, recording: Recording, check: Callable[[], None]) -> None:
+        """Print where the track can be watched, and wait for the first client of a recording that is no camera's.
+
+        check  is called while this waits, and raises what is to end the run
+        """
+        if self._live:
+            self._live.begin(recording, check, sys.stderr if self._args.json == "-" else sys.stdout)
 
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
         """Add a frame. Raises NetlibError, OSError."""
@@ -139,6 +152,8 @@ class Outputs:
             self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
         if self._view:
             self._view.log(depth, frame)
+        if self._live:
+            self._live.write(depth, frame)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None

@@ -33,10 +33,11 @@ def page(title: str, data: Mapping[str, Any]) -> str:
     return assembled(title, data, source("page.html"), source("page.css"), script_of(FIRST))
 
 
-def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str) -> str:
-    """A page of its HTML, with a $place for each of the other texts."""
+def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False) -> str:
+    """A page of its HTML, with a $place for each of the other texts; one that ``connects`` may do so to its server."""
+    policy = _policy(script, style, connects)
     return Template(body).substitute(
-        title=html.escape(title), policy=_policy(script, style), style=style, script=script, data=escaped(data)
+        title=html.escape(title), policy=policy, style=style, script=script, data=escaped(data)
     )
 
 
@@ -66,10 +67,11 @@ def _add(name: str, parts: dict[str, str], importers: tuple[str, ...], folders: 
     parts[name] = f"modules.{name} = (() => {{\n{body}return {{ {names} }};\n}})();\n"
 
 
-def _policy(script: str, style: str) -> str:
-    """What the browser lets the page do: run this script and this style, and nothing else."""
+def _policy(script: str, style: str, connects: bool) -> str:
+    """What the browser lets the page do: run this script and this style, and nothing else; connect to its server."""
     hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (script, style)]
     rules = ["default-src 'none'", f"script-src 'sha256-{hashes[0]}'", f"style-src 'sha256-{hashes[1]}'"]
+    rules += ["connect-src 'self'"] if connects else []
     return "; ".join([*rules, "base-uri 'none'", "form-action 'none'"])
 
 

@@ -1,7 +1,8 @@
 /* The picture of the body: turned by dragging, with the flesh, the skeleton, the points and the forces. */
 
 import { Viewer } from "./viewer.js";
-import { colourOf, GREY, paintFlesh, paintPoints } from "./shading.js";
+import { drawBones, line } from "./bones.js";
+import { paintFlesh, paintPoints } from "./shading.js";
 import { add, apply, length, times } from "./vectors.js";
 
 const AIM = 16; // px about a joint that are the joint
@@ -16,6 +17,7 @@ const STEPS = { ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], Arr
 
 export class Stage {
   /* canvas   that is drawn on
+     body     a Body; or another object with what is read of it here: without push(), no force acts on it
      shows    checkboxes by name: flesh, skeleton, points, names, initial (pose), all (forces on any joint)
      tell     is given a line on what is under the pointer */
   constructor(canvas, body, shows, tell) {
@@ -64,12 +66,12 @@ export class Stage {
     Object.assign(viewer, { width, height });
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    if (shows.initial.checked) this.drawInitial(pen);
+    if (shows.initial?.checked) this.drawInitial(pen);
     this.drawSurfaces(pen, Math.round(width * samples), Math.round(height * samples));
     if (shows.skeleton.checked) this.drawSkeleton(pen);
     this.drawForces(pen);
     this.drawScale(pen);
-    if (shows.names.checked) body.skeleton.joints.forEach((_, j) => this.drawName(pen, j));
+    if (shows.names?.checked) body.skeleton.joints.forEach((_, j) => this.drawName(pen, j));
     else if (this.hovered !== null) this.drawName(pen, this.hovered);
   }
 
@@ -89,20 +91,7 @@ export class Stage {
   }
 
   drawSkeleton(pen) {
-    const { body, viewer } = this, pixels = body.joints.map((joint) => viewer.pixel(joint)), { skeleton } = body;
-    const order = [...skeleton.joints.keys()].sort((i, j) => pixels[j][2] - pixels[i][2]);
-    const tips = new Set(body.tips);
-    pen.lineCap = "round";
-    for (const j of order) {
-      const from = body.startOf(j), [u, v] = pixels[j];
-      const colour = `rgb(${(colourOf(skeleton.joints[j]) ?? GREY).join(" ")})`;
-      for (const [style, wide] of [["rgb(20 24 32 / 0.55)", 2], [colour, 0]]) {
-        pen.strokeStyle = pen.fillStyle = style;
-        pen.lineWidth = 2.5 + wide;
-        if (from) line(pen, viewer.pixel(from), pixels[j]);
-        disc(pen, u, v, (tips.has(j) ? 4.5 : 3) + wide / 2);
-      }
-    }
+    drawBones(pen, this.body, (point) => this.viewer.pixel(point));
   }
 
   drawInitial(pen) {
@@ -179,8 +168,8 @@ export class Stage {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       const at = [event.offsetX, event.offsetY];
-      const joints = this.shows.all.checked ? null : this.body.tips;
-      const pushed = pointers.size || event.shiftKey ? null : this.jointAt(...at, joints);
+      const joints = this.shows.all?.checked ? null : this.body.tips;
+      const pushed = !this.body.push || pointers.size || event.shiftKey ? null : this.jointAt(...at, joints);
       pointers.set(event.pointerId, { at, pushed });
     });
     canvas.addEventListener("pointermove", (event) => this.pointerMoved(event));
@@ -236,17 +225,4 @@ export class Stage {
 function rounded(number) {
   const power = 10 ** Math.floor(Math.log10(number)), digit = number / power;
   return (digit >= 5 ? 5 : digit >= 2 ? 2 : 1) * power;
-}
-
-function line(pen, [x, y], [u, v]) {
-  pen.beginPath();
-  pen.moveTo(x, y);
-  pen.lineTo(u, v);
-  pen.stroke();
-}
-
-function disc(pen, x, y, radius) {
-  pen.beginPath();
-  pen.arc(x, y, radius, 0, 2 * Math.PI);
-  pen.fill();
 }

@@ -1,0 +1,29 @@
+"""The page of a live track: one file, made for one track, that gets its frames from the server that it came from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from handpose.drawing import identities
+from handpose.drawing.page.assembly import assembled, script_of, source
+from handpose.live.messages import depth_step
+from handpose.live.server import VIEWS
+from handpose.surface.model import Flesh
+from handpose.track_files.track import TrackHeader
+
+BROWSER = Path(__file__).resolve().parent / "browser"
+COLOURS = 6  # of hands; then they repeat
+
+
+def page(header: TrackHeader) -> str:
+    """The page as HTML."""
+    flesh, camera = Flesh(header.skeleton), header.camera
+    data = {
+        "stream": VIEWS.removeprefix("/"), "camera": vars(camera), "step": depth_step(camera.width, camera.height),
+        "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
+        "whole": flesh.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(flesh.start, flesh.end)],
+        "colours": [identities.colour_of(id)[::-1] for id in range(COLOURS)],
+    }  # fmt: skip
+    style = source("page.css") + source("live.css", BROWSER)
+    body = source("live.html", BROWSER)
+    return assembled(f"{header.source}, live", data, body, style, script_of("live", BROWSER), connects=True)

@@ -1,0 +1,120 @@
+"""The options --serve and --udp: a track while it is made, for browsers and programs."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.live.datagrams import DatagramSender
+from handpose.live.messages import Messages
+from handpose.live.page import page
+from handpose.live.server import LINES, VIEWS, LiveServer
+from handpose.sources.recording import Recording
+from handpose.track_files.track import TrackedFrame, TrackHeader
+from tools.common.console import say
+
+LIVE = ("serve", "udp")
+LOCAL = "127.0.0.1"
+_MAX_PORT = 65535
+_CHECK_S = 0.1  # between looks whether the run is to end, while it waits
+
+
+def add_live_options(parser: argparse.ArgumentParser) -> None:
+    """Where the track goes while it is made."""
+    parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
+                        help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
+                             f"(default: {LOCAL}, which other machines do not reach, and any free port)")  # fmt: skip
+    parser.add_argument(
+        "--udp", metavar="HOST:PORT", type=_address, help="a datagram of JSON per frame to this address"
+    )
+
+
+class LiveOutput:
+    """Sends the frames of a track to the clients of a server, and as datagrams. Raises NetlibError."""
+
+    def __init__(self, args: argparse.Namespace, header: TrackHeader) -> None:
+        self._messages = Messages(header, args.joints, args.gestures)
+        self._server = self._server_at(args.serve, header) if args.serve else None
+        self._sender = DatagramSender(args.udp) if args.udp else None
+        self._stack = contextlib.ExitStack()
+        self._check: Callable[[], None] = lambda: None
+        self._begun: float | None = None  # by time.perf_counter; None for a camera, which has its own pace
+
+    def __enter__(self) -> LiveOutput:
+        with contextlib.ExitStack() as stack:
+            for output in (self._server, self._sender):
+                if output is not None:
+                    stack.enter_context(output)
+            self._stack = stack.pop_all()
+        return self
+
+    def begin(self, recording: Recording, check: Callable[[], None], file: TextIO) -> None:
+        """Print the addresses; wait for the first client, unless a camera goes on meanwhile."""
+        self._check = check
+        if self._server is not None:
+            say(f"page: {self._server.page_url}", file=file)
+            say(f"for programs: {self._server.lines_url}", file=file)
+            if self._server.is_public:
+                say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
+            if not recording.live:
+                say("waiting for the first of them; Ctrl-C ends", file=file)
+            file.flush()
+            while not recording.live and not self._server.wait_for_client(_CHECK_S):
+                check()
+        if not recording.live:
+            self._begun = time.perf_counter()
+
+    def write(self, depth: NDArray[np.floating], frame: TrackedFrame) -> None:
+        """Send a frame, of a recording not before its time."""
+        self._wait_until(frame.time)
+        server, sender = self._server, self._sender
+        has_lines, has_views = (server is not None and server.has_clients(path) for path in (LINES, VIEWS))
+        if not (has_lines or has_views or sender):
+            return
+        record = self._messages.record(frame)
+        if server is not None and has_lines:
+            server.put(LINES, self._messages.line(record))
+        if server is not None and has_views:
+            server.put(VIEWS, self._messages.view(record, depth, frame))
+        if sender is not None:
+            sender.send(self._messages.datagram(record))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, where)
+        if self._sender is not None and self._sender.dropped:
+            say(f"warning: --udp: {self._sender.dropped} datagrams were not sent: {self._sender.reason}",
+                file=sys.stderr)  # fmt: skip
+
+    def _server_at(self, address: tuple[str, int], header: TrackHeader) -> LiveServer:
+        host, port = address
+        return LiveServer(host, port, self._messages.header, page(header))
+
+    def _wait_until(self, seconds: float) -> None:
+        if self._begun is None:
+            return
+        while (early := self._begun + seconds - time.perf_counter()) > 0:
+            time.sleep(min(early, _CHECK_S))
+            self._check()
+
+
+def _served(text: str) -> tuple[str, int]:
+    """HOST:PORT, or a port of this machine alone."""
+    return _address(f"{LOCAL}:{text}" if text.isdigit() else text, least=0)
+
+
+def _address(text: str, least: int = 1) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not (port.isascii() and port.isdigit()) or not least <= int(port[:6]) <= _MAX_PORT:
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, found {text!r}")
+    return host, int(port)
