@@ -21,8 +21,8 @@ class DatagramSender:
         self.dropped, self.reason = 0, ""
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-        except OSError as error:
-            raise NetlibError(f"{host}: unknown host ({reason_of(error)})") from None
+        except (OSError, UnicodeError):  # no host has a name that cannot be encoded
+            raise NetlibError(f"{host}:{port}: unknown host") from None
         self._kind: tuple[int, int, int] = found[0][:3]
         self._address: Any = found[0][4]
 

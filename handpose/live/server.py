@@ -35,7 +35,7 @@ from urllib.parse import parse_qs, urlencode, urlsplit
 from netlib.errors import NetlibError, reason_of
 
 LINES, VIEWS = "/frames", "/view"
-GRACE_S = 2.0  # for clients to take the last frame
+GRACE_S = 5.0  # for clients to take the last frame and to close
 ENDED, STOPPED = (1000, "the recording has ended"), (1001, "the tracker was stopped")
 _MAX_RECEIVED = 1024  # bytes of a message from a client
 _SEND_BUFFER = 1 << 17  # bytes that the system keeps for a slow client
@@ -84,10 +84,10 @@ class LiveServer:
         self.host, self.port, self._header, self._page = host, port, header, page.encode()
         self.token = secrets.token_urlsafe(16)
         self._clients: dict[str, set[_Slot]] = {LINES: set(), VIEWS: set()}
-        self._handlers: set[asyncio.Task[Any]] = set()
+        self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
         self._was_asked = threading.Event()
         self._ready = threading.Event()
-        self._failure: OSError | None = None
+        self._failure: Exception | None = None
 
     def __enter__(self) -> LiveServer:
         self._thread = threading.Thread(target=asyncio.run, args=(self._serve(),), name="live", daemon=True)
@@ -95,7 +95,7 @@ class LiveServer:
         self._ready.wait()
         if self._failure is not None:
             self._thread.join()
-            raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(self._failure)}")
+            raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(self._failure)}") from self._failure
         return self
 
     @property
@@ -141,7 +141,7 @@ class LiveServer:
                 self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
                 max_size=_MAX_RECEIVED, close_timeout=GRACE_S, logger=_silent_logger(),
             )  # fmt: skip
-        except OSError as error:
+        except Exception as error:
             self._failure = error
             self._ready.set()
             return
@@ -152,7 +152,9 @@ class LiveServer:
             for slot in slots:
                 slot.end()
         if self._handlers:
-            await asyncio.wait(self._handlers, timeout=GRACE_S)
+            _, late = await asyncio.wait(self._handlers, timeout=GRACE_S)
+            for handler in late:
+                self._handlers[handler].transport.abort()
         server.close()
         await server.wait_closed()
 
@@ -168,7 +170,7 @@ class LiveServer:
         connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         task = asyncio.current_task()
         assert task is not None
-        self._handlers.add(task)
+        self._handlers[task] = connection
         self._clients[path].add(slot)
         try:
             if path == LINES:
@@ -183,7 +185,7 @@ class LiveServer:
             pass
         finally:
             self._clients[path].discard(slot)
-            self._handlers.discard(task)
+            self._handlers.pop(task)
 
     def _answer(self, connection: Any, request: Any) -> Any:
         """The page, a refusal, or None to go on with a WebSocket."""
@@ -220,11 +222,11 @@ def _joined(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def _why_not(error: OSError) -> str:
+def _why_not(error: Exception) -> str:
     """Why a server cannot listen."""
-    if isinstance(error, socket.gaierror):
+    if isinstance(error, socket.gaierror | UnicodeError):  # no host has a name that cannot be encoded
         return "unknown host"
-    if error.errno == errno.EADDRINUSE:
+    if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
         return "the port is in use; choose another one, or 0 for any that is free"
     return f"cannot listen: {reason_of(error)}"
 

@@ -24,16 +24,19 @@ def browser() -> Iterator[Any]:
 
 @contextlib.contextmanager
 def visits(browser: Any) -> Iterator[Callable[..., Any]]:
-    """``visit(path)``: the page of a file, as from disk. In the end nothing was fetched, no line is in the console."""
+    """``visit(path)``: the page of a file, as from disk, or of an address. In the end nothing else was fetched, and no
+    line is in the console.
+    """
     contexts, fetched, said, files = [], [], [], []
 
-    def opened(path: Path, fragment: str = "", **options: Any) -> Any:
+    def opened(place: Path | str, fragment: str = "", **options: Any) -> Any:
         context = browser.new_context(**{"viewport": {"width": 1000, "height": 800}, **options})
         contexts.append(context)
         context.set_default_timeout(10_000)
         tab = context.new_page()
-        address = path.as_uri() + (f"#{fragment}" if fragment else "")
-        files.append(path.as_uri())
+        file = place if isinstance(place, str) else place.as_uri()
+        address = file + (f"#{fragment}" if fragment else "")
+        files.append(file)
         tab.on("request", lambda request: fetched.append(request.url))
         tab.on("console", lambda message: said.append(message.text))
         tab.on("pageerror", lambda error: said.append(str(error)))

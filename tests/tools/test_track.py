@@ -161,7 +161,8 @@ def test_a_first_look(capsys: pytest.CaptureFixture[str]) -> None:
     [["--json", "a.txt"], ["--csv", "a.json"], ["--bvh", "a.fbx"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
      ["--rerun", "a.json"], ["--look", "a.txt"], ["--hand", "both"],
      ["--hands", "0"], ["--joints", "smpl"], ["--joints", "mano", "--bvh", "a.bvh"], ["--gestures", "--bvh", "a.bvh"],
-     ["--frames", "0"], ["--size", "0"], ["--fit", "no"]],
+     ["--frames", "0"], ["--size", "0"], ["--fit", "no"], ["--serve", "x"], ["--serve", ":80"], ["--serve", "a:65536"],
+     ["--serve", "a:-1"], ["--udp", "a"], ["--udp", "a:0"], ["--look", "a.png", "--serve"]],
     ids=lambda argv: " ".join(argv),
 )  # fmt: skip
 def test_wrong_usage(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:

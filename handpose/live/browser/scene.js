@@ -3,7 +3,8 @@
 import { unproject } from "./crop.js";
 import { add, length, minus, times } from "./vectors.js";
 
-const REACH = 130, DISTANCE = 600; // mm: from the middle of what is shown to its edge, at least; without a hand, its depth
+const REACH = 130; // mm, from the middle of what is shown to its edge, at least
+const DISTANCE = 600; // mm, of that middle without a hand
 const PER_AXIS = 100; // points of a hand's crop along each axis, at most
 
 export class Scene {

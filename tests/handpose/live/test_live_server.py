@@ -1,0 +1,260 @@
+"""handpose/live/server.py: programs as clients; test_live_page.py has the browser."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import socket
+import struct
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from handpose.live import server as module
+from handpose.live.server import LINES, VIEWS, LiveServer
+from handpose.track_files.json_values import header_values
+from netlib.errors import NetlibError
+from tests.support.tracked_hands import HEADER
+
+Serve = Callable[..., LiveServer]
+
+
+class Clients:
+    """Clients of a server; ``connect(server, path)`` adds one."""
+
+    def __init__(self, stack: contextlib.ExitStack) -> None:
+        self._stack = stack
+
+    def connect(self, server: LiveServer, path: str = LINES, **options: Any) -> Any:
+        """A client of a path; of lines it has got the header."""
+        from websockets.sync.client import connect
+
+        client = self._stack.enter_context(connect(server.lines_url.replace(LINES, path), **options))
+        if path == LINES:
+            assert json.loads(client.recv(timeout=10))["format"] == "handpose track"
+        assert server.wait_for_client(10)
+        return client
+
+    def status(self, server: LiveServer, **options: Any) -> int:
+        """The status with which a WebSocket is answered: 101 if it is opened."""
+        from websockets.exceptions import InvalidStatus
+
+        try:
+            self.connect(server, **options)
+        except InvalidStatus as error:
+            return int(error.response.status_code)
+        return 101
+
+
+@pytest.fixture
+def clients() -> Iterator[Clients]:
+    """They are closed after the test."""
+    with contextlib.ExitStack() as stack:
+        yield Clients(stack)
+
+
+def answer(server: LiveServer, path: str, **headers: str) -> tuple[int, str]:
+    """Status and text of a request over HTTP."""
+    place = urlsplit(server.page_url)
+    connection = http.client.HTTPConnection(str(place.hostname), place.port, timeout=10)
+    with contextlib.closing(connection):
+        connection.request("GET", path, headers=headers)
+        found = connection.getresponse()
+        return found.status, found.read().decode()
+
+
+# ------------------------------------------------------------------------------------------------ frames
+
+
+def test_lines(clients: Clients, serve: Serve) -> None:
+    """The header, each frame while the client keeps up, and the end of the recording as the end of the stream."""
+    with serve() as server:
+        client = clients.connect(server)
+        for number in range(3):
+            server.put(LINES, f'{{"number":{number}}}')
+            assert json.loads(client.recv(timeout=10)) == {"number": number}
+        server.put(LINES, "last")
+    assert list(client) == ["last"]
+    assert (client.close_code, client.close_reason) == (1000, "the recording has ended")
+
+
+def test_the_header_is_that_of_a_track(server: LiveServer) -> None:
+    """As JSON lines begin."""
+    from websockets.sync.client import connect
+
+    with connect(server.lines_url) as client:
+        assert json.loads(client.recv(timeout=10)) == json.loads(json.dumps(header_values(HEADER)))
+
+
+def test_two_clients(clients: Clients, serve: Serve) -> None:
+    """Get the same; one that has left is no longer served."""
+    with serve() as server:
+        one, other = clients.connect(server), clients.connect(server)
+        server.put(LINES, "a")
+        assert [client.recv(timeout=10) for client in (one, other)] == ["a", "a"]
+        one.close()
+        server.put(LINES, "b")
+        assert other.recv(timeout=10) == "b"
+        server.put(LINES, "c")
+    assert list(other) == ["c"] and not server.has_clients(LINES)
+
+
+def test_a_viewer_gets_the_newest_frame_when_it_asks(clients: Clients, server: LiveServer) -> None:
+    """All that came in between is dropped, and putting does not wait."""
+    viewer = clients.connect(server, VIEWS)
+    server.put(VIEWS, b"0")
+    assert viewer.recv(timeout=10) == b"0"
+    for number in range(1, 100):
+        server.put(VIEWS, b"%d" % number)
+    viewer.send("next")
+    assert viewer.recv(timeout=10) == b"99"
+    viewer.close()
+
+
+def test_a_slow_program_misses_frames(clients: Clients, server: LiveServer) -> None:
+    """It gets some, in order, and the last one; what is sent does not wait for it."""
+    count, size = 300, 1 << 18
+    client, found = clients.connect(server), [-1]
+    for number in range(count):
+        server.put(LINES, f"{number}".rjust(size))
+    while found[-1] < count - 1:
+        found.append(int(client.recv(timeout=10)))
+    assert found == sorted(found) and len(found) < count / 2
+
+
+def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: Serve) -> None:
+    """Without a word: the others get theirs."""
+    with serve() as server:
+        gone, other = (clients.connect(server, max_size=None) for _ in range(2))
+        gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close by a reset
+        server.put(LINES, "x" * (1 << 20) * 8)
+        gone.socket.shutdown(socket.SHUT_RDWR)
+        server.put(LINES, "after")
+    assert list(other)[-1] == "after"
+
+
+def test_without_clients(serve: Serve) -> None:
+    """Nobody is waited for, and nothing is kept."""
+    with serve() as server:
+        assert not server.wait_for_client(0) and not server.has_clients(LINES) and not server.has_clients(VIEWS)
+        server.put(LINES, "a")
+
+
+# ------------------------------------------------------------------------------------------------ the end
+
+
+def test_a_run_that_is_stopped(clients: Clients, serve: Serve) -> None:
+    """Says so; programs see the end of the stream all the same."""
+    with contextlib.suppress(KeyboardInterrupt), serve() as server:
+        client = clients.connect(server)
+        raise KeyboardInterrupt
+    assert list(client) == []
+    assert (client.close_code, client.close_reason) == (1001, "the tracker was stopped")
+
+
+def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
+    clients: Clients, serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that asks for no next frame, and one that reads nothing at all."""
+    monkeypatch.setattr(module, "GRACE_S", 0.05)
+    with serve() as server:
+        viewer, place = clients.connect(server, VIEWS), urlsplit(server.lines_url)
+        silent = socket.create_connection((str(place.hostname), place.port))
+        silent.sendall(f"GET {place.path}?{place.query} HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\n"
+                       "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
+                       "Sec-WebSocket-Version: 13\r\n\r\n".encode())  # fmt: skip
+        assert silent.recv(12) == b"HTTP/1.1 101"
+        server.put(VIEWS, b"a")
+        server.put(LINES, "x" * (1 << 25))
+        assert viewer.recv(timeout=10) == b"a"
+    assert not any(thread.name == "live" for thread in threading.enumerate())
+    silent.close()
+
+
+# ------------------------------------------------------------------------------------------------ who may ask
+
+
+def test_the_page_needs_the_token(server: LiveServer) -> None:
+    """Which is long, and another one for each server."""
+    place = urlsplit(server.page_url)
+    status, text = answer(server, f"/?{place.query}")
+    assert status == 200 and text.startswith("<!DOCTYPE html>") and "connect-src 'self'" in text
+    assert len(server.token) >= 20 and server.token != LiveServer("127.0.0.1", 0, "", "").token
+    for wrong in ("/", "/?token=", f"/?{place.query}x", f"/?token={server.token[:-1]}", "/?token=%ff", "/?x=1"):
+        assert answer(server, wrong) == (403, "Wrong token. Open the address that the tracker has printed.\n")
+    assert answer(server, f"/other?{place.query}") == (404, "Expected /, /frames or /view.\n")
+    assert answer(server, f"{LINES}?{place.query}")[0] == 426  # not a WebSocket
+
+
+@pytest.mark.parametrize("path", [LINES, VIEWS])
+def test_streams_need_the_token(clients: Clients, serve: Serve, path: str) -> None:
+    """Else the handshake is refused."""
+    with serve() as server:
+        server.token, own = "another", server.token
+        url = server.lines_url
+        server.token = own
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(LiveServer, "lines_url", url)
+            assert clients.status(server, path=path) == 403
+        assert clients.status(server, path=path) == 101
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [(None, 101), ("http://{}", 101), ("https://{}", 101), ("http://evil.example", 403),
+     ("http://{}.evil.example", 403), ("http://127.0.0.1", 403), ("null", 403)],
+)  # fmt: skip
+def test_pages_of_other_sites_are_refused(
+    clients: Clients, server: LiveServer, origin: str | None, status: int
+) -> None:
+    """The page's own origin has the host that was asked; programs have none."""
+    own = urlsplit(server.page_url).netloc
+    assert clients.status(server, origin=origin and origin.format(own)) == status
+
+
+# ------------------------------------------------------------------------------------------------ where it listens
+
+
+def test_other_machines(serve: Serve) -> None:
+    """Reach it only if it is asked for; then the addresses have this machine's name."""
+    with serve() as server:
+        assert not server.is_public and server.page_url.startswith(f"http://127.0.0.1:{server.port}/?token=")
+    with serve("0.0.0.0") as server:
+        assert server.is_public and urlsplit(server.page_url).hostname == socket.gethostname().lower()
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
+def test_an_address_of_ipv6(clients: Clients, serve: Serve) -> None:
+    """Stands in brackets."""
+    try:
+        with serve("::1") as server:
+            assert not server.is_public and server.lines_url.startswith(f"ws://[::1]:{server.port}/frames?token=")
+            clients.connect(server)
+    except NetlibError as error:
+        pytest.skip(str(error))
+
+
+def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
+    """One line."""
+    line = f"^127.0.0.1:{server.port}: the port is in use; choose another one, or 0 for any that is free$"
+    with pytest.raises(NetlibError, match=line), serve(port=server.port):
+        pass
+
+
+@pytest.mark.parametrize(("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")])
+def test_an_address_that_is_not_of_this_machine(serve: Serve, host: str, why: str) -> None:
+    """One line."""
+    with pytest.raises(NetlibError, match=f"^{host}:0: {why}"), serve(host):
+        pass
+
+
+def test_without_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line with the command that installs it, before anything else happens."""
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    with pytest.raises(NetlibError, match=r"^websockets is missing: pip install 'websockets>=13'$"):
+        LiveServer("127.0.0.1", 0, "", "")

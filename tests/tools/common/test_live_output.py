@@ -1,0 +1,194 @@
+"""tools/common/live_output.py: what is sent while a track is made"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from handpose.facts.cameras import ICVL
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.sources.writing import RecordingWriter
+from handpose.track_files.track import TrackedFrame
+from tests.support.tracked_hands import HEADER, seen, tracked
+from tools.common import live_output
+from tools.common.live_output import LiveOutput, add_live_options
+from tools.common.stopper import StoppedError
+
+COUNT = 6
+ROOT = Path(__file__).resolve().parents[3]
+HAND = tracked()
+DEPTH = seen([HAND])
+
+
+def parsed(*argv: str) -> argparse.Namespace:
+    """The options, with those of a track that they depend on."""
+    parser = argparse.ArgumentParser()
+    add_live_options(parser)
+    parser.set_defaults(joints=None, gestures=False)
+    return parser.parse_args(argv)
+
+
+def frame(number: int) -> TrackedFrame:
+    return TrackedFrame(number, number / 10, (HAND,))
+
+
+def source(live: bool) -> Any:
+    """A camera, or a recording."""
+    return SimpleNamespace(live=live)
+
+
+def ends() -> None:
+    """A signal came."""
+    raise StoppedError
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [("8000", ("127.0.0.1", 8000)), ("0.0.0.0:0", ("0.0.0.0", 0)), ("[::1]:80", ("::1", 80)),
+     ("a.b:65535", ("a.b", 65535))],
+)  # fmt: skip
+def test_addresses(text: str, address: tuple[str, int]) -> None:
+    """A port alone is one of this machine; without a value it is any free one."""
+    assert parsed("--serve", text).serve == address
+    assert parsed("--serve").serve == ("127.0.0.1", 0) and parsed().serve is None
+
+
+def test_datagrams() -> None:
+    """One for each frame, without a server."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(10)
+        with LiveOutput(parsed("--udp", f"127.0.0.1:{receiver.getsockname()[1]}"), HEADER) as output:
+            output.begin(source(live=True), ends, sys.stdout)
+            for number in range(2):
+                output.write(DEPTH, frame(number))
+                found = json.loads(receiver.recv(1 << 16))
+                assert found["number"] == number and len(found["hands"][0]["positions_mm"]) == 31
+
+
+def test_datagrams_that_are_not_sent(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """End nothing; at the end there is a line."""
+    with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
+        output.begin(source(live=True), ends, sys.stdout)
+        monkeypatch.setattr(output._messages, "datagram", lambda record: bytes(1 << 17))
+        output.write(DEPTH, frame(0))
+    assert capsys.readouterr().err == "warning: --udp: 1 datagrams were not sent: Message too long\n"
+
+
+def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its frames are sent at their times, a camera's as they come; a run that is to end does not wait."""
+    clock = [100.0]
+    monkeypatch.setattr(live_output.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(live_output.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
+        output.write(DEPTH, frame(50))
+        output.begin(source(live=True), ends, sys.stdout)
+        output.write(DEPTH, frame(51))
+        assert clock == [100.0]
+        output.begin(source(live=False), lambda: None, sys.stdout)
+        output.write(DEPTH, frame(3))
+        assert clock == [pytest.approx(100.3)]
+        clock[0] = 105.0
+        output.write(DEPTH, frame(4))
+        assert clock == [105.0]
+        output.begin(source(live=False), ends, sys.stdout)
+        with pytest.raises(StoppedError):
+            output.write(DEPTH, frame(10_000))
+
+
+def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """Both addresses; a camera does not wait for a client, a recording until the run is to end."""
+    pytest.importorskip("websockets")
+    with LiveOutput(parsed("--serve"), HEADER) as output:
+        output.begin(source(live=True), ends, sys.stdout)
+        first, second = capsys.readouterr().out.splitlines()
+        assert first.startswith("page: http://127.0.0.1:") and second.startswith("for programs: ws://127.0.0.1:")
+        with pytest.raises(StoppedError):
+            output.begin(source(live=False), ends, sys.stdout)
+        assert capsys.readouterr().out.splitlines()[2:] == ["waiting for the first of them; Ctrl-C ends"]
+        output.write(DEPTH, frame(0))
+    with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
+        output.begin(source(live=True), ends, sys.stdout)
+        assert capsys.readouterr().err == "warning: other machines can watch, if they have these addresses\n"
+
+
+# ------------------------------------------------------------------------------------------------ the whole command
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of a hand at rest."""
+    path = tmp_path_factory.mktemp("recorded") / "take.npz"
+    recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
+    with RecordingWriter(path, recording.camera, recording.unit_mm, recording.rate) as writer:
+        for frame in recording:
+            writer.write(frame)
+    return path
+
+
+@pytest.fixture
+def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """``running("--serve", ...)``: the tracker of that recording as a program, ended after the test."""
+    begun: list[subprocess.Popen[str]] = []
+
+    def start(*options: str) -> subprocess.Popen[str]:
+        command = [sys.executable, str(ROOT / "tools" / "track.py"), str(recorded), *options]
+        begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path))
+        return begun[-1]
+
+    yield start
+    for process in begun:
+        process.kill()
+        process.communicate()
+
+
+def address_of(process: subprocess.Popen[str]) -> str:
+    """The address for programs, which it prints before it begins."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("for programs: "):
+            return line.split()[-1]
+    raise AssertionError(process.communicate()[1])
+
+
+def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManager[Any]:
+    client = pytest.importorskip("websockets.sync.client")
+    return client.connect(address_of(process))
+
+
+def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subprocess.Popen[str]]) -> None:
+    """It begins when the program connects; the lines are those of --json, and end with the recording."""
+    process = running("--serve", "--json", "a.jsonl", "--joints", "mano")
+    with client_of(process) as client:
+        header, *frames = (json.loads(line) for line in client)
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
+    assert header["format"] == "handpose track" and header["joint_format"]["name"] == "mano"
+    assert [frame["number"] for frame in frames] == list(range(COUNT))
+    assert all(len(hand["mano"]["positions_m"]) == 21 for frame in frames for hand in frame["hands"])
+
+
+def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None:
+    """While it waits for a client, and while it tracks: then clients are told."""
+    waiting = running("--serve")
+    address_of(waiting)
+    waiting.send_signal(signal.SIGINT)
+    assert waiting.communicate(timeout=60)[1].splitlines() == ["stopped"] and waiting.returncode == 130
+    tracking = running("--serve")
+    with client_of(tracking) as client:
+        json.loads(client.recv(timeout=60))
+        json.loads(client.recv(timeout=60))
+        tracking.send_signal(signal.SIGTERM)
+        list(client)
+    assert tracking.wait(60) == 143 and client.close_reason == "the tracker was stopped"
