@@ -27,7 +27,7 @@ from handpose.track_files.json_values import FrameValues, header_values
 from handpose.track_files.track import TrackedFrame, TrackHeader
 
 MAX_SAMPLES = 320  # along a side of the depth that the page gets
-MAX_DATAGRAM = 8192  # bytes; systems accept at least this size
+MAX_DATAGRAM = 9216  # bytes, the largest datagram that macOS sends by default
 _MAX_DEPTH = np.iinfo(np.uint16).max
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 

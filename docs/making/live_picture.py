@@ -1,0 +1,64 @@
+"""docs/images/live_page.png: the page of tools/track.py --serve, with a synthetic recording. Needs a Chromium.
+
+python -m docs.making.live_picture
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from typing import TYPE_CHECKING, Any
+
+from docs.making.chromium import chromium
+from handpose.facts.cameras import NYU
+from handpose.live.messages import Messages
+from handpose.live.page import page
+from handpose.live.server import VIEWS, LiveServer
+from handpose.sequences.recordings import SyntheticRecording
+from handpose.tracking.tracker import load_tracker
+from netlib.errors import NetlibError
+from netlib.files import atomic
+from netlib.files.paths import ROOT
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+PICTURE = ROOT / "docs" / "images" / "live_page.png"
+SIZE: Any = {"width": 1280, "height": 800}  # a type of its own in playwright, if that is installed
+FRAMES = 90
+
+
+def taken(browser: Browser, frames: int = FRAMES) -> bytes:
+    """The picture as PNG."""
+    recording = SyntheticRecording("two_hands", NYU)
+    tracker = load_tracker(NYU, flesh=True)
+    header = tracker.header("takes/both")
+    messages = Messages(header, gestures=True)
+    with LiveServer("127.0.0.1", 0, messages.header, page(header)) as server:
+        tab = browser.new_page(viewport=SIZE, color_scheme="light")
+        tab.goto(server.page_url)
+        for frame, _ in zip(recording, range(frames)):
+            found = tracker.step(frame)
+            server.put(VIEWS, messages.view(messages.record(found), frame.depth, found))
+            tab.locator("#state").filter(has_text=re.compile(rf"^frame {frame.number}, ")).wait_for()
+        tab.evaluate("live.stage.viewer.turn(-40, 15), live.stage.draw(2)")
+        try:
+            return tab.screenshot()
+        finally:
+            tab.close()
+
+
+def main() -> int:
+    """Take it, and say so."""
+    try:
+        with chromium() as browser:
+            atomic.replace_bytes(PICTURE, taken(browser))
+    except NetlibError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"wrote {PICTURE.relative_to(ROOT)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
