@@ -39,7 +39,7 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import SOUGHT_SIDES, is_mirrored
 from handpose.joint_fit import calibration_report
 from handpose.joint_fit.calibration import calibrate
-from handpose.joint_fit.calibration_problem import FEWEST_FRAMES
+from handpose.joint_fit.calibration_problem import MIN_FRAMES
 from handpose.joint_fit.observations import read_observations
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.person import hand_of
@@ -84,8 +84,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=natural, default=0, metavar="N", help="seed of the random choices (default: 0)")
     parser.add_argument("--force", action="store_true", help="replace FILE if it is there")
     args = parser.parse_args(argv)
-    if args.frames < FEWEST_FRAMES:
-        parser.error(f"--frames must be at least {FEWEST_FRAMES}, found {args.frames}")
+    if args.frames < MIN_FRAMES:
+        parser.error(f"--frames must be at least {MIN_FRAMES}, found {args.frames}")
     if not 0 <= args.percentile < 50:
         parser.error(f"--percentile must be at least 0 and less than 50, found {args.percentile:g}")
     if args.from_depth != (args.camera is not None):

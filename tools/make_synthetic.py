@@ -48,7 +48,7 @@ tools.begin(__name__)
 
 from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
-from handpose.synthetic.generator import MOST_SEED, Generator, Recipe, Split
+from handpose.synthetic.generator import MAX_SEED, Generator, Recipe, Split
 from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
@@ -73,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--test", type=positive, default=2000, metavar="N", help="frames or places (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=lambda text: natural(text, MOST_SEED), default=0, metavar="N",
+    parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=0, metavar="N",
                         help="random seed (default: %(default)s)")  # fmt: skip
     parser.add_argument("--recipe", choices=recipes.NAMES, help="whose hands, before which camera (default: nyu)")
     parser.add_argument("--workers", type=positive, default=engine.available_cpus(), metavar="N",

@@ -40,7 +40,7 @@ from handpose.experiments.fit_figures import Figures, auc, frames_of, measure
 from handpose.prediction.nets import refuse_other_bodies, skeleton_to_fit, trained
 from handpose.prediction.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.synthetic import recipes
-from handpose.synthetic.generator import MOST_SEED, Generator
+from handpose.synthetic.generator import MAX_SEED, Generator
 from netlib.blob import Array
 from tools.common.arguments import add_engine, natural, parser_of, positive
 from tools.common.console import DONE, aligned, guarded, say
@@ -69,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
                         help=f"some of {', '.join(PLANS)} (default: all)")  # fmt: skip
     parser.add_argument("--frames", type=positive, default=2000, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=lambda text: natural(text, MOST_SEED), default=0, metavar="N",
+    parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=0, metavar="N",
                         help="of the test frames (default: 0)")  # fmt: skip
     parser.add_argument("--hands", action="store_true", help="fit the mirror images, too (twice the time)")
     parser.add_argument("--roll", action="store_true", help="errors by the palm's turn in the picture")

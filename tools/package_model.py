@@ -35,7 +35,7 @@ from handpose.facts.nyu import CUBE_MM
 from handpose.prediction.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
 from handpose.prediction.packaged import net_content
 from handpose.synthetic import recipes
-from handpose.synthetic.generator import MOST_SEED, Generator
+from handpose.synthetic.generator import MAX_SEED, Generator
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common import outputs
@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
         "--recipe", choices=recipes.NAMES, default="people", help="of the frames (default: %(default)s)"
     )
     parser.add_argument("--frames", type=positive, default=8192, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=lambda text: natural(text, MOST_SEED), default=1000, metavar="N",
+    parser.add_argument("--seed", type=lambda text: natural(text, MAX_SEED), default=1000, metavar="N",
                         help="of the frames; not that of the training (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(argv)
     if args.bits > 23:

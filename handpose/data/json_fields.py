@@ -13,7 +13,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError
 
-LARGEST = 1e12  # of a number; with larger ones sums and products may overflow
+MAX_NUMBER = 1e12  # of a number; with larger ones sums and products may overflow
 
 
 def unique_keys(where: str) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
@@ -72,7 +72,7 @@ class Fields:
     def whole(self, name: str, least: int = 0) -> int:
         """The field is a whole number of at least ``least``."""
         value = self._checked(name, int, "a whole number")
-        if isinstance(value, bool) or not least <= value <= LARGEST:
+        if isinstance(value, bool) or not least <= value <= MAX_NUMBER:
             raise self._wrong(name, f"a whole number of at least {least}")
         return int(value)
 
@@ -91,7 +91,7 @@ class Fields:
     def positive(self, name: str) -> float:
         """The field is a number above 0."""
         value = self.number(name)
-        if value < 1 / LARGEST:
+        if value < 1 / MAX_NUMBER:
             raise self._wrong(name, "a number above 0")
         return value
 
@@ -123,4 +123,4 @@ class Fields:
 
 
 def _is_number(value: Any) -> bool:
-    return type(value) in (int, float) and -LARGEST <= value <= LARGEST  # NaN is not
+    return type(value) in (int, float) and -MAX_NUMBER <= value <= MAX_NUMBER  # NaN is not

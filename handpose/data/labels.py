@@ -24,7 +24,7 @@ from netlib.files.hdf5 import File
 
 ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
 EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # where nothing was rounded; on its axis a camera cannot be known from others
-MOST_PX_OR_MM, LEAST_MM = 1e6, 1.0  # of a crop's centre, and of its distance
+MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # of a crop's centre, and of its distance
 APART_PX = 20.0  # centres nearer to each other than this do not tell a camera
 
 
@@ -103,8 +103,8 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
             raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
         found.append(np.stack(stored))
     uvd, xyz = np.concatenate(found, axis=1)
-    far = np.abs([uvd, xyz]).max(initial=0) > MOST_PX_OR_MM  # whose quotients may be beyond all numbers
-    if far or not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > LEAST_MM).all()):
+    far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # whose quotients may be beyond all numbers
+    if far or not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()):
         raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
     known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
     if len(known) == 1:

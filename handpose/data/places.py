@@ -17,8 +17,8 @@ SIZE = 64  # its pixels on a side
 VOXEL_MM = 80.0  # apart
 BEHIND_MM = 20.0  # a hand's middle lies so far behind what is seen of it
 FAR_MM = 1600.0  # where a hand has too few pixels to be read
-NEAREST_MM = 100.0  # before it no camera sees
-FEWEST_MM2 = 300.0  # of surface in a voxel: less is noise
+MIN_DEPTH_MM = 100.0  # before it no camera sees
+MIN_AREA_MM2 = 300.0  # of surface in a voxel: less is noise
 NODES_ACROSS = 160  # pixels looked at in a row
 
 
@@ -26,7 +26,7 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
     """Places (P, 3) in mm, camera axes, in a depth image (height, width) in mm; 0 was not read. Raises DataError.
 
     Of what is nearer than FAR_MM; every so manieth pixel is looked at, NODES_ACROSS in a row. None where a voxel shows
-    less than FEWEST_MM2 of surface.
+    less than MIN_AREA_MM2 of surface.
     """
     image = np.asarray(depth)
     check_size(image, camera)
@@ -42,16 +42,16 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
     area = np.bincount(own, (points[:, 2] * step) ** 2 / (camera.fx * camera.fy), count)
     nodes = np.bincount(own, minlength=count)
     means = np.stack([np.bincount(own, values, count) / nodes for values in points.T], axis=1)
-    return np.asarray(means[area > FEWEST_MM2] + (0, 0, BEHIND_MM))
+    return np.asarray(means[area > MIN_AREA_MM2] + (0, 0, BEHIND_MM))
 
 
 def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[NDArray[np.float32], Array]:
     """The crops (n, SIZE, SIZE) in [-1, 1] of those places (P, 3) that are in sight, and these places (n, 3), in mm.
 
-    Places nearer to the camera than NEAREST_MM are not. Raises DataError for an image of another camera.
+    Places nearer to the camera than MIN_DEPTH_MM are not. Raises DataError for an image of another camera.
     """
     check_size(depth, camera)
-    before = places[places[:, 2] > NEAREST_MM]
+    before = places[places[:, 2] > MIN_DEPTH_MM]
     if not len(before):
         return np.zeros((0, SIZE, SIZE), np.float32), before
     uvd = camera.project(before)

@@ -1,1 +1,1 @@
-"""The flesh of a body fitted to what a depth camera saw of it."""
+"""Fit the capsule model of a body to depth images."""

@@ -1,14 +1,14 @@
-r"""A body of flesh as a function of few variables, and how every capsule's ends move with them.
+"""The capsule model of a body as a function of few variables, and the derivatives of the capsules' ends.
 
-The variables x (N, V) of a frame are the free inputs of the whole body, its flesh's own too, and last the logarithms of
-its size, by which bones, offsets and radii are larger, and of its girth, by which the radii are larger still. With a
-capsule's end E_j = X_j + R_f o_j (``handpose.surface``), a turn about the unit axis a through P moves
+The variables x (N, V) of a frame are the free inputs of the whole body, including those of the surface alone. The last
+two are the logarithms of its size, which scales bones, offsets and radii, and of its girth, which also scales the
+radii. With a capsule's end E_j = X_j + R_f o_j (``handpose.surface``), a rotation about the unit axis a through P moves
 
     dE_j / dx  =  [moves X_j] a x (X_j - P)  +  [turns f] a x (R_f o_j)        a translation: a
-    dE_j / d log size  =  E_j - (where the root stands)
+    dE_j / d log size  =  E_j - (position of the root)
 
-A point between two ends moves as they do, c = (1 - s) E_i + s E_j, so nothing else about the body has to be
-differentiated (``residuals``).
+A point between two ends moves with them, c = (1 - s) E_i + s E_j, so no other derivative of the body is needed
+(``residuals``).
 
 Lengths here are in mm: those of the skeleton times ``unit_mm``.
 """
@@ -30,28 +30,28 @@ from netlib.errors import NetlibError
 
 Floats = NDArray[np.float32]
 
-SIZE, GIRTH = -2, -1  # places in x
-SIZE_LIMIT = 0.3  # of both logarithms: hands of 0.74 to 1.35 times the skeleton's size
+SIZE, GIRTH = -2, -1  # indices into x
+SIZE_LIMIT = 0.3  # bound of both logarithms: 0.74 to 1.35 times the skeleton's size
 
 
 class Posed(NamedTuple):
-    """The capsules of N bodies, in mm, and how they move. E of the joints are ends of capsules."""
+    """The capsules of N bodies in mm, and their derivatives. E of the joints are ends of capsules."""
 
     ends: Floats  # (N, E, 3)
-    motion: Floats  # (N, E, 3, V): of the ends
-    girth: Floats  # (N,) the factor of all radii
+    motion: Floats  # (N, E, 3, V): derivatives of the ends
+    girth: Floats  # (N,) scale of all radii
 
 
 class FleshModel:
-    """The capsules of a skeleton with flesh, for fitting.
+    """The capsules of a skeleton with a surface, for fitting.
 
     free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log girth
     lower, upper  (V,) limits
-    root          the variables that move the whole body
-    limbs         the variables that move a part of the skeleton
-    own           the variables that only the flesh has
-    deviation     (V - 2,) of the inputs that occur, where the file says it
-    rigid         the ends that move with the root alone
+    root          indices of the variables that move the whole body
+    limbs         indices of the variables that move a part of the skeleton
+    own           indices of the variables that the surface alone has
+    deviation     (V - 2,) standard deviations of the inputs; not finite where the file has none
+    rigid         indices of the ends that move with the root alone
     start, end    (M,) the capsules' ends, among the E
     radii         (M, 2) mm
     """
@@ -61,7 +61,7 @@ class FleshModel:
         self.skeleton, self.whole, self.unit_mm = skeleton, flesh.whole, unit_mm
         whole = self.whole
         self.free = np.unique(whole.driven)
-        self._order = np.argsort(whole.driven, kind="stable")  # of the motions, as the variables have them
+        self._order = np.argsort(whole.driven, kind="stable")  # motions in the order of the variables
         driven = whole.driven[self._order]
         self._one_each = np.array_equal(driven, self.free)
         self._sums = (driven[:, None] == self.free).astype(float)
@@ -81,14 +81,14 @@ class FleshModel:
         self._used = used
         self.start, self.end = np.searchsorted(used, flesh.start), np.searchsorted(used, flesh.end)
         self.radii = (flesh.radii * unit_mm).astype(np.float32)
-        with_joint = whole.moves[:, used].T  # (E, Q): what moves E_j as it moves X_j ...
+        with_joint = whole.moves[:, used].T  # (E, Q): motions that move E_j with X_j
         with_axes = with_joint.copy()
         for f, (own_joints, _) in flesh.offsets.items():
             own = np.isin(used, own_joints)
             with_axes[own] = whole.moves[:, f]
         unlike = (with_joint != with_axes) & whole.turns
         self._with_joint = with_joint[:, self._order].astype(np.float32)
-        self._apart = np.flatnonzero(unlike.any(axis=1))  # ... and what turns o_j beside, or moves X_j alone
+        self._apart = np.flatnonzero(unlike.any(axis=1))  # ends E_j that some motion moves unlike X_j
         only_axes = unlike * np.where(with_axes, 1, -1)
         self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
         self._kinematics = kinematics_of(whole)
@@ -98,11 +98,11 @@ class FleshModel:
 
     @property
     def variables(self) -> int:
-        """V."""
+        """The number of variables V."""
         return len(self.free) + 2
 
     def variables_of(self, inputs: ArrayLike) -> Array:
-        """x (N, V) of the skeleton's inputs (N, D), limbs within their limits, of the skeleton's size."""
+        """x (N, V) for the skeleton's inputs (N, D) at the skeleton's size; limbs are clipped to their limits."""
         given = np.asarray(inputs, dtype=np.float64)
         x = np.zeros((len(given), self.variables))
         skeletons = self.free < given.shape[1]
@@ -115,7 +115,7 @@ class FleshModel:
         return self.whole_inputs_of(x)[:, : len(self.skeleton.initial)]
 
     def whole_inputs_of(self, x: Array) -> Array:
-        """The whole body's inputs (N, D'), its flesh's own after the skeleton's."""
+        """The whole body's inputs (N, D'): the skeleton's, then those of the surface alone."""
         inputs = np.zeros((len(x), len(self.whole.initial)))
         inputs[:, self.free] = x[:, :SIZE]
         return inputs
@@ -130,7 +130,7 @@ class FleshModel:
         return self._ends(x)[1]
 
     def posed(self, x: Array) -> Posed:
-        """The body at x (N, V)."""
+        """The capsules' ends and their derivatives at x (N, V)."""
         N, Q, E = len(x), len(self._order), len(self._used)
         joints, ends, pose = self._ends(x)
         axis, pivot = (
@@ -154,14 +154,14 @@ class FleshModel:
         return Posed(ends, motion, self._girth(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
-        """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is where the origin is."""
+        """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position of the origin."""
         p = self.posed(x)
         ends = p.ends.astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._girth(x)[:, None, None]
         return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.flesh.facets)
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
-        """All joints (N, K, 3), the capsules' ends (N, E, 3), and the pose that they are of."""
+        """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
         unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
         pose = self._kinematics.glance(self.whole_inputs_of(x), self.whole.bones * size[:, None])
         joints = np.asarray(pose.joints, np.float32) * unit
@@ -169,7 +169,7 @@ class FleshModel:
         return joints, self.flesh.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
 
     def _girth(self, x: Array) -> Array:
-        """The factor of all radii (N,)."""
+        """The scale of all radii (N,)."""
         return np.asarray(np.exp(x[:, SIZE] + x[:, GIRTH]))
 
 

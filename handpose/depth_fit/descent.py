@@ -1,8 +1,9 @@
-"""Levenberg-Marquardt on the objective, for many fits at once, with limits.
+"""Levenberg-Marquardt minimisation of the objective within limits, for many fits at once.
 
-A step solves (A + mu diag A) step = -b; it is made longer, and part of the step before is added; it is taken if it
-lowers the cost, and then mu falls, else it grows. A variable at a limit that wants beyond it is held. The robust
-distance may shrink from stage to stage: first far points pull, too, at the end only what the model explains.
+A step solves (A + mu diag A) step = -b. It is lengthened, and a part of the previous step is added. It is accepted if
+it lowers the cost; then mu decreases, otherwise mu increases. A variable at a limit whose step would leave it is held.
+The robust distance may decrease from stage to stage: at first far points count, at the end only those that the model
+explains.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from handpose.joint_fit.damped_step import damped_step
 from handpose.rounding import FIT_STEP, rounded
 from netlib.blob import Array
 
-# Little depends on the damping, as in ``handpose.joint_fit.levenberg_marquardt``.
-FIRST_MU, TRUST, MISTRUST, SMALLEST_MU, LARGEST_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
-RIDGE = 1e-9  # a variable that nothing depends on stays
+# The results depend little on the damping, as in ``handpose.joint_fit.levenberg_marquardt``.
+FIRST_MU, TRUST, MISTRUST, MIN_MU, MAX_MU = 1e-2, 1 / 3, 4.0, 1e-5, 1e4
+RIDGE = 1e-9  # keeps variables without influence where they are
 
 
-# The nearest places slide along the flesh as it moves, so that a step falls short of where it aims, and the next one
-# aims the same way.
+# The nearest points slide along the surface as it moves, so a step is too short, and the next one has the same
+# direction.
 FURTHER, MOMENTUM = 1.5, 0.2
 
 T = TypeVar("T", bound=Any)
 
 
 class Stage(NamedTuple):
-    """Some iterations with one robust distance."""
+    """A number of iterations with one robust distance."""
 
     robust: float  # mm
     iterations: int
@@ -40,7 +41,7 @@ class Stage(NamedTuple):
 def descend(
     objective: Objective, x: Array, seen: Observation, prior: Prior, stages: tuple[Stage, ...]
 ) -> tuple[Array, Cost]:
-    """x (N, V) after all stages, and its cost."""
+    """Minimise from x (N, V); returns x after all stages, and its cost."""
     lower, upper = objective.model.lower, objective.model.upper
     x, mu = np.clip(rounded(x, FIT_STEP), lower, upper), np.full(len(x), FIRST_MU)
     measured, moved = objective.measure(x, seen, prior), np.zeros_like(x)
@@ -56,12 +57,12 @@ def descend(
             moved = np.where(better[:, None], trial - x, 0)
             x = _chosen(better, trial, x)
             measured, now = _chosen(better, trial_measured, measured), _chosen(better, found, now)
-            mu = np.clip(mu * np.where(better, TRUST, MISTRUST), SMALLEST_MU, LARGEST_MU)
+            mu = np.clip(mu * np.where(better, TRUST, MISTRUST), MIN_MU, MAX_MU)
     return x, now
 
 
 def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
-    """The rows of ``new`` that are better, else those of ``old``; of arrays, or of tuples of them."""
+    """The rows of ``new`` where ``better``, elsewhere those of ``old``; for arrays and tuples of them."""
     if better.all():
         return new
     if isinstance(new, tuple):

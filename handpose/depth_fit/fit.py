@@ -1,9 +1,11 @@
-"""Fit the flesh of a body to depth crops, from where a network put it: half the error, and how sure one may be.
+"""Fit the capsule model of a body to depth crops, started from a network's prediction.
+
+The fit halves the error of the network and estimates the remaining error.
 
 fitter = DepthFitter(FleshModel(skeleton, CUBE_MM / 2), errors)
 seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)   # plan: search.FAST or search.ACCURATE
 found = fitter.fit(seen, starts, plan)   # starts: the network's predictions, one per quarter turn of the plan
-found.joints                                        # (N, K, 3) mm from the crops' centres
+found.joints                             # (N, K, 3) mm from the crops' centres
 """
 
 from __future__ import annotations
@@ -26,31 +28,31 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.system.memory import blocks
 
-FEWEST = 0.01  # part of a crop that shows something at least; with less, nothing is sure
-STAY = 0.9  # of its misfit counts where the frames before let expect a body: else fits jump between two as good
-HOLD = 5.0  # a limb that is followed is so many times as likely where it is expected as where a network saw it
-# Nothing tells how a hand goes on beyond the image's edge: a fit explains what is left of it well. The longer the edge
-# that cuts it, the less is sure. Measured on whole hands that an edge was laid across: docs/fit.md.
+MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the uncertainty is infinite
+STAY = 0.9  # factor of the misfit at the expected pose, so that fits do not jump between two equally good poses
+HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
+# The part of a hand beyond the image's edge is unknown, and a fit explains the rest well. So error and confidence
+# depend on the length of the edge that cuts the hand, as measured on whole hands with an artificial edge: docs/fit.md.
 CUT_MM, CUT_CONFIDENCE, CUT_ERROR = (40.0, 80.0, 160.0), (1.0, 0.8, 0.6), (1.0, 1.6, 2.2)
-STARTS_TOGETHER = 80  # fits that are worked on together: their arrays stay in the cache
+STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
 
 
 @dataclass(frozen=True)
 class DepthFit:
-    """The body in N frames.
+    """The fits of N frames.
 
     inputs      (N, D) of the skeleton: radians and units of the bones
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
-    network     (N, K, 3) the same as the first prediction has them, of fits that follow as they were expected
-    misfit      (N,) how badly the flesh explains the picture, from where it started: what is left of all terms
-    doubt       (N,) how much speaks against the fit (``network_errors``)
-    error_mm    (N,) the error of the joints to be expected, by the network's table; NaN if it has none
-    confidence  (N,) chance that this error is below 30 mm; NaN likewise
+    network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
+    misfit      (N,) the cost of the fit: the sum of all terms
+    doubt       (N,) uncertainty of the fit (``network_errors``)
+    error_mm    (N,) expected error of the joints, by the network's table; NaN without a table
+    confidence  (N,) probability that this error is below 30 mm; NaN likewise
     x           (N, V) all variables, for ``FleshModel``
-    signs       (N, 5) what the doubt is made of: the parts of the misfit, and how far in mm the joints moved; infinite
-                where there is nothing to be seen
-    start       (N,) which start it came from: first the quarter turns, then the frame before, then those drawn
+    signs       (N, 5) that determine the uncertainty: the parts of the cost, and the distance in mm by which the
+                joints moved; infinite where nothing is visible
+    start       (N,) index of its start: first the quarter turns, then the expected pose, then those drawn
     """
 
     inputs: Array
@@ -79,9 +81,9 @@ class DepthFit:
 
 
 class DepthFitter:
-    """Fits of one body.
+    """Fits one body.
 
-    errors   of the network that fits start from; by default an unknown one's
+    errors   of the network that predicts the starts; by default those of an unknown network
     weights  of the terms
     """
 
@@ -95,7 +97,7 @@ class DepthFitter:
     def of_file(
         cls, skeleton: Skeleton, path: str | Path, unit_mm: float, weights: Weights | None = None
     ) -> DepthFitter:
-        """Of crops of two such units, by what a file of weights knows of its network's errors. Raises DataError."""
+        """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
         model = FleshModel(skeleton, unit_mm)
         return cls(model, read_errors(path, model), weights)
 
@@ -103,14 +105,14 @@ class DepthFitter:
         self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
         before: Array | None = None, seed: int = 0,
     ) -> DepthFit:  # fmt: skip
-        """The best fit of every frame. Raises DataError.
+        """Fit every frame and return the best fits. Raises DataError.
 
-        The same frames give the same fits, bit for bit, whatever other frames are fitted with them and on any
-        processor, but for rare cases (docs/reliability.md, "What repeats exactly").
+        The same frames give bitwise equal fits, whatever other frames are fitted with them and on any processor, with
+        rare exceptions (docs/reliability.md, "What repeats exactly").
 
-        starts  x (N, V) that the network sees in the crops, turned by each of the quarters of the plan
-        size    the body's, one or (N,), if it is known
-        before  x (N, V) as the frames before let it be expected: one more start, with a prior about itself
+        starts  x (N, V) predicted in the crops, one array for each quarter turn of the plan
+        size    of the body, one or (N,), if it is known
+        before  x (N, V) expected from earlier frames: one more start, with a prior about itself
         seed    of the drawn starts
         """
         model = self.model
@@ -135,12 +137,12 @@ class DepthFitter:
     def follow(
         self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None
     ) -> DepthFit:
-        """The fits that are near what the frames before let expect, x (N, V): a few iterations, without the network.
+        """Refine x (N, V) expected from earlier frames by a few iterations, without the network.
 
-        Limbs that the picture hardly tells are held there (``HOLD``), as they would tremble otherwise; the signs of
-        doubt are counted without that, as for any other fit.
+        Limbs that are hardly visible are held at their expected pose (``HOLD``), because they would jitter otherwise.
+        The signs are computed without that, as for any other fit.
 
-        moved_mm  (N,) how far a fit was from the network's joints when that was asked last: a sign of doubt, still
+        moved_mm  (N,) distance of the last fit from the network's joints, which stays one of the signs
         """
         network = self.model.joints(before)
         priors = self._expected(before)[None]
@@ -150,7 +152,7 @@ class DepthFitter:
         return self._told(found, seen, network, plan, moved_mm)
 
     def _expected(self, before: Array) -> Array:
-        """The prior of x (N, V): about itself, but for what only the flesh has and its girth, about their means."""
+        """The prior for x (N, V): about x, but about the means for the girth and the surface's own variables."""
         prior = before.copy()
         prior[:, self.model.own] = 0
         prior[:, GIRTH] = 0
@@ -160,9 +162,9 @@ class DepthFitter:
         self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None, handicap: Array,
         hold: float = 1.0,
     ) -> Found:  # fmt: skip
-        """The best of starts (K, N, V) with these priors, in pieces that suit the cache.
+        """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
-        hold  by how much the limbs' precision is larger than that of the network
+        hold  factor of the limbs' precision, relative to the network's
         """
         objective, (K, N, V) = self.objective, starts.shape
         precision = hold * self.precision
@@ -182,12 +184,12 @@ class DepthFitter:
     def _told(
         self, found: Found, seen: Observation, network: Array, plan: Plan, moved_mm: Array | float = 0.0
     ) -> DepthFit:
-        """What is told of fits, that moved away from the network's joints (N, K, 3), or ``moved_mm`` at least."""
+        """The results of fits that started from joints (N, K, 3); ``moved_mm`` is a lower bound of the distance moved."""
         model, joints = self.model, self.model.joints(found.x)
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
-        signs[shown < FEWEST] = np.inf  # what is not there does not contradict any hand
+        signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
         doubt, error_mm, confidence = self.errors.expected(plan.name, signs)
         error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
         confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)

@@ -1,11 +1,11 @@
-r"""A body near joints that a network saw: where a fit to the depth starts.
+"""Starts of a depth fit from joints that a network predicts.
 
-Joints that a network predicts one by one are nearer to the true ones than those of angles that it predicts, but they
-are no body. So the inputs x of the body, its size among them, are those that minimise
+Joints predicted one by one are more accurate than those of predicted angles, but they need not be joints of the body.
+So the start is the x that minimises, with x_0 from the predicted angles and size,
 
     |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2  +  (log size - log size_0)^2 / SIZE_STD^2
 
-by Levenberg-Marquardt from x_0, the inputs that the network predicts. What comes of it depends little on these numbers.
+by Levenberg-Marquardt from x_0. The result depends little on these constants.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FIRST_MU, TRUST, MISTRUST, RIDGE = 1e-2, 1 / 3, 4.0, 1e-9
 
 
 def near_joints(model: FleshModel, x: Array, joints: Array) -> Array:
-    """The variables (N, V) of bodies near joints (N, K, 3) in mm, from x (N, V); the flesh's own stay as they are."""
+    """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has are not changed."""
     skeleton, kinematics = model.skeleton, kinematics_of(model.skeleton)
     free = np.unique(skeleton.driven)
     sums = (skeleton.driven[:, None] == free).astype(float)

@@ -1,15 +1,15 @@
-"""How a network errs, and what a fit after it is worth: measured once, kept in the file of the weights.
+"""The errors of a network and of the fits after it, measured once and stored in the weights file.
 
-A file of weights in Caffe's HDF5 layout has a group ``data``; beside it stands a group ``fit`` that Caffe does not look
-at:
+A weights file in Caffe's HDF5 layout has a group ``data``; a group ``fit`` next to it, which Caffe ignores, has
 
-    fit/limbs          (L, L) covariance of the errors of the limbs' inputs: where else to start, how near to stay
-    fit/PLAN           (k, 3) of each plan, ascending: doubt, expected error in mm, chance of an error below 30 mm
-    fit/PLAN.signs     (5,) weights, 0 or more, with the sum 1: what the doubt is made of
+    fit/limbs          (L, L) covariance of the errors of the limbs' inputs: spread of further starts, and prior
+    fit/PLAN           (k, 3) for each plan, ascending: uncertainty, expected error in mm, P(error < 30 mm)
+    fit/PLAN.signs     (5,) weights >= 0 with the sum 1, for the uncertainty
 
-The misfit alone says less than its parts: a limb that stands in the air (outline) is a worse sign than a thick body
-(surface). So the doubt is the weighted geometric mean of 1 + each sign, with those weights that best tell fits that
-failed from others (logistic regression). The signs are the four parts of the cost, and how far in mm the joints moved.
+The parts of the misfit predict failures better than their sum: a limb outside the silhouette (outline) is a worse sign
+than a thick body (surface). So the uncertainty, ``doubt``, is the weighted geometric mean of 1 + each sign. Its weights
+are those that best separate failed fits from others (logistic regression). The signs are the four parts of the cost,
+and the distance in mm by which the joints moved.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from netlib.snapshots import snapshot
 GROUP = "fit"
 LIMBS = "limbs"
 GOOD_MM = 30.0  # a fit with a larger error has failed
-UNKNOWN_STD = 0.3  # radians: what a network's limbs are taken to be off by when nobody has measured it
-LOST_MM = 150.0  # no larger error is expected: the hand is not there, then
-KNOTS = 24  # of a table
+UNKNOWN_STD = 0.3  # radians: assumed error of the limbs of a network whose errors were not measured
+LOST_MM = 150.0  # upper bound of expected errors: then the hand is elsewhere
+KNOTS = 24  # maximum number of rows of a table
 SIGNS = ("surface", "outline", "front", "prior", "moved")
 _SUFFIX = ".signs"
-_RIDGE = 1e-4  # keeps weights finite where every failure can be told
+_RIDGE = 1e-4  # keeps weights finite where failures are separable
 
 
 @dataclass(frozen=True)
 class NetworkErrors:
-    """What is known of a network that a fit starts from.
+    """The measured errors of a network.
 
-    limbs   (L, L) covariance of the errors of the limbs' inputs
-    tables  per plan (k, 3): doubt, expected error in mm, chance of an error below GOOD_MM; none where not measured
-    weights per plan (5,): of the signs
+    limbs    (L, L) covariance of the errors of the limbs' inputs
+    tables   for each measured plan (k, 3): uncertainty, expected error in mm, probability of an error below GOOD_MM
+    weights  for each measured plan (5,): of the signs
     """
 
     limbs: Array
@@ -50,10 +50,10 @@ class NetworkErrors:
     weights: dict[str, Array]
 
     def expected(self, plan: str, signs: Array) -> tuple[Array, Array, Array]:
-        """Of signs (N, 5): the doubt, the expected error in mm, and the chance that it is below GOOD_MM, (N,) each.
+        """Uncertainty, expected error in mm, and probability of an error below GOOD_MM, (N,) each, for signs (N, 5).
 
-        Where nobody has measured them, the weights are even, and error and chance NaN. With a doubt beyond all that
-        were measured, the error grows in proportion, up to LOST_MM, and the chance falls.
+        For a plan without a table the weights are equal, and error and probability are NaN. For an uncertainty beyond
+        the table the error grows in proportion, up to LOST_MM, and the probability falls.
         """
         doubt = doubt_of(signs, self.weights.get(plan, np.full(len(SIGNS), 1 / len(SIGNS))))
         table = self.tables.get(plan)
@@ -68,12 +68,12 @@ class NetworkErrors:
 
 
 def unknown_errors(model: FleshModel) -> NetworkErrors:
-    """Of a network that nobody has measured."""
+    """The default errors of a network that was not measured."""
     return NetworkErrors(np.eye(len(model.limbs)) * UNKNOWN_STD**2, {}, {})
 
 
 def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
-    """Those that stand in a file of weights, or those of an unknown network. Raises DataError."""
+    """The errors in a weights file, or the default ones if it has none. Raises DataError."""
     if not snapshot.begins_as_hdf5(path, "weights"):
         return unknown_errors(model)
     with hdf5.opened(path, f"the group {GROUP!r}") as file:
@@ -100,18 +100,18 @@ def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
 
 
 def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
-    """What a file has in its group, by name: what ``read_errors`` reads."""
+    """The arrays of a file's group ``fit`` by name, as ``read_errors`` reads them."""
     weights = {plan + _SUFFIX: own for plan, own in errors.weights.items()}
     return {LIMBS: errors.limbs, **errors.tables, **weights}
 
 
 def doubt_of(signs: Array, weights: Array) -> Array:
-    """(N,): the geometric mean of 1 + each of the signs (N, 5), weighted (5,)."""
+    """The uncertainty (N,): the geometric mean of 1 + each of the signs (N, 5), weighted (5,)."""
     return np.asarray(np.exp(np.log1p(signs) @ weights))
 
 
 def weights_of(signs: Array, error_mm: Array) -> Array:
-    """The weights (5,) with which the doubt best tells fits with errors beyond GOOD_MM from the others.
+    """The weights (5,) with which the uncertainty best separates fits with errors beyond GOOD_MM from the others.
 
     signs     (N, 5) of fits
     error_mm  (N,) of their joints
@@ -140,9 +140,9 @@ def covariance(errors: Array) -> Array:
 
 
 def table_of(doubt: Array, error_mm: Array) -> Array:
-    """The table (k, 3) of fits with these doubts (N,) and errors of their joints (N,) in mm. Raises DataError.
+    """The table (k, 3) for fits with these uncertainties (N,) and errors of their joints (N,) in mm. Raises DataError.
 
-    Means of groups of equal size, made ascending by pooling neighbours that are not (isotonic regression).
+    Means of groups of equal size, made ascending by pooling neighbours in the wrong order (isotonic regression).
     """
     shown = np.isfinite(doubt)  # crops that show nothing have no finite doubt and need no table
     doubt, error_mm = doubt[shown], error_mm[shown]

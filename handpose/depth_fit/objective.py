@@ -1,11 +1,11 @@
-r"""What a fit minimises: the terms, each in units of its own deviation squared, and their sum.
+"""The objective of a fit: the sum of its terms, each in units of its own variance.
 
-surface  points on the capsules, robust (Geman-McClure): k q / (k + q) of the squared distance q, k the square of
-         ``robust``. Neighbouring points err together, so all of a frame count as ``independent`` ones.
-outline  spheres out of the silhouette, robust likewise
-front    spheres before the surface, robust likewise
-prior    limbs near their start's angles (covariance of the network's errors), what moves with the root near where
-         the network has it, what only the flesh has near its mean, size and girth near the skeleton's
+surface  points on the capsules, robust (Geman-McClure): k q / (k + q) for the squared distance q, with k the square of
+         ``robust``. Errors of neighbouring points are correlated, so all of a frame count as ``independent`` points.
+outline  spheres outside the silhouette, robust likewise
+front    spheres in front of the surface, robust likewise
+prior    limbs near the start's angles (covariance of the network's errors), the palm near the network's, the surface's
+         own variables near their means, size and girth near the skeleton's
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from handpose.depth_fit.surface import nearest_capsules, point_residuals
 from handpose.facts.nyu import CUBE_MM
 from netlib.blob import Array
 
-SMALLEST_SIZE = 1e-4  # deviation of the logarithm of a size that is known
+MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
 
 
 @dataclass(frozen=True)
 class Weights:
-    """How much each term counts. Chosen on synthetic frames of hands that no reported figure is of.
+    """The weights of the terms, chosen on synthetic frames that are in no reported result.
 
-    Of a body in a larger cube than a hand's, lengths in mm and the robust distance are as much larger.
+    For a body in a cube larger than a hand's, lengths in mm and the robust distance are scaled accordingly.
     """
 
-    sigma: float = 4.0  # mm that capsules are off real flesh: the unit of the first three terms
-    independent: float = 150.0  # independent points that a frame is worth
+    sigma: float = 4.0  # mm, deviation of capsules from a real surface: the unit of the first three terms
+    independent: float = 150.0  # effective number of independent points in a frame
     outline: float = 0.3
     front: float = 0.1
-    slack: float = 3.0  # mm that a sphere may stand in free space
+    slack: float = 3.0  # mm that a sphere may extend into free space
     limbs: float = 1.0
     rigid: float = 14.0  # mm, deviation of each coordinate of the ends that move with the root
     size: float = 0.08  # deviation of the logarithm of the size; 0: it is known
@@ -45,29 +45,29 @@ class Weights:
 
 
 class Prior(NamedTuple):
-    """Where the start of each of N fits was."""
+    """The priors of N fits."""
 
-    x: Array  # (N, V); what only the flesh has, and the size, where they are on the mean
-    rigid: Floats  # (N, n, 3) mm, its ends that move with the root
-    curvature: Array  # (V, V) of what depends on the variables themselves: limbs, the flesh's own, size and girth
+    x: Array  # (N, V) expected variables
+    rigid: Floats  # (N, n, 3) mm, expected ends that move with the root
+    curvature: Array  # (V, V) precision of the limbs, the surface's own variables, size and girth
 
 
 class Measured(NamedTuple):
-    """Of N fits at some x."""
+    """The terms of N fits at some x, without the robust weights."""
 
     posed: Posed
     residuals: Residuals
-    prior: Array  # (N,) its cost
+    prior: Array  # (N,) cost of the prior
     prior_curvature: Array  # (N, V, V)
-    prior_gradient: Array  # (N, V) half of it
+    prior_gradient: Array  # (N, V) half the gradient
 
 
 class Cost(NamedTuple):
-    """Of N fits at some x."""
+    """The costs of N fits at some x."""
 
     total: Array  # (N,)
     parts: Array  # (N, 4) surface, outline, front, prior
-    weight: Floats  # (N, 2, R) of the residuals' squares, as near this x
+    weight: Floats  # (N, 2, R) weights of the squared residuals near this x
 
 
 class Objective:
@@ -77,12 +77,12 @@ class Objective:
         self.model, self.weights = model, weights
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
         self.spheres = spheres_of(model)
-        deviation = np.append(model.deviation, [max(weights.size, SMALLEST_SIZE), weights.girth])
+        deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.girth])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a deviation of their own
         self.plain_precision = deviation[self.plain] ** -2.0
 
     def of_known_size(self) -> Objective:
-        """The same terms for bodies whose size is that of their start."""
+        """The same terms for bodies with the size of their start."""
         return Objective(self.model, replace(self.weights, size=0.0))
 
     def prior_of(self, x: Array, precision: Array) -> Prior:
@@ -93,7 +93,7 @@ class Objective:
         return Prior(x, self.model.ends(x)[:, self.model.rigid], A)
 
     def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
-        """All that does not depend on the robust distance, at x (N, V)."""
+        """All terms at x (N, V) that do not depend on the robust distance."""
         model = self.model
         posed = model.posed(x)
         cones = cones_of(model, posed)
@@ -102,7 +102,7 @@ class Objective:
         return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
-        """The cost with a robust distance in mm, as for a hand."""
+        """The cost with a robust distance in mm, for a hand's cube."""
         w, P = self.weights, seen.points.shape[2]
         k, sigma = np.float32((robust * self.larger) ** 2), w.sigma * self.larger
         q = m.residuals.value * m.residuals.value
@@ -120,12 +120,12 @@ class Objective:
         return Cost(parts.sum(axis=1), parts, weight)
 
     def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:
-        """The curvature (N, V, V), as Gauss and Newton have it, and half the gradient (N, V) of the cost."""
+        """The Gauss-Newton curvature (N, V, V) and half the gradient (N, V) of the cost."""
         A, b = normal_equations(self.model, m.posed, m.residuals, cost.weight)
         return A + m.prior_curvature, b + m.prior_gradient
 
     def _prior(self, x: Array, posed: Posed, prior: Prior) -> tuple[Array, Array, Array]:
-        """Its cost (N,), curvature (N, V, V) and half gradient (N, V)."""
+        """The prior's cost (N,), curvature (N, V, V) and half gradient (N, V)."""
         model, rigid = self.model, np.float32(self.weights.rigid * self.larger)
         d = x - prior.x
         b = d @ prior.curvature

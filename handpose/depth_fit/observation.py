@@ -1,4 +1,4 @@
-"""What was seen of N bodies: the surface as points, the outline, the free space before it.
+"""Observations of N bodies: surface points, outline, and the free space in front of the surface.
 
 Everything is in mm from the crop's centre, in camera axes (x right, y up, z away).
 """
@@ -20,25 +20,25 @@ from netlib.errors import DataError
 
 Floats = NDArray[np.float32]
 
-BACKGROUND = 0.999  # a crop's depth beyond it is background, before its negative the near face
-THIN_PX = 3.0  # points are so much denser at the outline than deep inside, for limbs are thin and count most
+BACKGROUND = 0.999  # a crop's depth above it is background; below its negative it is the near face
+THIN_PX = 3.0  # sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
 _CROSS = np.ones((3, 3), np.uint8)
 
 
 @dataclass(frozen=True)
 class Observation:
-    """N frames.
+    """The observations of N frames.
 
     points   (N, 3, P) on the surface, from the rows of the crop; 0 where there are fewer
     rays     (N, 3, P) unit vectors from the camera through them
     known    (N, P) 1, or 0 where there are fewer
-    frame    (N,) which of the F crops it is of
-    outside  (F, S, S) how far a pixel is outside the silhouette, negative inside
-    nearest  (F, S, S) nearest depth in the 3 x 3 pixels about each
+    frame    (N,) index of the crop, of F
+    outside  (F, S, S) distance of a pixel from the silhouette, negative inside
+    nearest  (F, S, S) least depth in the 3 x 3 pixels about each
     center   (N, 3) the crop's centre in camera axes
-    half     (N,) of the cube's edge
+    half     (N,) half the cube's edge
     offset, factor  (N, 2) column and row of the crop: offset + factor * (x, y) / z
-    cut_mm   (N,) along how much of the image's edge something is seen in the crop: there it may go on, unseen
+    cut_mm   (N,) length of the image's edge along which the object is cut, so that a part of it is not visible
     """
 
     points: Floats
@@ -57,15 +57,15 @@ class Observation:
         return len(self.center)
 
     def take(self, rows: slice | NDArray[np.int_]) -> Observation:
-        """Some of the frames, or some several times. The crops themselves are not copied."""
+        """Some of the frames, with repetition. The crops themselves are not copied."""
         return Observation(**{
             name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
         })  # fmt: skip
 
     def mirrored(self, which: NDArray[np.bool_] | None = None) -> Observation:
-        """The frames as a mirror along x shows them, where a left hand is a right one.
+        """The frames mirrored along x, so that left hands become right ones.
 
-        which  (N,) of the frames, each of which then has a crop of its own; all if nothing is said
+        which  (N,) the frames to mirror, each with its own crop; by default all
         """
         turned = np.ones(len(self), bool) if which is None else which
         flip = np.where(turned[:, None], MIRROR.astype(np.float32), np.float32(1))
@@ -83,7 +83,7 @@ class Observation:
         return Observation(**(vars(self) | changed | {"offset": offset}))
 
     def thinned(self, every: int) -> Observation:
-        """Every so manieth of the points."""
+        """The observations with every ``every``-th point."""
         few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
         return Observation(**(vars(self) | few))
 
@@ -152,9 +152,9 @@ class HandCrops:
 def observe(
     crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: ArrayLike, points: int = 400
 ) -> Observation:
-    """What crops (N, S, S) in [-1, 1] show. Raises DataError.
+    """The observations of crops (N, S, S) in [-1, 1]. Raises DataError.
 
-    center_uvd  (N, 3) px, px, mm: where they were cut
+    center_uvd  (N, 3) crop centres in px, px, mm
     cube_mm     edges of their cubes, one or (N,)
     """
     if crops.ndim != 3 or crops.shape[1] != crops.shape[2]:
@@ -205,7 +205,7 @@ def observe(
 
 
 def _cut_mm(crops: NDArray[np.floating], picked: Window, camera: Camera, half: Array) -> Floats:
-    """Of crops (N, S, S) of half-cubes (N,): what is seen in the rows and columns at the image's edges."""
+    """The length in mm of the foreground in the rows and columns at the image's edges, for crops (N, S, S)."""
     N, S, _ = crops.shape
     pixels = np.zeros(N, int)
     for n in range(N):
@@ -226,7 +226,7 @@ def _cut_mm(crops: NDArray[np.floating], picked: Window, camera: Camera, half: A
 def _outside(crop: NDArray[np.floating]) -> Floats:
     """Distance (S, S) in pixels of each pixel's middle from the silhouette's edge, negative inside.
 
-    Single pixels that were not read are closed before; where the silhouette leaves the crop, it goes on.
+    Single pixels without a reading are closed first. The silhouette is assumed to continue beyond the crop's edge.
     """
     solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)

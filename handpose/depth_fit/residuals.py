@@ -5,13 +5,13 @@ of a capsule's axis,
 
     dr / dx  =  (1 - s) u . dE_i/dx  +  s u . dE_j/dx  +  w d log radius / dx        z = ((1 - s) u, s u, w)
 
-where w is what a radius adds as the body gets thicker. So each residual needs 8 numbers: z and r
-itself. Their weighted products, added up for each capsule to an 8 x 8 matrix G_m, are all that the picture has to say:
+where w is the contribution of the radius as the body gets thicker. So each residual needs 8 numbers: z and r
+itself. Their weighted products, summed for each capsule to an 8 x 8 matrix G_m, determine the normal equations:
 
     A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for size and girth), 7 x V
     b  =  sum over capsules of  B_m^T g_m            g_m the last column of G_m
 
-There are some hundred residuals and 37 capsules: this is a third of the work of writing out their Jacobian. Every point
+There are several hundred residuals and 37 capsules: this takes a third of the time of the full Jacobian. Every point
 has two residuals, which share its capsule and place.
 """
 
@@ -27,36 +27,36 @@ from netlib.blob import Array
 
 Floats = NDArray[np.float32]
 
-_UPPER = np.triu_indices(8)  # an 8 x 8 matrix that is symmetric has 36 numbers ...
+_UPPER = np.triu_indices(8)  # the 36 independent elements of a symmetric 8 x 8 matrix
 _DIAGONAL = np.flatnonzero(_UPPER[0] == _UPPER[1])
-_FULL = np.zeros((8, 8), int)  # ... and each of its 64 is one of them
+_FULL = np.zeros((8, 8), int)  # for each of the 64 elements, its index among the 36
 _FULL[_UPPER] = _FULL.T[_UPPER] = np.arange(36)
 
 
 class Residuals(NamedTuple):
-    """Two residuals of each of R points, in N frames, in mm. Points come last: the innermost loops are then long."""
+    """Two residuals for each of R points in N frames, in mm. Points come last, so the innermost loops are long."""
 
     capsule: NDArray[np.int_]  # (N, R)
-    place: Floats  # (N, R) on its axis, 0 to 1
-    direction: Floats  # (N, 3, 2, R): a residual grows by this much as the point moves
-    swell: Floats  # (N, 2, R): ... and by this much as the logarithm of the radii grows
+    place: Floats  # (N, R) position on the capsule's axis, 0 to 1
+    direction: Floats  # (N, 3, 2, R): derivatives of the residuals by the point's position
+    swell: Floats  # (N, 2, R): derivatives by the logarithm of the radii
     value: Floats  # (N, 2, R)
 
 
 class Cones(NamedTuple):
-    """R capsules: all of a body, or for each point its own. In mm."""
+    """R capsules: all of a body, or one for each point. In mm."""
 
-    a: Floats  # (N, 3, R) where the axis starts
-    along: Floats  # (N, 3, R) from there to its end
+    a: Floats  # (N, 3, R) start of the axis
+    along: Floats  # (N, 3, R) end minus start
     radius: Floats  # (N, R) at its start
-    wider: Floats  # (N, R): at the end the radius is larger by this
+    wider: Floats  # (N, R) radius at the end minus radius at the start
 
     def at(self, place: Floats) -> tuple[Floats, Floats]:
-        """The points (N, 3, R) at places (N, R) on the axes, and the radii (N, R) there."""
+        """The points (N, 3, R) at positions (N, R) on the axes, and the radii (N, R) there."""
         return self.a + place[:, None] * self.along, self.radius + place * self.wider
 
     def of(self, belongs: Floats) -> Cones:
-        """Those of points, as ``belonging`` says: to pick by a product is faster than by indices."""
+        """The capsules of the points given by ``belonging``; a product is faster than indexing."""
         picked = np.concatenate([self.a, self.along, self.radius[:, None], self.wider[:, None]], axis=1) @ belongs
         return Cones(picked[:, :3], picked[:, 3:6], picked[:, 6], picked[:, 7])
 

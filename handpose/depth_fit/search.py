@@ -1,8 +1,8 @@
-"""A tournament of starts: all of them for a few iterations on few points, the best of them to the end.
+"""Search among several starts: a few iterations for all on few points, then the best to the end.
 
-The fit falls into the valley where it starts, and a network that mistakes one limb for another, or sees a body
-from the wrong side, starts in the wrong one. Other starts are the network's predictions in the crop turned by quarters,
-and its prediction with limbs drawn from the errors that it makes.
+A fit converges to the local minimum near its start. A network that confuses two limbs, or the front and back of a body,
+starts in the wrong one. Further starts are the network's predictions in the crop turned by quarters, and its prediction
+with limbs drawn from the distribution of its errors.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def search(
     objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan,
     handicap: Array | float = 1.0,
 ) -> Found:  # fmt: skip
-    """The best of K starts (K, N, V), each with the prediction (K, N, V) that its prior is about.
+    """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
 
     handicap  (K,) factors of the misfits that are compared
     """
@@ -87,12 +87,12 @@ def search(
 
 
 def misfit(parts: Array) -> Array:
-    """What chooses between starts (N,): how badly the flesh explains the picture, wherever it started."""
+    """The misfit (N,) that starts are compared by: the cost without the prior."""
     return np.asarray(parts[:, :3].sum(axis=1))
 
 
 def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
-    """(count, N, V): x (N, V) with limbs off by errors that the network makes, within their limits."""
+    """Draws (count, N, V) about x (N, V), with the limbs' errors of the network, within the limits."""
     rng = np.random.default_rng(seed)
     starts = np.tile(x, (count, 1, 1))
     errors = rng.multivariate_normal(np.zeros(len(model.limbs)), covariance, (count, 1), method="cholesky")
@@ -101,10 +101,10 @@ def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int)
 
 
 def turned_back(model: FleshModel, x: Array, quarter: int) -> Array:
-    """Variables (N, V) found in crops that were turned counter-clockwise by quarters, for the crops as they were.
+    """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the crops as they were.
 
-    A turn about the line of sight turns the root's place, and is added to its outermost angle. Raises NetlibError for a
-    skeleton whose root does not translate along x and y and turn about z first.
+    A rotation about the line of sight rotates the root's position and is added to its outermost angle. Raises
+    NetlibError for a skeleton whose root does not translate along x and y and turn about z first.
     """
     if quarter % 4 == 0:
         return x

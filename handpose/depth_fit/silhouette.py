@@ -1,12 +1,12 @@
-r"""The silhouette and the free space: spheres along the bones may not be where the camera saw that nothing is.
+"""Residuals of the silhouette and of free space: spheres along the bones must not be where the camera saw nothing.
 
-Points of the surface pull capsules to where something was seen; nothing so far keeps a limb from pointing into thin
-air. Spheres along the capsules' axes do. One of radius r at c, which the crop shows at (column, row),
+Surface points attract capsules to observed depth, but do not keep a limb out of empty space. Spheres along the
+capsules' axes do. A sphere of radius r at c, which projects to (column, row) of the crop,
 
-    sticks out of the silhouette by     F(column, row) z / z_0 + r       F: mm outside, as wide as at the centre's depth
-    stands before the surface by        nearest(column, row) - (z - r)
+    leaves the silhouette by            F(column, row) z / z_0 + r       F: mm outside, at the centre's depth
+    is in front of the surface by       nearest(column, row) - (z - r)
 
-Each is a residual where it is more than some slack, else 0. F is interpolated between pixels, and its slope with it.
+Each is a residual where it exceeds a slack, otherwise 0. F is interpolated between pixels, and so is its slope.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from handpose.depth_fit.body import FleshModel
 from handpose.depth_fit.observation import BACKGROUND, Floats, Observation
 from handpose.depth_fit.residuals import Cones, Residuals
 
-PLACES = (1.0,)  # of the spheres on each capsule's axis: with one in the middle, too, nothing gets better
+PLACES = (1.0,)  # positions of the spheres on each capsule's axis; another one in the middle improves nothing
 
 
 def spheres_of(model: FleshModel) -> tuple[NDArray[np.int_], Floats]:
-    """Which capsule, and where on its axis: spheres on all capsules of the skeleton's own joints."""
+    """The capsule of each sphere and its position on the axis, for all capsules of the skeleton's own joints."""
     own = np.flatnonzero(~model.flesh.limbs)
     return np.repeat(own, len(PLACES)), np.tile(np.array(PLACES, np.float32), len(own))
 
@@ -30,10 +30,10 @@ def spheres_of(model: FleshModel) -> tuple[NDArray[np.int_], Floats]:
 def sphere_residuals(
     cones: Cones, seen: Observation, spheres: tuple[NDArray[np.int_], Floats], slack: float
 ) -> Residuals:
-    """How far in mm each sphere sticks out of the silhouette, and how far it stands before the surface.
+    """How far in mm each sphere leaves the silhouette, and how far it is in front of the surface.
 
     cones    of all M capsules
-    spheres  of which capsule each is (R,), and at which place of its axis (R,)
+    spheres  the capsule of each sphere (R,), and its position on the axis (R,)
     slack    mm that are allowed
     """
     N, S, R = len(cones.a), seen.outside.shape[-1], len(spheres[0])
@@ -56,7 +56,7 @@ def sphere_residuals(
     outside = upper + down * falls
     slopes = np.stack([across_upper + down * (across_lower - across_upper), falls], axis=1)
 
-    # As wide as at the centre's depth: F z / z_0, so that a pixel there is z / factor mm.
+    # F is measured at the centre's depth, so F z / z_0 is used, and a pixel there is z / factor mm.
     slopes *= seen.factor[:, :, None] / far[:, None]
     direction = np.zeros((N, 3, 2, R), np.float32)
     direction[:, :2, 0] = slopes
@@ -70,6 +70,6 @@ def sphere_residuals(
     active &= shown[:, None]
     active[:, 1] &= surface < BACKGROUND * seen.half[:, None]
     on = active.astype(np.float32)
-    value *= on  # 0, and moving with nothing, where they are not active
+    value *= on  # inactive residuals are 0, with derivative 0
     direction *= on[:, None]
     return Residuals(capsule, place, direction, radius[:, None] * on, value)

@@ -1,9 +1,9 @@
-"""The size and the girth of one person's hand, from depth frames alone.
+"""The size and girth of one person's hand, from depth frames alone.
 
-In one frame a larger hand farther away looks nearly the same, and a bent limb is a short one. All frames of a person
-have the same size, so that it is tried: with every size of a grid all frames are fitted once more from where they were,
-and the size that leaves the least misfit of all frames together is the hand's (a parabola through the three lowest). A
-frame counts robustly, for some are fitted wrongly whatever the size.
+In one frame, a larger hand farther away looks nearly the same, and a bent limb looks like a short one. All frames of a
+person have the same size, so all frames are fitted again with every size of a grid, each from its own fit. The result
+is the size with the least total misfit, by a parabola through the three lowest. Frames count robustly, because some are
+fitted wrongly at any size.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.system.memory import blocks
 
-GRID = np.exp(np.linspace(-SIZE_LIMIT, SIZE_LIMIT, 21))  # sizes that are tried: all that fits allow
-FEWEST = 5  # frames of which a size can be said
+GRID = np.exp(np.linspace(-SIZE_LIMIT, SIZE_LIMIT, 21))  # the whole range of sizes that fits allow
+MIN_FRAMES = 5  # frames needed to estimate a size
 STAGES = (Stage(15, 4), Stage(10, 3))
 
 
 @dataclass(frozen=True)
 class HandSize:
-    """Of one hand.
+    """The estimated size of one hand.
 
     size       relative to the skeleton
-    girth      radii relative to those of a skeleton of this size
-    deviation  of the size: from halves of the frames
-    sizes, misfits  those that were tried, and the mean misfit of a frame with each
+    girth      scale of the radii, relative to a skeleton of this size
+    deviation  standard deviation of the size, from halves of the frames
+    sizes, misfits  the sizes of the grid, and the mean misfit of a frame for each
     """
 
     size: float
@@ -47,7 +47,7 @@ class HandSize:
 
     @property
     def at_the_edge(self) -> bool:
-        """Is the first or the last of the sizes the best one? Then the hand may be beyond it."""
+        """True if the best size is the first or last of the grid, so that the true one may be outside."""
         return int(self.misfits.argmin()) in (0, len(self.sizes) - 1)
 
 
@@ -55,14 +55,14 @@ def calibrate_size(
     fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None,
     sizes: Array = GRID,
 ) -> HandSize:  # fmt: skip
-    """The size of the hand that all frames show, fitted as x (N, V). Raises DataError for too few frames.
+    """Estimate the size of the hand in all frames, fitted as x (N, V). Raises DataError for too few frames.
 
-    progress  is told how many more frames were fitted, once with each size
-    sizes     that are tried, at least three, evenly apart in their logarithms
+    progress  called with the number of further frames fitted, once for each size
+    sizes     at least three, with equal steps of their logarithms
     """
-    if len(x) < FEWEST:
-        raise DataError(f"{len(x)} frames to tell a hand's size from, expected {FEWEST} or more")
-    # The poses are free here: a prior about poses that were found with another size would keep the size.
+    if len(x) < MIN_FRAMES:
+        raise DataError(f"{len(x)} frames to estimate a hand's size from, expected {MIN_FRAMES} or more")
+    # Weak priors: strong ones about poses that were fitted with another size would keep that size.
     weights = replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
     objective = Objective(fitter.model, weights)
     left, girths = np.zeros((2, len(sizes), len(x)))
@@ -74,7 +74,7 @@ def calibrate_size(
             found, cost = descend(objective, start, seen.take(rows), prior, STAGES)
             left[i, rows], girths[i, rows] = misfit(cost.parts), found[:, GIRTH]
             progress(rows.stop - rows.start)
-    bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # a frame that no size explains says nothing
+    bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
     whole = _lowest(sizes, bounded.mean(axis=1))
     order = np.random.default_rng(0).permutation(len(x))
     halves = [_lowest(sizes, bounded[:, half].mean(axis=1)) for half in np.array_split(order, 2)]
@@ -83,16 +83,16 @@ def calibrate_size(
 
 
 def sized(skeleton: Skeleton, found: HandSize) -> Skeleton:
-    """The skeleton of this size, with flesh of this girth."""
+    """The skeleton scaled to this size, with radii of this girth."""
     larger = skeleton.scaled(found.size).param
     flesh = larger.flesh
-    assert flesh is not None  # a fit has been made with it
+    assert flesh is not None  # it was needed for the fit
     thicker = tuple(replace(c, radius=tuple(r * found.girth for r in c.radius)) for c in flesh.capsule)
     return Skeleton(replace(larger, flesh=replace(flesh, capsule=thicker)))
 
 
 def _lowest(sizes: Array, values: Array) -> float:
-    """Where a parabola through the lowest value and its neighbours, over the logarithm of the size, is lowest."""
+    """The minimum of a parabola through the lowest value and its neighbours, over the logarithm of the size."""
     i = int(np.clip(values.argmin(), 1, len(sizes) - 2))
     before, here, after = values[i - 1 : i + 2]
     curve = before - 2 * here + after

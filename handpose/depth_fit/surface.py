@@ -1,14 +1,14 @@
-r"""The surface: every observed point belongs on a capsule.
+"""Residuals of observed points on the surface of the capsules.
 
-Of a point p, the nearest place of a capsule's axis is c(s) = a + s (b - a), with the radius r(s) there. The point
-should lie at that distance, on the side that faces the camera. With the ray v through the point and y = p - c,
+The nearest point to p on a capsule's axis is c(s) = a + s (b - a), with the radius r(s). The point should have that
+distance, on the side that faces the camera. With the ray v through the point and y = p - c,
 
-    f = max(y . v, 0)         how far the point is behind the axis, as the camera looks
-    rho = |y - f v|           how far beside it
+    f = max(y . v, 0)         how far the point is behind the axis, along the ray
+    rho = |y - f v|           its distance from the axis across the ray
 
-A point on the facing side has f = 0 and the residual |y| - r. A point behind cannot have been seen there: the nearest
-place that could is on the capsule's outline, so that it is off by rho - r sideways and by f along the ray (Tagliasacchi
-et al., Robust Articulated-ICP for Real-Time Hand Tracking, 2015). Both are residuals, both are 0 on the surface.
+A point on the facing side has f = 0 and the residual |y| - r. A point behind cannot be seen there. The nearest visible
+point is on the capsule's outline, at rho - r across the ray and f along it (Tagliasacchi et al., Robust Articulated-ICP
+for Real-Time Hand Tracking, 2015). Both are residuals, and both are 0 on the surface.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from handpose.depth_fit.observation import Floats, Observation
 from handpose.depth_fit.residuals import Cones, Residuals, belonging
 
 _TINY = np.float32(1e-6)
-POSITION_BITS = 11  # of a position of half the cube's edge: 1/8 mm for a hand
+POSITION_BITS = 11  # bits of a position of half the cube's edge: 1/8 mm for a hand
 DIRECTION_STEP = np.float32(2.0**-10)
 
 
 def nearest_capsules(cones: Cones, seen: Observation) -> NDArray[np.int_]:
-    """For every point the capsule (N, P) on whose facing side it nearly lies.
+    """The capsule (N, P) nearest to every point, on its facing side, by an approximation.
 
-    All capsules are tried for all points, so the axis' nearest place is taken as if both radii were the same. What is
-    linear in the points comes from two products; with t the place on the axis in mm,
+    All capsules are compared with all points, so the nearest point of the axis is computed as if both radii were equal.
+    The parts that are linear in the points come from two matrix products; with t the position on the axis in mm,
 
         t = clip((p - a) . d)        |y|² = |p - a|² - t (2 (p - a) . d - t)        f = (p - a) . v - t d . v
 
-    Here, positions are rounded to some 0.1 mm and directions to 0.001. All products and their sums are then exact in
-    float32, so that the same capsule is nearest whatever the order in which a processor sums.
+    Positions are rounded to about 0.1 mm and directions to 0.001. All products and their sums are then exact in
+    float32, so the result does not depend on the order in which a processor sums.
     """
     mm = np.ldexp(np.float32(1), np.frexp(seen.half)[1] - POSITION_BITS)[:, None, None]
     p, v, a = _on_grid(seen.points, mm), _on_grid(seen.rays, DIRECTION_STEP), _on_grid(cones.a, mm)
@@ -80,10 +80,10 @@ def _on_grid(values: Floats, step: np.float32 | Floats) -> Floats:
 
 
 def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) -> Residuals:
-    """rho - r and f of each point on its capsule (N, P).
+    """The residuals rho - r and f of each point on its capsule (N, P).
 
-    Where the radii differ, the nearest place of the axis is so far towards the thinner end that the surface's normal
-    points from it to p.
+    Where the radii differ, the nearest point of the axis is shifted towards the thinner end, so that the surface's
+    normal through it meets p.
     """
     N, P = capsule.shape
     own = cones.of(belonging(capsule, cones.a.shape[2]))

@@ -9,7 +9,7 @@ from netlib.blob import Array
 
 SECONDS = 1.0  # in which most of a change of contrast is made
 SPREAD_MM = 130.0  # before and behind the hands, that get most of the greys
-_FARTHEST = (1 << 14) - 1  # mm; all beyond is as dark
+_MAX_DEPTH = (1 << 14) - 1  # mm; all beyond is as dark
 _DARK, _LIGHT = 28.0, 225.0
 
 
@@ -48,10 +48,10 @@ class Contrast:
 
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The picture (height, width) of a depth image in mm."""
-        away = (np.arange(_FARTHEST + 1) - self.middle) / self.spread
+        away = (np.arange(_MAX_DEPTH + 1) - self.middle) / self.spread
         shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / (1 + np.abs(away)))).astype(np.uint8)
         shades[0] = 0
-        return np.asarray(shades[np.minimum(depth, _FARTHEST).astype(np.uint16)])
+        return np.asarray(shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)])
 
 
 def _nearest(depth: NDArray[np.floating]) -> float:

@@ -13,7 +13,7 @@ from handpose.track_files.track import TrackedHand
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-SMALLEST_MM = 200.0  # half an edge of the cube that is shown
+MIN_EXTENT_MM = 200.0  # half an edge of the cube that is shown
 MARGIN_MM = 40.0  # between hands and its faces
 SQUARE_MM = 100.0  # of the floor
 FOLLOW_S, SHRINK_S = 0.3, 4.0  # in which most of a move or a growth is made; of a shrinking
@@ -31,7 +31,7 @@ class Space:
     def __init__(self, skeleton: Skeleton) -> None:
         self._skeleton = skeleton
         self._middle: Array | None = None  # mm
-        self._half = SMALLEST_MM
+        self._half = MIN_EXTENT_MM
         self._time = 0.0
 
     def see(self, time: float, points: Array) -> None:
@@ -39,7 +39,7 @@ class Space:
         if not len(points):
             return
         low, high = points.min(axis=0) - MARGIN_MM, points.max(axis=0) + MARGIN_MM
-        needed = max(float((high - low).max()) / 2, SMALLEST_MM)
+        needed = max(float((high - low).max()) / 2, MIN_EXTENT_MM)
         if self._middle is None:
             self._middle, self._half = (low + high) / 2, needed
         passed = max(time - self._time, 0.0)

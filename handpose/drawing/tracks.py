@@ -26,10 +26,10 @@ from netlib.errors import printable
 
 WIDTH = 1280
 HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
-LARGEST_HEIGHT, LARGEST_WIDTH = 0.4125, 0.6  # of the depth image, in widths of the whole picture
-MOST_LOST = 3  # hands that are told to be lost
+MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # of the depth image, in widths of the whole picture
+MAX_LOST = 3  # hands that are told to be lost
 _INK: Colour = (40, 40, 40)
-_NEAREST_MM = 1.0  # joints behind the camera are drawn as if they were before it, far beside the picture
+_MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn as if they were before it, far beside the picture
 
 
 class Painter:
@@ -42,7 +42,7 @@ class Painter:
     def __init__(self, header: TrackHeader, width: int = WIDTH) -> None:
         camera = header.camera
         self.header = header
-        self._zoom = min(LARGEST_HEIGHT * width / camera.height, LARGEST_WIDTH * width / camera.width)
+        self._zoom = min(MAX_HEIGHT * width / camera.height, MAX_WIDTH * width / camera.width)
         size = max(round(camera.width * self._zoom), 1), max(round(camera.height * self._zoom) // 2 * 2, 2)
         self._seen_by = Camera(
             camera.name, camera.fx * self._zoom, camera.fy * self._zoom, self._along(camera.u0),
@@ -88,7 +88,7 @@ class Painter:
         cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
         if hand.capsules is not None:
             flesh.paint(canvas, hand.capsules, self._seen_by, opacity=0.5)
-        uvd = self._seen_by.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _NEAREST_MM)))
+        uvd = self._seen_by.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
 
     def _crop(self, hand: TrackedHand) -> tuple[Array, Array]:
@@ -102,7 +102,7 @@ class Painter:
         """Which hands there are and how sure, above their crops; at the bottom those that are lost, and why."""
         tags = Tags(canvas)
         lately = sorted(frame.lost, key=lambda lost: -lost.since)
-        for lost in lately[:MOST_LOST]:
+        for lost in lately[:MAX_LOST]:
             tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
         for hand in frame.hands:
             left, top = self._crop(hand)[0]

@@ -21,7 +21,7 @@ from netlib.files import atomic
 
 TICKS = 60000  # of a second: 30 and 29.97 frames/s fall on them; MPEG-4 part 2 takes no more than 65535
 RATES = (0.1, 1000.0)  # of pictures per second, that players can do something with
-LONGEST_S = 1e8
+MAX_SECONDS = 1e8
 EVERYWHERE = "mpeg4"  # the encoder that no PyAV lacks
 # With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
 ENCODERS = {
@@ -70,9 +70,9 @@ class VideoFile:
         """
         if self._stream is None:
             self._begin(image, time)
-        elif not 1 <= (time - self._last) * TICKS <= LONGEST_S * TICKS:
+        elif not 1 <= (time - self._last) * TICKS <= MAX_SECONDS * TICKS:
             raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
-                            f"one, by 1/{TICKS} s at least and {LONGEST_S:g} s at most")  # fmt: skip
+                            f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most")  # fmt: skip
         if image.shape[:2] != self._size:
             raise DataError(f"{self.path}: a picture of {_pixels(image.shape)} after some of {_pixels(self._size)}; "
                             "expected one size")  # fmt: skip

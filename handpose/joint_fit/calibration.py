@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.joint_fit.angles import canonical, rotations, wrap
-from handpose.joint_fit.calibration_problem import BONE_SPREAD, FEWEST_FRAMES, CalibrationProblem, State
+from handpose.joint_fit.calibration_problem import BONE_SPREAD, MIN_FRAMES, CalibrationProblem, State
 from handpose.joint_fit.levenberg_marquardt import fit_joints
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
@@ -40,12 +40,12 @@ Progress = Callable[[int], None]
 UNDETERMINED = 0.5  # of the spread is left
 FIT_RIDGE = 1e-3  # of the poses to start from; ``fit_joints`` says what it does
 
-SMALLEST_GAIN = 1e-5  # relative; a step that gains less is the last
-MOST_STEPS = 60
+MIN_GAIN = 1e-5  # relative; a step that gains less is the last
+MAX_STEPS = 60
 # Damping, as in levenberg_marquardt.py. A refused step needs no new normal equations, so it may raise mu by more. The
 # factors 1/4 and 8 need the fewest evaluations; 1/3 and 4, or 1/10 and 10, up to a quarter more for the same hands.
 FIRST_MU, TRUST, DOUBT = 1e-3, 1 / 4, 8
-SMALLEST_MU, LARGEST_MU = 1e-9, 1e8
+MIN_MU, MAX_MU = 1e-9, 1e8
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ def calibrate(
     """
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(template.parents))) if joints is None else list(joints)
-    if len(goal) < FEWEST_FRAMES:
-        raise DataError(f"{len(goal)} frames, expected {FEWEST_FRAMES} or more")
+    if len(goal) < MIN_FRAMES:
+        raise DataError(f"{len(goal)} frames, expected {MIN_FRAMES} or more")
     if not 0 <= percentile < 50:
         raise DataError(f"percentile {percentile:g}, expected at least 0 and less than 50")
     if not (template.bone_axes >= 0).any():
@@ -165,7 +165,7 @@ def _search(problem: CalibrationProblem, state: State) -> tuple[State, float, in
     """Levenberg-Marquardt from a state: where it ends, the noise there, the steps that lowered the cost."""
     squares, ridge = problem.cost(state)
     normal, mu, steps = None, FIRST_MU, 0
-    while steps < MOST_STEPS and mu < LARGEST_MU:
+    while steps < MAX_STEPS and mu < MAX_MU:
         noise = problem.noise(squares)
         normal = normal or problem.normal(state)  # a step that is refused changes only mu
         matrix, right, by_shared, own = problem.reduced(normal, state, noise, mu)
@@ -177,9 +177,9 @@ def _search(problem: CalibrationProblem, state: State) -> tuple[State, float, in
             mu *= DOUBT
             continue
         state, squares, ridge, normal = trial, trial_squares, trial_ridge, None
-        mu = max(mu * TRUST, SMALLEST_MU)
+        mu = max(mu * TRUST, MIN_MU)
         steps += 1
-        if cost - trial_cost <= SMALLEST_GAIN * cost:
+        if cost - trial_cost <= MIN_GAIN * cost:
             break
     return state, problem.noise(squares), steps
 

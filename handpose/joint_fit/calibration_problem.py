@@ -49,12 +49,12 @@ BONE_SPREAD = 0.1  # deviation of a bone among people of one size, relative to i
 ANGLE_SPREAD = 0.2  # ... of a fixed angle, radians
 POSE_SPREAD = 0.5  # ... of a free angle among frames, radians; a root's DoFs have no such preference
 INDEPENDENT_FRAMES = 30  # so many frames count fully, more count as so many
-SMALLEST_NOISE = 3e-3  # of the mean bone: no annotation is better (0.07 mm)
+MIN_NOISE = 3e-3  # of the mean bone: no annotation is better (0.07 mm)
 # Every fitted number leaves one residual fewer to estimate the noise from, but not where the ridge decides: with few
 # joints none would be left. So at least a quarter count. From 8 joints (24 numbers for 26 DoFs) and noise of 1 and 3 mm
 # the estimates are then 1.0 and 3.5 mm; with an eighth 1.6 and 7.2 mm, with a half 0.7 and 2.3 mm.
-FEWEST_FREEDOM = 1 / 4
-FEWEST_FRAMES = 20
+MIN_FREEDOM = 1 / 4
+MIN_FRAMES = 20
 CHUNK = 128  # frames that one thread works on together, in 40 MB
 
 
@@ -105,8 +105,8 @@ class CalibrationProblem:
         self.shared_ridge = max(1.0, len(goal) / INDEPENDENT_FRAMES)  # times noise²
         self.known = np.asarray(~np.isnan(goal).any(axis=2))  # (N, K)
         numbers = 3 * np.count_nonzero(self.known)
-        self.freedom = max(numbers - len(goal) * len(self.free) - len(self.spread), numbers * FEWEST_FREEDOM)
-        self.least_noise = SMALLEST_NOISE * float(lengths.mean())
+        self.freedom = max(numbers - len(goal) * len(self.free) - len(self.spread), numbers * MIN_FREEDOM)
+        self.least_noise = MIN_NOISE * float(lengths.mean())
         self.blocks = blocks(len(goal), CHUNK)
 
     def state(self, inputs: Array) -> State:

@@ -30,16 +30,16 @@ from netlib.system.memory import blocks
 Progress = Callable[[int], None]
 
 CHUNK = 256  # frames that one thread works on together
-SMALLEST_GAIN = 1e-7  # relative; a frame whose cost falls less is done
+MIN_GAIN = 1e-7  # relative; a frame whose cost falls less is done
 EXACT = 5e-6  # root mean square distance of the joints at which a frame needs no other start
 
 # Damping. TRUST and DOUBT are the factors of mu after a step that was taken, and after one that was not. Little depends
 # on them: with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a third more work. FIRST_MU
 # from 0.001 to 0.1 is as good; with 1 the steps are so small that frames are taken for done on their way.
 FIRST_MU, TRUST, DOUBT = 1e-2, 1 / 3, 4
-SMALLEST_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
+MIN_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
 RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
-LARGEST_MU = 1e8  # above it a step is lost in rounding: there is no lower place near
+MAX_MU = 1e8  # above it a step is lost in rounding: there is no lower place near
 
 
 def fit_joints(
@@ -121,14 +121,14 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array, iterations: int) 
         trial_cost, trial_A, trial_b = problem.evaluate(trial, goal[active])
 
         better = trial_cost < cost[active]
-        small = cost[active] - trial_cost <= SMALLEST_GAIN * cost[active]
+        small = cost[active] - trial_cost <= MIN_GAIN * cost[active]
         taken = active[better]
         inputs[taken], cost[taken] = trial[better], trial_cost[better]
         A[better], b[better] = trial_A[better], trial_b[better]
-        mu[active] = np.maximum(mu[active] * np.where(better, TRUST, DOUBT), SMALLEST_MU)
+        mu[active] = np.maximum(mu[active] * np.where(better, TRUST, DOUBT), MIN_MU)
 
         exact = cost[active] <= 1e-24  # (1e-12)²: what rounding leaves of the positions of a few joints
-        going = ~(better & small) & (mu[active] < LARGEST_MU) & ~exact
+        going = ~(better & small) & (mu[active] < MAX_MU) & ~exact
         active, A, b = active[going], A[going], b[going]
         if not len(active):
             break

@@ -10,7 +10,7 @@ import numpy as np
 from handpose.data import labels
 from handpose.facts import icvl
 from handpose.facts.nyu import CUBE_MM, EVALUATION_JOINTS
-from handpose.joint_fit.calibration_problem import FEWEST_FRAMES
+from handpose.joint_fit.calibration_problem import MIN_FRAMES
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -68,10 +68,10 @@ def read_observations(
     half = np.concatenate([part.half_cube for part in parts])
     unseen = ~np.concatenate([part.seen for part in parts])[:, columns]
     usable = np.flatnonzero(2 * unseen.sum(axis=1) <= len(chosen))
-    if len(usable) < FEWEST_FRAMES:
+    if len(usable) < MIN_FRAMES:
         raise DataError(
             f"{path}: {len(usable)} of {len(stored)} frames have half of their joints within the cube (-1 to 1), "
-            f"expected {FEWEST_FRAMES} or more"
+            f"expected {MIN_FRAMES} or more"
         )
     if frames is not None and frames < len(usable):
         usable = np.sort(np.random.default_rng(seed).choice(usable, frames, replace=False))

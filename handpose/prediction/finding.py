@@ -31,7 +31,7 @@ SLAB_MM = 160.0  # behind its front, where the rest of a hand is
 REACH_MM = 125.0  # from its centre of mass: the hand, and not much of the forearm
 PALM_MM = 15.0  # from the surface of a palm to its middle
 BEHIND_MM = 38.0  # the centre lies so far behind the mean of what is seen, which is its front
-MOST_PIXELS = 1 << 21  # that are looked at; of a larger image every so manieth
+MAX_PIXELS = 1 << 21  # that are looked at; of a larger image every so manieth
 
 
 def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
@@ -40,7 +40,7 @@ def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
     Raises DataError if there is no surface as large as a hand.
     """
     whole = depth_image(depth)
-    step = max(1, math.ceil(math.sqrt(whole.size / MOST_PIXELS)))
+    step = max(1, math.ceil(math.sqrt(whole.size / MAX_PIXELS)))
     image = np.asarray(whole[step // 2 :: step, step // 2 :: step])
     seen = np.isfinite(image) & (image > 0)
     if not seen.any():

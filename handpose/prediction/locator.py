@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.data.depth_images import depth_image
-from handpose.data.places import CUBE_MM, FAR_MM, NEAREST_MM, SIZE, place_crops, surface_places
+from handpose.data.places import CUBE_MM, FAR_MM, MIN_DEPTH_MM, SIZE, place_crops, surface_places
 from handpose.facts.cameras import Camera
 from handpose.prediction.finding import find_hand
 from handpose.rounding import PLACE_STEP_MM, rounded
@@ -115,8 +115,8 @@ def odds_of(chance: Array, center: Array) -> Array:
 
 def _in_sight(center: Array, camera: Camera) -> NDArray[np.bool_]:
     """Which of the places (N, 3) are in the image."""
-    before = center[:, 2] > NEAREST_MM
-    u, v, _ = camera.project(np.where(before[:, None], center, (0, 0, NEAREST_MM))).T
+    before = center[:, 2] > MIN_DEPTH_MM
+    u, v, _ = camera.project(np.where(before[:, None], center, (0, 0, MIN_DEPTH_MM))).T
     return np.asarray(before & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
 
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from handpose.data.places import NEAREST_MM
+from handpose.data.places import MIN_DEPTH_MM
 from handpose.facts import icvl, nyu
 from handpose.facts.cameras import ICVL, NYU, Camera
 from handpose.scoring import metrics
@@ -27,7 +27,7 @@ Format = Literal["uvd", "xyz"]
 
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
 THRESHOLDS_MM = range(81)  # of the success curves
-_LARGEST = 1e6  # px or mm; beyond it a number is a mistake, and squares might overflow
+_MAX_VALUE = 1e6  # px or mm; beyond it a number is a mistake, and squares might overflow
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
             raise _mistake(f"{path}:{number}", line, joints)
         values.append(row)
     found = np.array(values).reshape(-1, joints, 3)
-    wrong = ~(np.abs(found) < _LARGEST).all(axis=(1, 2))
+    wrong = ~(np.abs(found) < _MAX_VALUE).all(axis=(1, 2))
     if wrong.any():
         first = int(wrong.argmax())
         raise _mistake(f"{path}:{first + 1}", lines[first], joints)
     usual = float(np.median(np.abs(found[..., 2])))
-    if usual < NEAREST_MM:
-        raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than {NEAREST_MM:g}: are "
-                        "they metres?")  # fmt: skip
+    if usual < MIN_DEPTH_MM:
+        raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
+                        f"{MIN_DEPTH_MM:g}: are they metres?")  # fmt: skip
     if fmt == "xyz":
         return found
     depth = found[..., 2].min(axis=1)
@@ -115,14 +115,14 @@ def _mistake(where: str, line: str, joints: int) -> DataError:
     for word in re.finditer(r"\S+", line):
         if not _is_sensible(word[0]):
             return DataError(f"{where}:{word.start() + 1}: found {word[0][:40]!r}, "
-                             f"expected a number of px or mm, below {_LARGEST:g}")  # fmt: skip
+                             f"expected a number of px or mm, below {_MAX_VALUE:g}")  # fmt: skip
     count = len(line.split())
     return DataError(f"{where}: found {count} number{'s' * (count != 1)}, expected {3 * joints} = {joints} joints x 3")
 
 
 def _is_sensible(word: str) -> bool:
     try:
-        return abs(float(word)) < _LARGEST
+        return abs(float(word)) < _MAX_VALUE
     except ValueError:
         return False
 

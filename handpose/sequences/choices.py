@@ -11,7 +11,7 @@ from handpose.sequences.person import Person
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array
 
-MOST_TURN = np.deg2rad(80)  # of a palm in one stroke
+MAX_TURN = np.deg2rad(80)  # of a palm in one stroke
 ARM_DEVIATION = 0.6  # of the skeleton file's, which are for any hand
 TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5  # the most of a forearm's direction to the camera, up, and to the other hand
 CANDIDATES = 16  # of which the first that is possible is taken, or the best
@@ -74,7 +74,7 @@ class Choices:
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
             over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
-        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MOST_TURN, 0))
+        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0))
 
 
 def _first(found: Array, most: float) -> int:

@@ -32,8 +32,8 @@ from handpose.track_files.reasons import PARTLY
 from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.errors import DataError, did_you_mean
 
-LONGEST_S = 36000.0
-LARGEST = 1 << 14  # pixels either way, as in a camera.json
+MAX_SECONDS = 36000.0
+MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
 FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # what random numbers are for, beside those of the stage
 
 
@@ -64,14 +64,14 @@ class SyntheticRecording(Recording):
             self.script = self.script.mirrored()
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
-        if not (0 < rate < np.inf and 0 < length <= LONGEST_S) or seed < 0:
+        if not (0 < rate < np.inf and 0 < length <= MAX_SECONDS) or seed < 0:
             raise DataError(f"{length:g} s at rate {rate:g}, seed {seed}; expected more than 0 and at most "
-                            f"{LONGEST_S:g} s, the seed 0 or more")  # fmt: skip
+                            f"{MAX_SECONDS:g} s, the seed 0 or more")  # fmt: skip
         if not camera.width:
             camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
-        if not (0 < camera.width <= LARGEST and 0 < camera.height <= LARGEST):
+        if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
             raise DataError(f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
-                            f"{LARGEST} each way (u0 and v0 are taken for half of it)")  # fmt: skip
+                            f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)")  # fmt: skip
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)

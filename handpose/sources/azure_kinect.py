@@ -23,7 +23,7 @@ MODES = {  # width and height of the whole sensor in a mode's pixels, the crop's
     "WFOV_UNBINNED": ((1024, 1024), (0, 0), (1024, 1024)),
     "WFOV_2X2BINNED": ((512, 512), (0, 0), (512, 512)),
 }
-LOCATION, LARGEST = "CALIBRATION_CameraLocationD0", 1 << 20  # bytes of a calibration; those of devices have 10,000
+LOCATION, MAX_CALIBRATION_BYTES = "CALIBRATION_CameraLocationD0", 1 << 20  # those of devices have 10,000
 MODEL = "CALIBRATION_LensDistortionModel"
 
 
@@ -59,8 +59,8 @@ def _loaded(attachment: Any, where: str) -> Any:
     content = bytes(getattr(attachment, "data", b""))
     if not content:
         raise DataError(f"{where}: this PyAV cannot read {CALIBRATION}, or it is empty: pip install --upgrade av")
-    if len(content) > LARGEST:
-        raise DataError(f"{where}: {CALIBRATION} of {len(content)} bytes; expected at most {LARGEST}")
+    if len(content) > MAX_CALIBRATION_BYTES:
+        raise DataError(f"{where}: {CALIBRATION} of {len(content)} bytes; expected at most {MAX_CALIBRATION_BYTES}")
     try:
         return json.loads(content.rstrip(b"\0"))
     except (ValueError, RecursionError) as error:

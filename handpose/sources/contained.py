@@ -13,7 +13,7 @@ from handpose.sources.raw import Settled
 from handpose.sources.recording import DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
-FARTHEST_BACK = 1.0  # s: a clock that goes back by more was set anew
+MAX_DISTANCE_BACK = 1.0  # s: a clock that goes back by more was set anew
 
 
 class Contained(Recording):
@@ -68,7 +68,7 @@ class Clock:
         if self._first is None:
             self._first = self._last = time
             return 0.0
-        if time < self._last - FARTHEST_BACK:
+        if time < self._last - MAX_DISTANCE_BACK:
             raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
                             "expected one recording")  # fmt: skip
         if time - self._first <= self._last - self._first:

@@ -35,8 +35,8 @@ EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 CAMERA_RATES = (4, 250)  # frames per second of depth cameras
 OFF_STEP = 0.2  # of a step, that a frame may come early or late
 REGULAR_SHARE = 0.75  # of the steps between frames
-LONGEST = 18  # digits of a number that counts frames
-MOST_SHOWN = 6  # sequences that a message names
+MAX_DIGITS = 18  # digits of a number that counts frames
+MAX_SHOWN = 6  # sequences that a message names
 
 
 @dataclass(frozen=True)
@@ -147,13 +147,13 @@ def _numbers(names: list[str], stems: list[str], where: str) -> Found:
             sequences[name].append(0)
             continue
         run = runs[columns[_texts(stem)]]
-        if len(run[0].lstrip("0")) > LONGEST + 1:
+        if len(run[0].lstrip("0")) > MAX_DIGITS + 1:
             raise DataError(f"{where}: {name}: a number of {len(run[0])} digits; expected a frame's number or time")
         sequences[f"{stem[: run.start()]}*{stem[run.end() :]}{PurePath(name).suffix}"].append(int(run[0]))
     if len(sequences) > 1:
         told = [f"{pattern} ({len(numbers)})" for pattern, numbers in sorted(sequences.items())]
-        more = f" and {len(told) - MOST_SHOWN} more" if len(told) > MOST_SHOWN else ""
-        raise DataError(f"{where}: holds {len(told)} sequences: {', '.join(told[:MOST_SHOWN])}{more}; name one, "
+        more = f" and {len(told) - MAX_SHOWN} more" if len(told) > MAX_SHOWN else ""
+        raise DataError(f"{where}: holds {len(told)} sequences: {', '.join(told[:MAX_SHOWN])}{more}; name one, "
                         f"as '{where}/{min(sequences)}'")  # fmt: skip
     numbers = next(iter(sequences.values()))
     for unit, ticks in (("s", 1), *((unit, UNITS[unit]) for unit in ("ms", "us", "ns"))):

@@ -24,9 +24,9 @@ from netlib.errors import DataError, did_you_mean
 
 COUNTS = (4, 5, 8)  # of coefficients
 ITERATIONS = 30  # of the inverse, whose steps shrink to a half or less for any lens that is sold
-LARGEST = 1e-5  # slope that the inverse may be off; 0.01 px of a camera of 1,000 px
+MAX_SLOPE_ERROR = 1e-5  # slope that the inverse may be off; 0.01 px of a camera of 1,000 px
 STEPS = 4096  # in which a lens is followed from the middle to the corner
-LEAST_SHOWN = 0.25  # of a picture; with less left of it, the coefficients are not this camera's
+MIN_SHOWN = 0.25  # of a picture; with less left of it, the coefficients are not this camera's
 
 # What others call the models, without case and with one space between words. RealSense says "modified Brown Conrady" of
 # colour cameras; fisheyes are none of depth cameras.
@@ -71,7 +71,7 @@ class Lens:
                 u, v = self._formula(a, b)
                 a, b = a + (x - u), b + (y - v)
             u, v = self._formula(a, b)
-            if not (np.hypot(u - x, v - y) < LARGEST).all():
+            if not (np.hypot(u - x, v - y) < MAX_SLOPE_ERROR).all():
                 raise DataError(f"distortion {self.coefficients} cannot be inverted over the picture; check it")
             return a, b
 
@@ -129,7 +129,7 @@ class Straightener:
             column, row = np.rint(u * camera.fx + camera.u0), np.rint(v * camera.fy + camera.v0)
             inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
             self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
-        if inside.mean() < LEAST_SHOWN:
+        if inside.mean() < MIN_SHOWN:
             raise DataError(f"distortion {lens.coefficients} leaves {inside.mean():.0%} of the picture; check it")
         self._outside = ~inside
 

@@ -20,7 +20,7 @@ from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
 RATE = 30.0  # frames per second, of who does not say
-MOST = 65535  # that 16 bits hold
+MAX_UINT16 = 65535  # that 16 bits hold
 
 
 class Developer:
@@ -65,9 +65,9 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
     Raises DataError for depths that 16 bits cannot hold: they would come back as others.
     """
     values = np.rint(depth.astype(np.float64) / unit_mm)
-    if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MOST):
+    if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MAX_UINT16):
         raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
-                        f"{unit_mm:g} mm; expected 0 to {MOST * unit_mm:g}, or take a larger unit")  # fmt: skip
+                        f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit")  # fmt: skip
     return values.astype(np.uint16)
 
 

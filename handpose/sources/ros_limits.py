@@ -24,9 +24,9 @@ from netlib.files.paths import names_in
 
 BEGINNINGS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 PACKED = ".zstd"  # the ending of files that are compressed as a whole
-LARGEST_YAML = 1 << 20  # bytes; of a bag with hundreds of topics it has a tenth of them
-LARGEST_CHUNK = 1 << 28  # bytes; recorders close a chunk below 1 MB, or after a single message that is larger
-LARGEST_MESSAGE = 1 << 26  # bytes; an image of 4096 x 4096 depths of 32 bits
+MAX_YAML_BYTES = 1 << 20  # bytes; of a bag with hundreds of topics it has a tenth of them
+MAX_CHUNK_BYTES = 1 << 28  # bytes; recorders close a chunk below 1 MB, or after a single message that is larger
+MAX_MESSAGE_BYTES = 1 << 26  # bytes; an image of 4096 x 4096 depths of 32 bits
 
 
 def check_files(path: Path) -> None:
@@ -34,7 +34,7 @@ def check_files(path: Path) -> None:
     if not path.is_dir():
         _check_file(path)
         return
-    files.read_bytes(path / "metadata.yaml", "the bag", limit=LARGEST_YAML)
+    files.read_bytes(path / "metadata.yaml", "the bag", limit=MAX_YAML_BYTES)
     for name in sorted(names_in(path)):
         if Path(name).suffix.lower() in (*BEGINNINGS, PACKED):
             _check_file(path / name)
@@ -48,7 +48,7 @@ def _check_file(path: Path) -> None:
 
 @functools.cache
 def limit_reading() -> None:
-    """Have rosbags read and unpack no chunk and no message of more than LARGEST_CHUNK bytes; it then raises ValueError.
+    """Make rosbags raise ValueError for a chunk or message of more than MAX_CHUNK_BYTES bytes.
 
     ``limited_rows`` does the same for the rows of a .db3, which are single messages.
     """
@@ -70,8 +70,8 @@ def limit_reading() -> None:
 
 def _limited_read(read: Callable[[Any, int], bytes]) -> Callable[[Any, int], bytes]:
     def limited(source: Any, size: int) -> bytes:
-        if size > LARGEST_CHUNK:
-            raise ValueError(f"a part of the bag has {size} bytes; expected at most {LARGEST_CHUNK}")
+        if size > MAX_CHUNK_BYTES:
+            raise ValueError(f"a part of the bag has {size} bytes; expected at most {MAX_CHUNK_BYTES}")
         return read(source, size)
 
     return limited
@@ -79,11 +79,11 @@ def _limited_read(read: Callable[[Any, int], bytes]) -> Callable[[Any, int], byt
 
 @contextlib.contextmanager
 def limited_rows() -> Iterator[None]:
-    """An SQLite database that is opened within it reads no row of more than LARGEST_MESSAGE bytes."""
+    """An SQLite database that is opened within it reads no row of more than MAX_MESSAGE_BYTES bytes."""
     import apsw
 
     def limit(connection: Any) -> None:
-        connection.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_MESSAGE_BYTES)
 
     apsw.connection_hooks.append(limit)
     try:
@@ -100,21 +100,21 @@ def named_limits() -> Iterator[None]:
     try:
         yield
     except apsw.TooBigError as error:
-        raise ValueError(f"a message of more than {LARGEST_MESSAGE} bytes") from error
+        raise ValueError(f"a message of more than {MAX_MESSAGE_BYTES} bytes") from error
 
 
 def check_message(content: bytes) -> None:
     """Raise ValueError for a message that is larger than any image of a depth camera."""
-    if len(content) > LARGEST_MESSAGE:
-        raise ValueError(f"a message of {len(content)} bytes; expected at most {LARGEST_MESSAGE}")
+    if len(content) > MAX_MESSAGE_BYTES:
+        raise ValueError(f"a message of {len(content)} bytes; expected at most {MAX_MESSAGE_BYTES}")
 
 
 def _limited(decompressor: Callable[[], Any]) -> Callable[[bytes], bytes]:
     def unpacked(packed: bytes) -> bytes:
         one = decompressor()
-        content: bytes = one.decompress(packed, max_length=LARGEST_CHUNK)
+        content: bytes = one.decompress(packed, max_length=MAX_CHUNK_BYTES)
         if not one.eof:
-            what = f"unpacks to more than {LARGEST_CHUNK} bytes" if len(content) == LARGEST_CHUNK else "is cut"
+            what = f"unpacks to more than {MAX_CHUNK_BYTES} bytes" if len(content) == MAX_CHUNK_BYTES else "is cut"
             raise ValueError(f"a compressed part of the bag {what}")
         return content
 

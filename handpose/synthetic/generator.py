@@ -42,7 +42,7 @@ from netlib.errors import DataError
 Split = Literal["train", "test"]
 
 BLOCK = 64  # frames that share a random generator
-MOST_SEED = (1 << 32) - 1  # a larger one is two numbers: its training frames begin with the test frames of the first
+MAX_SEED = (1 << 32) - 1  # a larger one is two numbers: its training frames begin with the test frames of the first
 VERSION = 5  # to be raised when the code (in this folder, or crops.py), not a number of a recipe, changes frames
 
 
@@ -87,8 +87,8 @@ class Scene(NamedTuple):
 
 def check_source(seed: int, split: str) -> None:
     """Raise DataError for a seed or a split that there is not."""
-    if not 0 <= seed <= MOST_SEED:
-        raise DataError(f"seed {seed}, expected 0 to {MOST_SEED}")
+    if not 0 <= seed <= MAX_SEED:
+        raise DataError(f"seed {seed}, expected 0 to {MAX_SEED}")
     if split not in get_args(Split):
         raise DataError(f"split {split!r}, expected one of {', '.join(get_args(Split))}")
 

@@ -31,8 +31,8 @@ from netlib.files.paths import exists, find
 from netlib.proto import prototxt, schema
 from netlib.proto.schema import Double
 
-FARTHEST_MM = 1e5  # that a depth camera sees
-MOST_REDRAWS = 1000
+MAX_DISTANCE_MM = 1e5  # that a depth camera sees
+MAX_REDRAWS = 1000
 NYU_PRIOR = NYU_HAND.with_name("nyu_prior.prototxt")
 PEOPLE_PRIOR = NYU_HAND.with_name("people_prior.prototxt")
 
@@ -231,10 +231,10 @@ def _check(prior: PosePrior) -> None:
     _expect(
         prior.depth,
         "low",
-        0 < prior.depth.low <= prior.depth.high <= FARTHEST_MM,
-        f"0 < low <= high <= {FARTHEST_MM:g}, in mm",
+        0 < prior.depth.low <= prior.depth.high <= MAX_DISTANCE_MM,
+        f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm",
     )
-    _expect(prior, "redraws", 0 < prior.redraws <= MOST_REDRAWS, f"1 to {MOST_REDRAWS}")
+    _expect(prior, "redraws", 0 < prior.redraws <= MAX_REDRAWS, f"1 to {MAX_REDRAWS}")
     _check_dofs(prior, skeleton)
     _check_poses(prior, skeleton)
 
@@ -243,15 +243,16 @@ def _check_numbers(message: object) -> None:
     """Deviations are 0 or more, fractions 0 to 1, places and angles numbers that a camera could see."""
     for name, value in vars(message).items():
         if name in ("std", "noise", "blend_noise", "scale_std", "bone_std") or name.startswith("center_jitter"):
-            _expect(message, name, 0 <= value <= FARTHEST_MM, f"0 or more, up to {FARTHEST_MM:g}")
+            _expect(message, name, 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}")
         elif name in ("mean", "x", "y", "z"):
-            _expect(message, name, abs(value) <= FARTHEST_MM, f"a number between -{FARTHEST_MM:g} and {FARTHEST_MM:g}")
+            expected = f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}"
+            _expect(message, name, abs(value) <= MAX_DISTANCE_MM, expected)
         elif name in ("most", "scale_clip"):
             _expect(message, name, value >= 0, "0 or more")
         elif name == "penetration":
             _expect(message, name, not np.isnan(value), "a depth in mm")
         elif name == "scale_mean":
-            _expect(message, name, 0 < value <= FARTHEST_MM, "a factor above 0")
+            _expect(message, name, 0 < value <= MAX_DISTANCE_MM, "a factor above 0")
         elif name in ("any", "independent", "wide", "blend") and value is not None:
             _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
 

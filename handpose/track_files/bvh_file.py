@@ -33,11 +33,11 @@ from netlib.files import atomic
 
 TOWARDS = np.array([1.0, 1.0, -1.0])  # from camera axes, whose z is away
 METRE = 1000.0
-MOST_FRAMES = 10_000  # without another word, and more of those that ...
-MOST_EACH = 10  # ... stand for one of the recording: where that has gaps of hours, a pose would be kept for millions
+MAX_FRAMES = 10_000  # without another word, and more of those that ...
+MAX_VALUES = 10  # ... stand for one of the recording: where that has gaps of hours, a pose would be kept for millions
 BURST = 24  # steps that are looked at together, at most, ...
 SHARE = 8  # ... and one in so many of all: a pause or two are then in few of them
-MOST_APART = 1.5  # times that one step may be off theirs: frames are lost, and clocks are coarse
+MAX_SPREAD = 1.5  # times that one step may be off theirs: frames are lost, and clocks are coarse
 RATE = 30.0  # of a track of one frame
 
 
@@ -101,11 +101,11 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
     if rate is None:
         step = _usual_step(times, 1)
         over_bursts = _usual_step(times, min(BURST, max(1, (len(times) - 1) // SHARE)))
-        if max(step, over_bursts) > MOST_APART * min(step, over_bursts):
+        if max(step, over_bursts) > MAX_SPREAD * min(step, over_bursts):
             step = over_bursts
         rate = 1 / step if step > 0 else RATE
     length = (times[-1] - times[0]) * rate
-    most = max(MOST_FRAMES, MOST_EACH * len(times))
+    most = max(MAX_FRAMES, MAX_VALUES * len(times))
     if not length < most:
         raise DataError(f"{len(times)} frames from {times[0]:g} s to {times[-1]:g} s, {rate:g} a second, would be "
                         f"{length:.3g} frames of BVH; at most {most} are written")  # fmt: skip

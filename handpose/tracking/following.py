@@ -25,7 +25,7 @@ KEPT = 0.7  # of the speed, from frame to frame
 NEW = 0.6  # how much of a speed is that of the last two frames
 COMPARE = 0.1  # s between looks that compare left and right, until it is decided
 DECIDED = 3.0  # logarithm of the ratio of doubts, summed up over such looks, that decides between left and right
-MOST = 1.2  # of it that one look may say
+MAX_EVIDENCE = 1.2  # of it that one look may say
 SETTLED = 6.0  # the most that later looks may say for the side that was decided: so much longer it stays
 LOOKS = 6  # after so many the sum decides, whatever it is
 
@@ -178,7 +178,7 @@ class Follower:
         if len(doubt) < 2 or np.isnan(known).any() or np.isinf(known).all():  # where nothing is seen, nothing is said
             return
         right, left = (np.log(np.clip(doubt[side], 1e-9, 1e9)) for side in SIDES)
-        says = float(np.clip(left - right, -MOST, MOST))
+        says = float(np.clip(left - right, -MAX_EVIDENCE, MAX_EVIDENCE))
         if self.is_decided:
             self._reconsider(says, sights)
             return

@@ -13,7 +13,7 @@ from handpose.tracking.looking import Aim, Sight
 from netlib.errors import DataError
 
 NO_HAND = "what is seen where it was does not look like a hand"
-FEWEST = 0.03  # part of a crop that shows something
+MIN_VISIBLE = 0.03  # part of a crop that shows something
 COVERED = 0.3  # part of a crop that is nearer than the cube around the hand
 MARGIN = 0.15  # of the cube around the hand: if its middle is so near the image's edge, the hand leaves it
 
@@ -37,7 +37,7 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
         return LEFT
     if (shown <= -BACKGROUND).mean() > COVERED:
         return f"{HIDDEN} by something nearer"
-    if (np.abs(shown) < BACKGROUND).mean() < FEWEST:
+    if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
         return f"nothing is seen where it was, {d:.0f} mm away"
     if sight is None:
         return LEFT

@@ -17,7 +17,7 @@ ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5)  # per 
 OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.8)  # per rad/s, and of sizes their logarithm
 GOOD_MM = 14.0  # error to be expected of a pose; those with a larger one jump: they are trusted less, ...
 POWER = 3  # ... by this power of how much larger, ...
-LEAST = 0.1  # ... but so much at least: a hand may move meanwhile
+MIN_TRUST = 0.1  # ... but so much at least: a hand may move meanwhile
 
 
 class PoseFilter:
@@ -33,7 +33,7 @@ class PoseFilter:
 
         error_mm  to be expected of its joints; NaN if nobody knows
         """
-        trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, LEAST)
+        trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
         return Placed(
             self._place(body.place, time, trust),
             self._rotation(body.rotation, time, trust),

@@ -37,7 +37,7 @@ from handpose.tracking.telling import told
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
-MOST_HANDS = 100  # beyond which a number of hands is a mistake
+MAX_HANDS = 100  # beyond which a number of hands is a mistake
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
 STRANGE_NEW_MM, STRANGE_MM = 115.0, 135.0  # a new hand is no stranger than this, one that is followed than that
 CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
@@ -81,7 +81,7 @@ class Tracker:
     ) -> None:  # fmt: skip
         if predictor.fitter is None or predictor.locator is None:
             raise NetlibError("a tracker needs a predictor with a fit and a locator")
-        check_whole("hands", hands, 1, MOST_HANDS)
+        check_whole("hands", hands, 1, MAX_HANDS)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
         self.limit, self.smooth, self.flesh = hands, smooth, flesh

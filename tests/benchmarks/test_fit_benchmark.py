@@ -10,7 +10,7 @@ from handpose.depth_fit.search import PLANS
 
 def test_a_benchmark(monkeypatch: pytest.MonkeyPatch, keep_threads: None, capsys: pytest.CaptureFixture[str]) -> None:
     """A row for each, with a time for each column."""
-    monkeypatch.setattr(fit, "TOGETHER", 2)
+    monkeypatch.setattr(fit, "MAX_CROPS", 2)
     assert fit.main(["--repeats", "1"]) == 0
     head, *rows = capsys.readouterr().out.splitlines()
     assert head.endswith("all, 2 together")

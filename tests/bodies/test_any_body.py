@@ -162,17 +162,17 @@ def test_parts_that_are_about_hands(tmp_path: Path) -> None:
     )
     (tmp_path / "net.prototxt").write_text(text[:start] + given + text[end : text.index('layer { name: "joint_loss"')])
     net = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TEST)
-    with pytest.raises(NetlibError, match="skeleton 'random1' is no hand, so there is no left one"):
+    with pytest.raises(NetlibError, match="skeleton 'random1' is not a hand, so there is no left one"):
         Predictor(net, KINECT2, cube_mm=900, hand="left")
-    with pytest.raises(NetlibError, match=r"'random1' is no hand, .*; expected the edge of its cube in mm"):
+    with pytest.raises(NetlibError, match=r"'random1' is not a hand: .*; expected the edge of its cube in mm"):
         Predictor(net, KINECT2)
     predictor = Predictor(net, KINECT2, cube_mm=900, hand="either", fit="fast")
     assert predictor.sides == ("right",)
     frame = np.full((424, 512), 2000, np.uint16)
-    with pytest.raises(DataError, match="skeleton 'random1' is no hand, and only hands are searched for"):
+    with pytest.raises(DataError, match="skeleton 'random1' is not a hand, and only hands are searched for"):
         predictor.in_frame(frame)
     found = predictor.in_frame(frame, (250.0, 200.0, 2100.0))
     assert np.isfinite(found.joints).all() and tuple(found.center_uvd) == (250, 200, 2100)
     predictor.locator = object()  # type: ignore[assignment]
-    with pytest.raises(NetlibError, match="'random1' is no hand, for it has no joint 'palm'; only hands are followed"):
+    with pytest.raises(NetlibError, match="'random1' is not a hand: it has no joint 'palm'; only hands are followed"):
         Tracker(predictor)

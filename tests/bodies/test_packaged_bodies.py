@@ -184,7 +184,7 @@ def test_the_tools(
     see = [predict.main, ["crop.png", "--model", net[0], "--weights", net[1], "--fit", "no"]]
     for tool, arguments in (see, [export_onnx.main, [*net, "net.onnx"]]):
         assert tool(arguments) == 1
-        assert f"skeleton '{name}' is no hand, for it has no joint 'palm'; expected the edge" in capsys.readouterr().err
+        assert f"skeleton '{name}' is not a hand: it has no joint 'palm'; expected the edge" in capsys.readouterr().err
         assert tool([*arguments, "--cube", "1000"]) == 0
     assert cv2.imread("crop_body.png") is not None
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.data.crops import crop
-from handpose.data.places import BEHIND_MM, CUBE_MM, FAR_MM, NEAREST_MM, SIZE, VOXEL_MM, place_crops, surface_places
+from handpose.data.places import BEHIND_MM, CUBE_MM, FAR_MM, MIN_DEPTH_MM, SIZE, VOXEL_MM, place_crops, surface_places
 from handpose.facts.cameras import NYU
 from netlib.errors import DataError
 
@@ -63,7 +63,7 @@ def test_crops_of_places_are_those_of_each(seed: int) -> None:
     crops, kept = [], []
     for place in places:
         try:
-            if place[2] > NEAREST_MM:
+            if place[2] > MIN_DEPTH_MM:
                 crops.append(crop(depth, NYU.project(place), CUBE_MM, NYU, SIZE))
                 kept.append(place)
         except DataError:  # out of sight

@@ -224,7 +224,7 @@ def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch
     """The hand is found where it was, to the distance of these pixels."""
     images, _ = frames
     larger = replace(NYU, fx=4 * NYU.fx, fy=4 * NYU.fy, u0=4 * NYU.u0, v0=4 * NYU.v0)
-    monkeypatch.setattr(finding, "MOST_PIXELS", images[0].size)
+    monkeypatch.setattr(finding, "MAX_PIXELS", images[0].size)
     for image in images[:4]:
         found = find_hand(image.repeat(4, axis=0).repeat(4, axis=1), larger)
         assert np.abs(found / (4, 4, 1) - find_hand(image, NYU)).max() < 1

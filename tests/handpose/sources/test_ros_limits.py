@@ -51,7 +51,7 @@ def test_a_chunk_that_unpacks_to_more_than_memory_should_hold(
     """Of ROS 1; one that does not is read."""
     path = bags.write_ros1(tmp_path / "a.bag", np.zeros_like(DEPTH), compression=compression)
     assert len(list(open_bag(path, GIVEN))) == 2
-    monkeypatch.setattr(ros_limits, "LARGEST_CHUNK", 5000)
+    monkeypatch.setattr(ros_limits, "MAX_CHUNK_BYTES", 5000)
     with pytest.raises(DataError, match=r"a\.bag: .*unpacks to more than 5000 bytes"):
         open_bag(path, GIVEN)
 
@@ -66,7 +66,7 @@ def test_the_same_of_ros_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode
     messages = bags.Messages(False)
     bags.write(writer, messages, bags.driver(messages, np.zeros_like(DEPTH)))
     assert len(list(open_bag(tmp_path / "ros2", GIVEN))) == 2
-    monkeypatch.setattr(ros_limits, "LARGEST_CHUNK", 5000)
+    monkeypatch.setattr(ros_limits, "MAX_CHUNK_BYTES", 5000)
     with pytest.raises(DataError, match="unpacks to more than 5000 bytes"):
         open_bag(tmp_path / "ros2", GIVEN)
 
@@ -82,9 +82,9 @@ WRITERS: dict[str, Callable[..., Path]] = {
 def test_a_message_that_is_larger_than_any_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """One line; a row of a database is not even read."""
     path = WRITERS[name](tmp_path / name, DEPTH)
-    monkeypatch.setattr(ros_limits, "LARGEST_MESSAGE", 6400)  # one has 2 * 48 * 64 bytes, and its header
+    monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6400)  # one has 2 * 48 * 64 bytes, and its header
     assert len(list(open_bag(path, GIVEN))) == 2
-    monkeypatch.setattr(ros_limits, "LARGEST_MESSAGE", 6000)
+    monkeypatch.setattr(ros_limits, "MAX_MESSAGE_BYTES", 6000)
     with pytest.raises(DataError, match=rf"{name}.*: a message of (61\d\d bytes; expected at most|more than) 6000"):
         open_bag(path, GIVEN)
 
@@ -93,6 +93,6 @@ def test_a_message_that_is_larger_than_any_image(tmp_path: Path, monkeypatch: py
 def test_a_chunk_that_is_too_large_to_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Though it is not compressed, so that the file itself is as large."""
     path = WRITERS[name](tmp_path / name, DEPTH)
-    monkeypatch.setattr(ros_limits, "LARGEST_CHUNK", 6000)
+    monkeypatch.setattr(ros_limits, "MAX_CHUNK_BYTES", 6000)
     with pytest.raises(DataError, match=rf"{name}.*: a part of the bag has \d+ bytes; expected at most 6000$"):
         open_bag(path, GIVEN)
