@@ -184,7 +184,7 @@ class DepthFitter:
     def _told(
         self, found: Found, seen: Observation, network: Array, plan: Plan, moved_mm: Array | float = 0.0
     ) -> DepthFit:
-        """The results of fits that started from joints (N, K, 3); ``moved_mm`` is a lower bound of the distance moved."""
+        """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
         model, joints = self.model, self.model.joints(found.x)
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])

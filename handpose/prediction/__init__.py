@@ -1,1 +1,1 @@
-"""From a depth image to the joints of a hand: find it, crop it, run a net, move the crop."""
+"""Predict hands in depth images: locate them, crop them, run a network, and fit a capsule model to the depth."""

@@ -1,7 +1,7 @@
-"""Where is the hand in a depth image? The nearest thing, as everyone holds it; then its centre of mass.
+"""Find a hand in a depth image without a network: the centre of mass of the nearest object.
 
-Good enough to start from: ``recenter`` then moves the crop to where the network sees the palm, as training crops have
-it (joint 34 of the NYU annotation).
+This is a start: ``recenter`` then moves the crop to the palm that the network predicts, as in the training crops (joint
+34 of the NYU annotation).
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from netlib.errors import DataError
 
 # Tuned on synthetic frames in NYU's format (tools/make_synthetic.py --raw): half of the centres are within 31 mm of the
 # true one, nine of ten within 55 mm.
-FRONT_MM2 = 1500.0  # of surface that the nearest thing must show, else it is noise
-SLAB_MM = 160.0  # behind its front, where the rest of a hand is
-REACH_MM = 125.0  # from its centre of mass: the hand, and not much of the forearm
-PALM_MM = 15.0  # from the surface of a palm to its middle
-BEHIND_MM = 38.0  # the centre lies so far behind the mean of what is seen, which is its front
-MAX_PIXELS = 1 << 21  # that are looked at; of a larger image every so manieth
+FRONT_MM2 = 1500.0  # minimum visible area of the nearest object; less is noise
+SLAB_MM = 160.0  # depth range behind the front that contains the hand
+REACH_MM = 125.0  # radius about the centre of mass: the hand, and little of the forearm
+PALM_MM = 15.0  # from the surface of the palm to its middle
+BEHIND_MM = 38.0  # from the mean of the visible points, which are in front, to the centre
+MAX_PIXELS = 1 << 21  # larger images are subsampled
 
 
 def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
-    """Centre (3,), u, v in px and d in mm, of the nearest thing in a depth image (height, width) in mm.
+    """Centre (3,), u, v in px and d in mm, of the nearest object in a depth image (height, width) in mm.
 
     Raises DataError if there is no surface as large as a hand.
     """
@@ -47,14 +47,14 @@ def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
         raise DataError("no depth anywhere in the image")
     depths = np.sort(image[seen]).astype(np.float64)  # integers are sorted faster
     image = np.asarray(image, dtype=np.float64)
-    surface = step**2 * np.cumsum(depths**2) / (camera.fx * camera.fy)  # mm² that pixels up to each depth show
+    surface = step**2 * np.cumsum(depths**2) / (camera.fx * camera.fy)  # visible area in mm² up to each depth
     if surface[-1] < FRONT_MM2:
         raise DataError(f"only {surface[-1]:.0f} mm² of surface in the image, expected a hand")
     front = depths[np.searchsorted(surface, FRONT_MM2)]
     slab = seen & (image <= front + SLAB_MM)
     _, label, _, _ = cv2.connectedComponentsWithStats(slab.astype(np.uint8), connectivity=8)
     nearest = seen & (image <= front)
-    shown = np.bincount(label[nearest], weights=image[nearest] ** 2)  # surface: a speck that is near has many pixels
+    shown = np.bincount(label[nearest], weights=image[nearest] ** 2)  # area, because near specks have many pixels
     one = label == 1 + np.argmax(shown[1:])
     v, u = (step // 2 + step * pixels for pixels in np.nonzero(one))
     points = np.ascontiguousarray(camera.unproject(np.stack([u, v, image[one]], axis=1)).T)
@@ -69,7 +69,7 @@ def find_hand(depth: NDArray[np.generic], camera: Camera) -> Array:
 
 
 def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8) -> Array:
-    """Centre (3,) at pixel u, v, at the median depth around it: u, v in px and d in mm. Raises DataError."""
+    """Centre (3,) at pixel u, v with the median depth around it: u, v in px and d in mm. Raises DataError."""
     image = depth_image(depth)
     row, column = round(v), round(u)
     if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]):
@@ -84,12 +84,12 @@ def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8)
 def recenter(
     joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, side: Side = "right"
 ) -> Array:
-    """The crop centre (3,) at which training has the hand whose joints were predicted in the crop at ``center_uvd``.
+    """The crop centre (3,) for joints predicted in the crop at ``center_uvd``, as in the training crops.
 
     joints  (K, 3) half-cubes from the crop centre; those of a left hand mirrored
     side    of the hand
 
-    Training with NYU's centres, that is: those of other data sets lie elsewhere in the palm (ICVL's at its joint).
+    For nets trained with NYU's centres; those of other data sets are elsewhere in the palm (ICVL's at its joint).
     Raises DataError if the skeleton has no palm.
     """
     if "palm" not in skeleton.joint_names:
@@ -102,10 +102,10 @@ def recenter(
 
 
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
-    """How the palm is turned: world_from_palm (3, 3) of joints (K, 3).
+    """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
 
-    It moves the joints fixed to the palm best from where they are in its frame to where they are given. Raises
-    DataError if the skeleton has too few such joints.
+    It is the rotation that best moves the joints fixed to the palm from their positions in its frame to those given.
+    Raises DataError if the skeleton has too few such joints.
     """
     fixed, in_palm = _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
@@ -114,7 +114,7 @@ def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
 
 @functools.lru_cache(maxsize=16)
 def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
-    """The joints that move with the palm and no other way, and where they are (n, 3) from it and in its frame."""
+    """The joints that move with the palm only, and their positions (n, 3) from it in its frame."""
     palm = skeleton.joint_names.index("palm")
     fixed = np.flatnonzero((skeleton.moves == skeleton.moves[:, [palm]]).all(axis=0))
     kinematics = kinematics_of(skeleton)

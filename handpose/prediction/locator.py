@@ -1,7 +1,8 @@
-"""Where hands are in a depth image: a small network looks at places all over the surface that was seen.
+"""The locator: a small network that finds hands in a depth image.
 
-It says of each how likely a hand is near, and where that hand's middle is. The likely ones are looked at again from
-there, and of what comes together in one place the likeliest is kept. It does not know left from right.
+It evaluates places all over the visible surface: the probability of a hand near each, and the position of its middle.
+The likeliest places are evaluated again at these positions, and of places close together the likeliest is kept. It does
+not distinguish left from right.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
-LIKELIEST = 12  # of the places, the likeliest are looked at again ...
-TIMES = 3  # ... so often, each time from where the hand was said to be
-APART_MM = 60.0  # hands nearer to each other are one
-HANDS = 4  # at most so many are told, and the nearest thing
-TOGETHER = 64  # crops that are looked at together
-# A hand is held towards the camera: the odds of a place fall by e with every so many mm that it is farther away.
+LIKELIEST = 12  # number of places that are evaluated again
+TIMES = 3  # number of further evaluations, each at the predicted position
+APART_MM = 60.0  # hands closer than this are one
+HANDS = 4  # maximum number of hands returned, in addition to the nearest object
+TOGETHER = 64  # crops in one pass of the network
+# Hands are held towards the camera: the odds of a place fall by a factor e with every 100 mm of depth.
 FARTHER_MM = 100.0
-SURE = 1e-5  # nothing is more certain than this
+SURE = 1e-5  # probabilities are clipped to [SURE, 1 - SURE]
 
 
 class Located(NamedTuple):
-    """Where hands may be, the likeliest first, and at the end the nearest thing, if it is not one of them already."""
+    """Places of hands, the likeliest first; the last is the nearest object, unless it is one of the others."""
 
-    center: Array  # (C, 3) mm, camera axes: the middles of crops about them
-    odds: Array  # (C,) logarithms of the odds that there is a hand: the net's, less 1 for each FARTHER_MM of depth
+    center: Array  # (C, 3) mm, camera axes: centres of crops about them
+    odds: Array  # (C,) log-odds of a hand: the net's, less 1 for each FARTHER_MM of depth
 
 
 class Locator:
@@ -50,9 +51,9 @@ class Locator:
         self.net = net
 
     def hands(self, depth: NDArray[np.generic], camera: Camera) -> Located:
-        """Where hands may be in a depth image (height, width) in mm, 0 where nothing was read.
+        """Find hands in a depth image (height, width) in mm, 0 where there is no reading.
 
-        Raises DataError if nothing is seen that may be one, and for an image of another camera.
+        Raises DataError if nothing visible can be a hand, and for an image of another size than the camera's.
         """
         image = depth_image(depth)
         if not (image > 0).any():
@@ -83,18 +84,18 @@ class Locator:
         return found
 
     def at(self, depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[Array, Array]:
-        """Chances (n,) that hands are near the places (N, 3) that are in sight, and where (n, 3) their middles are; mm.
+        """Probabilities (n,) of hands near the places (N, 3) in the image, and their middles (n, 3) in mm.
 
-        Raises NetlibError for answers that are not finite.
+        Raises NetlibError for outputs that are not finite.
         """
         crops, kept = place_crops(depth, places, camera)
         chance, where = self.look(crops)
         return chance, kept + where
 
     def look(self, crops: NDArray[np.floating]) -> tuple[Array, Array]:
-        """Chance (N,) that a hand is near in crops (N, SIZE, SIZE), and how far (N, 3) in mm its middle is off.
+        """Probability (N,) of a hand near the middle of crops (N, SIZE, SIZE), and its offset (N, 3) in mm.
 
-        Raises NetlibError for answers that are not finite.
+        Raises NetlibError for outputs that are not finite.
         """
         chance, where = [np.zeros(0)], [np.zeros((0, 3))]
         for first in range(0, len(crops), TOGETHER):
@@ -108,20 +109,20 @@ class Locator:
 
 
 def odds_of(chance: Array, center: Array) -> Array:
-    """Logarithms (N,) of the odds of places (N, 3) with these chances (N,)."""
+    """The log-odds (N,) of places (N, 3) with these probabilities (N,)."""
     sure = np.clip(chance, SURE, 1 - SURE)
     return np.asarray(np.log(sure / (1 - sure)) - center[:, 2] / FARTHER_MM)
 
 
 def _in_sight(center: Array, camera: Camera) -> NDArray[np.bool_]:
-    """Which of the places (N, 3) are in the image."""
+    """True (N,) for places (N, 3) in the image."""
     before = center[:, 2] > MIN_DEPTH_MM
     u, v, _ = camera.project(np.where(before[:, None], center, (0, 0, MIN_DEPTH_MM))).T
     return np.asarray(before & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height))
 
 
 def _apart(odds: Array, center: Array, count: int) -> Located:
-    """The likeliest of places (N, 3) that are not the same."""
+    """The likeliest of places (N, 3) that are not close to a likelier one."""
     kept: list[int] = []
     for i in np.argsort(-odds, kind="stable"):
         if all(np.linalg.norm(center[i] - center[j]) > APART_MM for j in kept):

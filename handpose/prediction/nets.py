@@ -22,7 +22,7 @@ from netlib.errors import DataError, NetlibError
 from netlib.layer import TEST
 from netlib.net import Net
 
-PALM = "palm"  # the joint that makes a body a hand
+PALM = "palm"  # every hand has this joint, and no other body
 SIZES = 0.5, 2.0  # range of predicted sizes relative to the skeleton; values outside are clipped
 JOINTS = "joints"  # blob of joints that a net predicts in addition to those of its hand model
 

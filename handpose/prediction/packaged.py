@@ -1,8 +1,8 @@
-"""The weights that come with the repository, and what a model's card says of them.
+"""The packaged weights, and the cards that describe models.
 
-A model is a folder, in the way of Caffe's model zoo: ``readme.md`` begins with front matter, lines ``key: value``
-between two lines ``---``: name, caffemodel (the file of weights), license, sha256 (its checksum), net_sha256 (that of
-``deploy.prototxt``, the net, with line ends of Unix).
+A model is a folder, as in Caffe's model zoo. Its ``readme.md`` begins with front matter, lines ``key: value`` between
+two lines ``---``: name, caffemodel (the weights file), license, sha256 (its checksum), net_sha256 (the checksum of
+``deploy.prototxt``, the net, with Unix line ends).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
 
 @dataclass(frozen=True)
 class Card:
-    """What a model's readme.md says in its front matter."""
+    """The front matter of a model's readme.md."""
 
     name: str
     weights: Path
@@ -57,19 +57,19 @@ def read_card(folder: Path) -> Card:
 
 
 def checked_weights(card: Card) -> Path:
-    """The file of weights, after comparing its checksum. Raises WeightsError."""
+    """The path of the weights, after verifying their checksum. Raises WeightsError."""
     _check(card.weights, files.read_bytes(card.weights, "weights", WeightsError), card.sha256)
     return card.weights
 
 
 def checked_net(card: Card) -> Path:
-    """The net, after comparing its checksum, so that a modified net does not run. Raises WeightsError."""
+    """The path of the net, after verifying its checksum, so that no modified net runs. Raises WeightsError."""
     _check(card.net, net_content(card.net), card.net_sha256)
     return card.net
 
 
 def net_content(path: Path) -> bytes:
-    """The bytes of a net's file of which net_sha256 is the checksum. Raises WeightsError."""
+    """The content of a net's file for which net_sha256 is computed. Raises WeightsError."""
     return files.read_bytes(path, "the net", WeightsError).replace(b"\r\n", b"\n")
 
 
