@@ -1,4 +1,4 @@
-"""What is known about hands and depth cameras.
+"""Hand pose from depth images: data sets, synthetic frames, predictors, fits, trackers and their scores.
 
 facts, data, importers, sources (cameras and recordings), surface, joint_formats, synthetic, sequences,
 joint_fit, depth_fit, prediction, tracking, track_files, scoring, drawing, experiments.

@@ -15,7 +15,7 @@ import handpose
 
 PROGRAM = "handpose"
 BASE = Path(__file__).resolve().parents[1]
-INSTALLED = BASE / "netlib" / "share" / "tools"  # netlib/files/paths.py; nothing of it is imported before a tool begins
+INSTALLED = BASE / "netlib" / "share" / "tools"  # netlib/files/paths.py, which is not imported before a tool starts
 TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
 
 
@@ -58,7 +58,7 @@ def usage() -> str:
 
 def _run(path: Path) -> None:
     """Run a file as the main module. ``runpy`` would put the file's name in the place of the command's."""
-    sys.path.insert(0, str(path.parent.parent))  # tools/, exercises/ and export/ are no packages of site-packages
+    sys.path.insert(0, str(path.parent.parent))  # tools/, exercises/ and export/ are not installed as packages
     module = ModuleType("__main__")
     module.__file__ = str(path)
     sys.modules["__main__"] = module

@@ -1,1 +1,1 @@
-"""Depth frames, crops and labels: as data sets publish them, and as the HDF5 files that nets read."""
+"""Depth frames, crops and labels: in files of data sets, and in the HDF5 files that nets read."""

@@ -1,4 +1,4 @@
-"""What can be wrong with a published frame, in the words of the reports."""
+"""The kinds of errors in a published frame, as reports name them."""
 
 from __future__ import annotations
 

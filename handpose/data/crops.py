@@ -1,17 +1,17 @@
-"""The network's input: the cube around the hand, cut from a depth image, scaled to [-1, 1].
+"""The network's input: the cube around the hand, cut from a depth image and scaled to [-1, 1].
 
 A cube of ``cube_mm`` with its middle at the centre (u, v, d) covers the pixels
 
     floor((u d / f - cube / 2) / d f)  <=  column  <  floor((u d / f + cube / 2) / d f)        likewise rows
 
-which are resized to ``size`` x ``size`` keeping the aspect, by nearest neighbour: a mean of two depths at an
-edge would be a point in thin air. What lies nearer or farther than the cube is moved to its faces; what the
-camera did not read, and what lies outside the image, becomes background, the far face:
+which are resized to ``size`` x ``size`` keeping the aspect, by nearest neighbour, because the mean of two depths at an
+edge would be a point in empty space. Depths outside the cube are clipped to its faces. Pixels without a reading, and
+those outside the image, become background, the far face:
 
     value = (depth - d) / (cube / 2)  in [-1, 1],    background 1
 
-This is the preprocessing of the paper's released system, to the pixel. The resize being nearest neighbour,
-a crop is a choice of pixels: ``Window`` says which, and the renderer looks along just those.
+This is the preprocessing of the paper's released system, to the pixel. Because of the nearest neighbour, a crop is a
+selection of pixels, ``Window``, and the renderer casts rays through these pixels only.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ CUBES_MM = (50.0, 10_000.0)  # range of a cube's edge: a small hand to several p
 
 
 class Window(NamedTuple):
-    """The pixels of the image that N crops consist of."""
+    """The image pixels of N crops."""
 
-    columns: NDArray[np.int64]  # (N, size) image column of each crop column, -1 where there is none
-    rows: NDArray[np.int64]  # (N, size) image row of each crop row, -1 where there is none
+    columns: NDArray[np.int64]  # (N, size) image column of each crop column, -1 outside the image
+    rows: NDArray[np.int64]  # (N, size) image row of each crop row, -1 outside the image
 
 
 class _Span(NamedTuple):
-    """Along one axis: which image pixels, and which crop pixels, N crops are made of."""
+    """The image pixels and the crop pixels of N crops, along one axis."""
 
     start: Array  # (N,) first image pixel
     extent: Array  # (N,) number of image pixels
@@ -77,9 +77,8 @@ def crop_scale(
 ) -> tuple[Array, Array]:
     """Offset and factor, (N, 2) each for columns and rows: crop pixel = offset + factor * image pixel.
 
-    Middles are on middles, as in a resize of areas. ``window``, as OpenCV's nearest neighbour, picks pixels by their
-    first edges: on average the crop pixel that shows an image pixel is half a pixel after this, where ``crop_pixels``
-    has it.
+    Middles are mapped to middles, as in an area resize. ``window`` picks pixels by their first edges, as OpenCV's
+    nearest neighbour does: on average it shows an image pixel half a crop pixel later, as ``crop_pixels`` does.
     """
     spans = _spans(center_uvd, cube_mm, camera, size)
     factor = np.stack([span.length / span.extent for span in spans], axis=1)
@@ -121,7 +120,7 @@ def pixels_of(center: Array, cube_mm: ArrayLike, camera: Camera) -> list[tuple[A
 
 
 def check_size(depth: NDArray[np.generic], camera: Camera) -> None:
-    """Raise DataError for a depth image that is not of the camera's size."""
+    """Raise DataError for a depth image of another size than the camera's."""
     if depth.shape != (camera.height, camera.width):
         raise DataError(
             f"depth image of shape {depth.shape}, expected {(camera.height, camera.width)} of camera {camera.name!r}"
@@ -133,7 +132,7 @@ def crop(
 ) -> NDArray[np.float32]:
     """The crop (size, size) float32 in [-1, 1] of a depth image in mm. Raises DataError.
 
-    depth       (camera.height, camera.width), 0 where nothing was read
+    depth       (camera.height, camera.width), 0 where there is no reading
     center_uvd  (3,) middle of the cube: pixels and mm
     cube_mm     edge of the cube
     """
@@ -157,7 +156,7 @@ def crops_of_windows(
     columns, rows = picked
     d, half = np.reshape(center_d, (-1, 1, 1)), cube_mm / 2
     out = depth[rows[:, :, None], columns[:, None, :]].astype(np.float64)
-    read = (columns >= 0)[:, None, :] & (rows >= 0)[:, :, None] & (out > 0)  # NaN, which some drivers write, is not
+    read = (columns >= 0)[:, None, :] & (rows >= 0)[:, :, None] & (out > 0)  # False for NaN, which some drivers write
     np.copyto(out, d + half, where=~read)
     np.clip(out, d - half, d + half, out=out)
     out -= d

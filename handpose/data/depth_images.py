@@ -1,4 +1,4 @@
-"""A depth image that somebody gives from Python: an array of numbers in mm."""
+"""Checks of depth images passed from Python: arrays of numbers in mm."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from netlib.errors import DataError
 
-NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera reads all of an image nearer, or farther
+NEAR_MM, FAR_MM = 20.0, 20_000.0  # no depth camera measures a whole image nearer or farther
 
 
 class UnitError(DataError):
-    """Depths in another unit than mm."""
+    """The depths cannot be in mm."""
 
 
 def numbers(values: object, what: str, masked: float) -> NDArray[Any]:
-    """An array of numbers; ``masked`` stands where a mask hides one. Raises DataError, which begins with ``what``."""
+    """An array of numbers, with ``masked`` in place of masked values. Raises DataError; ``what`` begins its message."""
     if not isinstance(values, np.ndarray):
         raise DataError(f"{what} is a {type(values).__name__}, expected an array of numbers")
     if values.dtype.kind not in "fiub":
@@ -26,7 +26,7 @@ def numbers(values: object, what: str, masked: float) -> NDArray[Any]:
 
 
 def depth_image(depth: object) -> NDArray[Any]:
-    """The image (height, width), 0 where it is masked. Raises DataError for what is none."""
+    """The image (height, width), 0 where it is masked. Raises DataError for anything else."""
     image = numbers(depth, "depth image", 0)
     if image.ndim != 2:
         raise DataError(f"depth image of shape {image.shape}, expected (height, width)")
@@ -34,9 +34,9 @@ def depth_image(depth: object) -> NDArray[Any]:
 
 
 def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
-    """Raise UnitError for an image whose depths are all too small, or beyond ``farthest``, for mm, or negative.
+    """Raise UnitError if all depths are negative, too small for mm, or beyond ``farthest``.
 
-    Single ones may be: some drivers write -1 where nothing was read.
+    Single negative depths are allowed: some drivers write -1 where there is no reading.
     """
     finite = np.isfinite(image)
     seen = image[finite & (image > 0)]

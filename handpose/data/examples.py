@@ -1,4 +1,4 @@
-"""A few frames of any data set, spread evenly over it, to be looked at."""
+"""A few frames of any data set, spread evenly over it, for display."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _open(path: Path) -> File:
 
 def _example(file: File, row: int) -> Example:
     crop, *joints = (dataset[row] for dataset in file.datasets)
-    with np.errstate(all="ignore"):  # numbers of other kinds; a pixel that is none is drawn as none
+    with np.errstate(all="ignore"):  # other number types; pixels that are not finite are drawn as missing
         depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
         found = joints[0].astype(np.float64) if joints else None
     return Example(depth, found, f"{file.path}: frame {row}")

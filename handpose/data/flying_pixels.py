@@ -1,8 +1,8 @@
-"""Flying pixels: a depth camera mixes the depths of both sides of an edge into one that nothing has.
+"""Flying pixels: at an edge, a depth camera mixes the depths of both sides into one that belongs to neither.
 
-Of a time-of-flight camera, half of the pixels along the outline of a hand lie 14 mm and more behind it, a quarter 40 mm
-(320 x 240 pixels, 400 mm away). A pixel is taken for one if a neighbour is nearer by a step, and no neighbour at about
-its own depth belongs to a surface. What a hand hides in part, such as a palm behind a finger, stays.
+With a time-of-flight camera, half of the pixels along the outline of a hand lie 14 mm or more behind it, a quarter 40
+mm (320 x 240 pixels, 400 mm away). A pixel is removed if a neighbour is closer to the camera by a step, and no
+neighbour at about its own depth belongs to a surface. Partly hidden surfaces, such as a palm behind a finger, are kept.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from handpose.data.crops import crop
 from handpose.facts.cameras import Camera
 
-STEP_MM = 8.0  # smallest depth step between neighbours that ends a surface
-STEP_PX = 5.0  # the same in pixel widths, for wide pixels: a slope of 79 degrees
+STEP_MM = 8.0  # minimum depth step between two surfaces
+STEP_PX = 5.0  # minimum step in pixel widths, for wide pixels: a slope of 79 degrees
 _AROUND = np.ones((3, 3), np.uint8)
 
 
@@ -44,6 +44,6 @@ def without_flying_pixels(
     nearest = cv2.erode(np.where(surface, crop, np.float32(9)), _AROUND)
     farthest = cv2.dilate(np.where(surface, crop, np.float32(-9)), _AROUND)
     out = crop.copy()
-    # Neighbours of both sides of an edge are surfaces; its own side is that of the farthest.
+    # A pixel between two surfaces belongs to the far one if it is close to it.
     out[behind & (np.abs(farthest - crop) > step) & (np.abs(nearest - crop) > step)] = background
     return out

@@ -80,7 +80,7 @@ class Frames:
 
 
 def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> Frames:
-    """No frames, with so many joints and inputs of the model, and bones: the columns of a file before it has rows."""
+    """No frames: the columns of a file without rows, for these numbers of joints, inputs and bones."""
     none = np.zeros(0)
     inputs = None if dofs is None else np.zeros((0, dofs))
     return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,

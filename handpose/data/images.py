@@ -1,9 +1,9 @@
-"""Pictures of depth as files: frames that cameras and data sets write, and crops. Every file is decoded once.
+"""Depth image files: frames that cameras and data sets write, and crops. Every file is decoded once.
 
-read_png      a PNG of a published data set, pixels as they are; what is wrong with it is a kind of bad frame
-read_picture  any picture that a user names
-read_frame    ... which is a whole depth frame, in mm
-read_crop     ... which is a crop, in [-1, 1]
+read_png      a PNG of a published data set, pixels unchanged; errors are kinds of bad frames
+read_picture  any image that a user names
+read_frame    an image that is a whole depth frame, in mm
+read_crop     an image that is a crop, in [-1, 1]
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ def read_png(path: str | Path) -> Array:
 
 
 def read_picture(path: str | Path) -> Array:
-    """The pixels of a picture as they are, colours in OpenCV's order (blue first). Raises DataError."""
+    """The pixels of an image file unchanged, colours in OpenCV's order (blue first). Raises DataError."""
     return pictures.decode(files.read_bytes(path, "the picture"), cv2.IMREAD_UNCHANGED, str(path))
 
 
 def read_frame(path: str | Path, camera: Camera, unit_mm: float | None = None) -> NDArray[np.float32]:
-    """A whole depth frame (height, width) in mm; 0 where nothing was read. Raises DataError.
+    """A whole depth frame (height, width) in mm; 0 where there is no reading. Raises DataError.
 
-    path     a 16-bit grey picture; of the camera "nyu" also NYU's colour packing
-    camera   which wrote it; one without a size takes frames of any
-    unit_mm  what a pixel's value of 1 stands for; by default the camera's own unit
+    path     a 16-bit grey image; for the camera "nyu" also NYU's colour packing
+    camera   of the frame; one without a size accepts frames of any size
+    unit_mm  depth of a pixel value of 1; by default the camera's own unit
     """
     image = read_picture(path)
     unit = np.float32(unit_mm or UNIT_MM.get(camera.name, 1.0))

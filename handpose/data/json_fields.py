@@ -1,4 +1,4 @@
-"""Fields of JSON objects that somebody else may have written: each is what it should be, or a line says what is not."""
+"""Typed access to fields of JSON objects from untrusted files; errors name the field and the expected value."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def unique_keys(where: str) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]
 
 
 def parsed(text: str, where: str) -> Any:
-    """The value of a JSON text, in which no key stands twice. Raises DataError."""
+    """The value of a JSON text without repeated keys. Raises DataError."""
     try:
         return json.loads(text, object_pairs_hook=unique_keys(where))
     except RecursionError:

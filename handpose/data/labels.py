@@ -1,9 +1,9 @@
-"""Labels: where the joints are in the frames of an HDF5 file, and how many mm a unit of them is.
+"""Labels: the joints in the frames of an HDF5 file, and their unit in mm.
 
-docs/data.md lists all that such a file holds. Whoever computes with labels, and not only trains on them, reads here
+docs/data.md lists everything that such a file holds. For computations with labels this module reads
 
-    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where cut off at the cube, NaN if unknown
-    half_cube  (n,) or (n, 1)         mm, 25 to 5000; a file may do without
+    joint      (n, 3 K) or (n, K, 3)  half-cubes from the crop centre; -1 or 1 where clipped to the cube, NaN if unknown
+    half_cube  (n,) or (n, 1)         mm, 25 to 5000; optional
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from netlib.files.hdf5 import File
 ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
 EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # where nothing was rounded; on its axis a camera cannot be known from others
 MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # of a crop's centre, and of its distance
-APART_PX = 20.0  # centres nearer to each other than this do not tell a camera
+APART_PX = 20.0  # centres closer together than this do not determine a camera
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,15 @@ class Labels:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(n, K): where each joint really is, not where it was cut off to."""
+        """(n, K): True for joints at their true positions, False for joints clipped to the cube."""
         return np.asarray((np.abs(self.joints) < 1).all(axis=2))
 
 
 def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) -> Labels:
-    """The labels of a file. Raises DataError.
+    """Read the labels of a file. Raises DataError.
 
-    joint_counts  how many joints there may be
-    usual         half-cube in mm where the file does not say
+    joint_counts  allowed numbers of joints
+    usual         half-cube in mm if the file has none
     """
     file = File(path, ("joint",))
     stored = file.datasets[0].numbers()
@@ -70,7 +70,7 @@ def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) 
 
 
 def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
-    """Half-cubes (n,) in mm of the frames of an open file, ``usual`` where it does not say. Raises DataError."""
+    """Half-cubes (n,) in mm of the frames of an open file, ``usual`` if it has none. Raises DataError."""
     if "half_cube" not in file.names:
         return np.full(file.rows, usual)
     stored = File(file.path, ("half_cube",)).datasets[0].numbers()
@@ -88,10 +88,10 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
 
 
 def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
-    """Crop centres (n, 3) of all frames, px, px, mm, and the camera that saw them. Raises DataError.
+    """Crop centres (n, 3) of all frames, px, px, mm, and their camera. Raises DataError.
 
-    Files have each centre in pixels and in mm, so the camera follows: u = u0 + fx x / z, v = v0 - fy y / z. It is one
-    of ``CAMERAS`` if that maps the centres so, else its middle is taken for the image's.
+    Files have each centre in pixels and in mm, which determines the camera: u = u0 + fx x / z, v = v0 - fy y / z. It is
+    one of ``CAMERAS`` if that maps the centres; otherwise its principal point is assumed in the middle of the image.
     """
     found = []
     for file in files:
@@ -103,7 +103,7 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
             raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
         found.append(np.stack(stored))
     uvd, xyz = np.concatenate(found, axis=1)
-    far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # whose quotients may be beyond all numbers
+    far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # their quotients may overflow
     if far or not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()):
         raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
     known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
@@ -131,6 +131,6 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
 
 
 def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:
-    """Does a camera see these points at these pixels, some of them off its axis?"""
+    """True if a camera maps these points to these pixels, and some of them are off its axis."""
     miss, off = np.abs(camera.project(xyz) - uvd)[:, :2], np.abs(uvd[:, :2] - (camera.u0, camera.v0))
     return bool(miss.max() < EXACTLY_PX and off.max(axis=0).min() > OFF_AXIS_PX)

@@ -1,9 +1,9 @@
-"""Data sets on disk: HDF5 files that are each whole or not there at all.
+"""Data sets on disk: HDF5 files that are complete or absent.
 
-A data set is a few files ("parts") of some thousand frames, and a list that names them, which HDF5Data reads.
-A part is laid out by HDF5, filled by plain writes under a temporary name, synced and then renamed. It carries
-its *recipe*, a text of all that it depends on: a part with the right recipe is kept, so that a run that was
-interrupted goes on where it stopped.
+A data set consists of a few files ("parts") of some thousand frames each, and a list that names them, which HDF5Data
+reads. A part is laid out by HDF5, filled by plain writes under a temporary name, synced and then renamed. It stores its
+*recipe*, a text of everything that it depends on: a part with the right recipe is kept, so an interrupted run continues
+where it stopped.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Columns = Mapping[str, Array]  # data sets by name; rows first
 
 FRAMES_PER_FILE = 2500  # of a data set; its last file may have fewer
 _COPY = 64  # rows copied at a time
-_PAGE = 1 << 16  # what a file takes beyond its rows, nearly
+_PAGE = 1 << 16  # approximate size of a file beyond its rows
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Part:
 
 
 def attributes(path: Path) -> dict[str, Any] | None:
-    """The attributes of an HDF5 file, or None if it is none."""
+    """The attributes of an HDF5 file, or None if it is not one."""
     try:
         with hdf5.opened(path, "the data") as file:
             return dict(file.attrs)
@@ -56,9 +56,9 @@ def is_whole(part: Part) -> bool:
 
 
 def listed(path: Path, own: Sequence[Path]) -> list[Path]:
-    """The files that a list names, from the working directory or from its own folder; none if there is no list.
+    """The files in a list, relative to the working directory or to the list's folder; empty if there is no list.
 
-    Those of ``own`` may be named from any working directory, and be gone. Raises DataError.
+    Those of ``own`` may be named relative to any working directory, and may be missing. Raises DataError.
     """
     by_name, found = {file.name: file for file in own}, []
     for line in filter(None, map(str.strip, (atomic.text_of(path) or "").split("\n"))):
@@ -70,13 +70,13 @@ def listed(path: Path, own: Sequence[Path]) -> list[Path]:
 
 
 def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[str], force: bool = False) -> None:
-    """Raise DataError if a file to be replaced, or one that a list to be replaced names, is not of ``own`` origin.
+    """Raise DataError if a file to be replaced, or one in a list to be replaced, is not of ``own`` origin.
 
-    With ``force`` only folders and devices are refused.
+    With ``force`` only folders and devices raise.
     """
     for path in (*files, *lists):
         if exists(path) and not path.is_file():
-            raise DataError(f"{path}: is no file; move it away, or choose another --out")
+            raise DataError(f"{path}: is not a file; move it away, or choose another --out")
     if force:
         return
     listing = {file: path for path in lists for file in listed(path, files)} | dict.fromkeys(files)
@@ -132,7 +132,7 @@ def write_part(
     """Write the rows that ``pieces`` yield; returns their number, at most ``part.rows``.
 
     columns     arrays without rows, of the shapes and types of those in ``pieces``
-    attributes  is asked for the attributes of the file before the pieces, and again after them if their rows are fewer
+    attributes  called for the attributes of the file before the pieces, and again after them if their rows are fewer
     """
     written = 0
 
@@ -183,7 +183,7 @@ def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, o
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    # Data sets begin on whole pages, as reads and whoever maps them into memory like it best.
+    # Data sets begin on whole pages, which is fastest for reads and memory maps.
     with h5py.File(path, "w", locking=False, alignment_threshold=1 << 16, alignment_interval=4096) as file:
         for name, value in attributes.items():
             file.attrs[name] = value
@@ -210,7 +210,7 @@ def _rows(file: Any, offsets: Mapping[str, int], columns: Columns, rows: int) ->
 
 
 def _reserve(handle: int, size: int) -> None:
-    """Take the room on the disk before work goes into filling it."""
+    """Reserve the disk space before computing the rows."""
     if hasattr(os, "posix_fallocate"):
         try:
             os.posix_fallocate(handle, 0, size)

@@ -1,6 +1,6 @@
-"""Places of a depth image where a hand may be, and how a locator sees them: in cubes with room for an arm.
+"""Candidate places of hands in a depth image, and the crops of them that a locator sees, with room for an arm.
 
-A hand is on a surface that was seen. So the surface is cut into voxels, and the mean of what each holds is a place.
+A hand is on a visible surface, so the surface is cut into voxels; the mean of each is a place.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from netlib.blob import Array
 CUBE_MM = 400.0  # of a place's crop: the hand, and where it is fastened
 SIZE = 64  # its pixels on a side
 VOXEL_MM = 80.0  # apart
-BEHIND_MM = 20.0  # a hand's middle lies so far behind what is seen of it
+BEHIND_MM = 20.0  # from the visible surface to a hand's middle
 FAR_MM = 1600.0  # where a hand has too few pixels to be read
-MIN_DEPTH_MM = 100.0  # before it no camera sees
+MIN_DEPTH_MM = 100.0  # minimum range of depth cameras
 MIN_AREA_MM2 = 300.0  # of surface in a voxel: less is noise
-NODES_ACROSS = 160  # pixels looked at in a row
+NODES_ACROSS = 160  # pixels sampled in a row
 
 
 def surface_places(depth: ArrayLike, camera: Camera) -> Array:
-    """Places (P, 3) in mm, camera axes, in a depth image (height, width) in mm; 0 was not read. Raises DataError.
+    """Places (P, 3) in mm, camera axes, in a depth image (height, width) in mm, 0 where there is no reading.
 
-    Of what is nearer than FAR_MM; every so manieth pixel is looked at, NODES_ACROSS in a row. None where a voxel shows
-    less than MIN_AREA_MM2 of surface.
+    Only surfaces nearer than FAR_MM count; the image is subsampled to NODES_ACROSS pixels in a row. A voxel with less
+    than MIN_AREA_MM2 of surface is no place. Raises DataError.
     """
     image = np.asarray(depth)
     check_size(image, camera)
@@ -46,9 +46,9 @@ def surface_places(depth: ArrayLike, camera: Camera) -> Array:
 
 
 def place_crops(depth: NDArray[np.generic], places: Array, camera: Camera) -> tuple[NDArray[np.float32], Array]:
-    """The crops (n, SIZE, SIZE) in [-1, 1] of those places (P, 3) that are in sight, and these places (n, 3), in mm.
+    """The crops (n, SIZE, SIZE) in [-1, 1] of the places (P, 3) that are in the image, and these places (n, 3), mm.
 
-    Places nearer to the camera than MIN_DEPTH_MM are not. Raises DataError for an image of another camera.
+    Places closer to the camera than MIN_DEPTH_MM are left out. Raises DataError for an image of another size.
     """
     check_size(depth, camera)
     before = places[places[:, 2] > MIN_DEPTH_MM]

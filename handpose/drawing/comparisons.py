@@ -1,4 +1,4 @@
-"""Predicted hands beside the annotated ones: of one method in two views, of several methods side by side."""
+"""Predicted and annotated hands: of one method in two views, of several methods side by side."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def two_views(
     """Every body on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
 
     joints  (n, K, 3) half-cubes, all joints of the skeleton
-    truth   (n, L, 3) the same as annotated; drawn only where L is K
+    truth   (n, L, 3) annotated joints; drawn only if L is K
     titles  of the two views of each frame
-    centers, camera, cube_mm  (n, 3) px, px, mm: where the crops were cut, by whom, how large; else views are parallel
+    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without them the projection is parallel
     """
     images = []
     for n, crop in enumerate(crops):

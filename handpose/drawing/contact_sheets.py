@@ -15,12 +15,12 @@ PAGES = 4  # an even number
 
 
 class ContactSheet:
-    """Collects pictures of frames whose number is unknown, and never holds more than four pages full.
+    """Collects images of an unknown number of frames, and keeps at most four full pages.
 
-    Every frame is taken until the four pages are full; then every second one goes, and only every second one to come is
-    taken, and so on. In the end one page is chosen among those two to four pages.
+    Every frame is taken until the four pages are full. Then every second image is dropped, and only every second
+    further frame is taken, and so on. At the end one page is chosen from those two to four pages.
 
-    width  of each picture in pixels; larger ones are reduced
+    width  of each image in pixels; larger ones are reduced
     """
 
     def __init__(self, columns: int = 4, rows: int = 4, width: int = 400) -> None:
@@ -31,7 +31,7 @@ class ContactSheet:
         self._step, self._count = 1, 0
 
     def add(self, time: float, draw: Callable[[], Image]) -> None:
-        """One more frame at a time in s; its picture is drawn only if it is taken."""
+        """Add a frame at a time in s; its image is drawn only if it is taken."""
         if self._count % self._step == 0:
             if len(self._kept) == PAGES * self.places:
                 self._kept, self._step = self._kept[::2], 2 * self._step
@@ -43,7 +43,7 @@ class ContactSheet:
         return [time for time, _ in self._chosen()]
 
     def page(self) -> Image:
-        """The pictures, each with its time above it. Raises DataError if there are none."""
+        """The images, each with its time above it. Raises DataError if there are none."""
         images = [image for _, image in self._chosen()]
         return sheets.sheet(images, self.columns, [f"{time:.2f} s" for time in self.times()])
 

@@ -1,4 +1,4 @@
-"""Depth images as grey pictures of a contrast that follows hands slowly, so that a film of them does not flicker."""
+"""Depth images as grey images, with a contrast that follows the hands slowly, so that a video does not flicker."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DARK, _LIGHT = 28.0, 225.0
 
 
 class Contrast:
-    """Which depth is how light: the nearer the lighter, steepest where the hands are, black where nothing was read."""
+    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading."""
 
     def __init__(self) -> None:
         self._middle: float | None = None  # mm
@@ -37,17 +37,17 @@ class Contrast:
 
     @property
     def middle(self) -> float:
-        """The depth in mm that is half as light."""
+        """The depth in mm with medium grey."""
         assert self._middle is not None, "see() comes first"
         return self._middle
 
     @property
     def spread(self) -> float:
-        """The distance in mm from there that gets half of the greys of one side."""
+        """The distance in mm from ``middle`` that spans half of the greys of one side."""
         return self._spread
 
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """The picture (height, width) of a depth image in mm."""
+        """The image (height, width) of a depth image in mm."""
         away = (np.arange(_MAX_DEPTH + 1) - self.middle) / self.spread
         shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / (1 + np.abs(away)))).astype(np.uint8)
         shades[0] = 0

@@ -16,8 +16,8 @@ from netlib.blob import Array
 SECONDS = 3.0
 _GRID: Colour = (225, 225, 225)
 _INK: Colour = (110, 110, 110)
-_LEFT, _RIGHT, _ABOVE, _BELOW = 56, 130, 12, 24  # pixels beside the curves, for words
-_ROW = 20  # pixels from one line of words to the next
+_LEFT, _RIGHT, _ABOVE, _BELOW = 56, 130, 12, 24  # margins in pixels, for labels
+_ROW = 20  # line height in pixels
 _WORDS = 0.42  # scale of text
 
 
@@ -34,7 +34,7 @@ class ConfidenceCurves:
             self._seen.popleft()
 
     def picture(self, frame: TrackedFrame, width: int, height: int) -> Image:
-        """The strip (height, width, 3) up to a frame: the last one seen. Without a confidence there is no curve."""
+        """The strip (height, width, 3) up to the last frame seen. Without a confidence there is no curve."""
         canvas = np.full((height, width, 3), 255, dtype=np.uint8)
         right, bottom = width - _RIGHT, height - _BELOW
 
@@ -61,7 +61,7 @@ class ConfidenceCurves:
         return canvas
 
     def _runs(self) -> Iterator[tuple[int, list[tuple[float, float]]]]:
-        """Hands over frames one after the other in which they were seen: id, and (time, confidence) of each."""
+        """The runs of consecutive frames of each hand: id, and (time, confidence) of each frame."""
         open_runs: dict[int, list[tuple[float, float]]] = {}
         for time, hands in self._seen:
             known = {id: confidence for id, confidence in hands.items() if np.isfinite(confidence)}

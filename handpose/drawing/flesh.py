@@ -16,16 +16,16 @@ from netlib.blob import Array
 
 SKIN: Colour = (120, 165, 235)  # blue, green, red
 MISSING: Colour = (90, 60, 200)
-BACKGROUND = 0.999  # depths from it on are the far face: what is left of it by rounding, too
+BACKGROUND = 0.999  # depths from here on are the far face, including rounding
 _LIGHT = np.array([-0.35, 0.45, -0.82])  # from the upper left, behind the viewer
 _STEEP = 5.0  # a slope that is steeper is an edge, and no slope
 _SAMPLES = 144  # along the longer side of a hand's rectangle: of a larger one not every pixel is rendered
-_OBLIQUE = 1.3  # a sphere at the picture's edge looks longer than one in its middle
-_NOTHING = 1e5  # mm: depth of rays that meet no flesh
+_OBLIQUE = 1.3  # elongation of a sphere at the image's edge
+_NOTHING = 1e5  # mm: depth of rays that meet no surface
 
 
 class _Rectangle(NamedTuple):
-    """Pixels of a picture, the last ones not among them."""
+    """A rectangle of pixels, without the last row and column."""
 
     left: int
     top: int
@@ -36,13 +36,13 @@ class _Rectangle(NamedTuple):
 def over_crop(
     crop: NDArray[np.floating], capsules: Capsules, center_uvd: ArrayLike, cube_mm: float, camera: Camera, zoom: int = 4
 ) -> Image:
-    """The flesh, shaded, on the crop (S, S) in [-1, 1]; reddish where nothing was seen behind it.
+    """The shaded surface on the crop (S, S) in [-1, 1]; reddish where there is no depth behind it.
 
     capsules  of one body, in mm from the crop's centre
     """
     uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
     center = camera.unproject(uvd)
-    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)  # what is nearer is not in the crop
+    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)  # parts nearer to the camera are not in the crop
     drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
@@ -56,7 +56,7 @@ def over_crop(
 
 
 def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.7) -> None:
-    """The flesh, shaded, on a picture (height, width, 3) whose pixels are the camera's.
+    """The shaded surface on an image (height, width, 3) whose pixels are the camera's.
 
     capsules  of one body, in mm, camera axes
     """
@@ -78,13 +78,13 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
 
 
 def _samples(pixels: int, step: float) -> Array:
-    """Places along so many pixels, as cv2.resize takes samples to lie, about so far apart."""
+    """Sample positions along a number of pixels, as in cv2.resize, and their distance."""
     count = max(round(pixels / step), 1)
     return np.asarray((np.arange(count) + 0.5) * pixels / count - 0.5)
 
 
 def _rectangle(capsules: Capsules, camera: Camera, width: int, height: int) -> _Rectangle:
-    """The part of a picture that the capsules lie in, with some room."""
+    """The part of an image that contains the capsules, with a margin."""
     ends, radii = np.concatenate([capsules.a[0], capsules.b[0]]), np.append(capsules.radius_a[0], capsules.radius_b[0])
     seen = ends[:, 2] < _NOTHING
     if not seen.any():

@@ -19,7 +19,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError
 
-# Blue, green, red, of fingers and of the limbs of other bodies; what is neither is grey.
+# Blue, green, red, of fingers and of the limbs of other bodies; everything else is grey.
 COLOURS: dict[str, Colour] = {
     "thumb": (80, 90, 240),
     "index": (40, 165, 250),
@@ -43,11 +43,10 @@ def overlay(
     camera: Camera = NYU,
     zoom: int = 4,
 ) -> Image:
-    """The skeleton on the crop (S, S) in [-1, 1], ``zoom`` times enlarged; ``truth`` joints in thin white.
+    """The skeleton on the crop (S, S) in [-1, 1], enlarged ``zoom`` times; ``truth`` joints in thin white.
 
-    With the crop's ``center_uvd`` (px, px, mm) joints appear exactly where the camera saw them. Without it the
-    view is taken to be parallel, which puts joints at the near or far face of the cube up to a tenth of the
-    picture beside their place.
+    With the crop's ``center_uvd`` (px, px, mm) joints are drawn exactly at their pixels. Without it the projection is
+    parallel, which shifts joints at the near or far face of the cube by up to a tenth of the image.
     """
     depth = np.squeeze(np.asarray(crop))
     if depth.ndim != 2 or depth.shape[0] != depth.shape[1]:
@@ -73,7 +72,7 @@ def overlay(
 
 
 def picture(crop: NDArray[np.floating], zoom: int = 1) -> Image:
-    """A crop (S, S) in [-1, 1] alone, ``zoom`` times enlarged: the nearer, the lighter, the background black."""
+    """A crop (S, S) in [-1, 1] alone, enlarged ``zoom`` times: nearer is lighter, the background black."""
     grey = np.rint((1 - np.clip(crop, -1, 1)) * 0.5 * 215).astype(np.uint8)
     large = cv2.resize(grey, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
@@ -87,8 +86,9 @@ def view_3d(
     pitch: float = 20.0,
     size: int = 512,
 ) -> Image:
-    """The skeleton in the cube around the body, seen by someone who went ``yaw`` degrees to the right of the
-    camera and ``pitch`` degrees up; its shadow lies on the floor of the cube. ``truth`` joints in thin black.
+    """The skeleton in the cube around the body, seen from ``yaw`` degrees to the right of the camera and ``pitch`` up.
+
+    Its shadow is on the floor of the cube. ``truth`` joints in thin black.
     """
     view = viewer_from_world(yaw, pitch)
     distance = 7.0  # of the viewer, half-cubes: a little perspective
@@ -123,7 +123,7 @@ def view_3d(
 
 
 def viewer_from_world(yaw: float, pitch: float) -> Array:
-    """The rotation (3, 3) into axes of someone who went so many degrees to the right, and up: x right, y up, z away."""
+    """The rotation (3, 3) into the axes of a viewer turned to the right, then up, by degrees: x right, y up, z away."""
     y, p = np.deg2rad((yaw, pitch))
     turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
     tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
@@ -131,7 +131,7 @@ def viewer_from_world(yaw: float, pitch: float) -> Array:
 
 
 def colours(skeleton: Skeleton) -> list[Colour]:
-    """Each joint's colour. A finger's is that of its name, which is what a joint's name has before the first "_".
+    """The colour of each joint; a finger's by the part of the joint's name before the first "_".
 
     In a body without fingers, the limbs take turns: a limb is a chain of joints without a fork up to its end.
     """

@@ -1,4 +1,4 @@
-"""How one hand is told from another: its colour, its words."""
+"""Colours and labels that distinguish hands."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def colour_of(id: int) -> Colour:
 
 
 def spoken(hand: Side, confidence: float) -> str:
-    """``right 93%``; without the number where nobody has measured it."""
+    """``right 93%``; without the number if the confidence was not measured."""
     return f"{hand} {percent(confidence)}" if math.isfinite(confidence) else hand
 
 

@@ -4,8 +4,8 @@ with RerunView(header) as view:       # opens the viewer; RerunView(header, Path
     view.log(depth, frame)            # TrackedFrame
 
 Rerun's axes are right-handed, those of this project are left-handed (x right, y UP, z away). So y is turned round: the
-world is Rerun's RDF (x right, y DOWN, z forward), with the camera at its origin, in metres. That names the same points
-in another way, it does not mirror them: a right hand looks like a right hand.
+world is Rerun's RDF (x right, y DOWN, z forward), with the camera at its origin, in metres. This only renames the axes:
+points are not mirrored, and a right hand stays a right hand.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class RerunView:
         return views.Blueprint(views.Horizontal(space, beside, column_shares=[3, 2]), collapse_panels=True)
 
     def _hand(self, hand: TrackedHand) -> None:
-        """Joints, bones, flesh and confidence."""
+        """Log joints, bones, surface and confidence."""
         rr, place, points = self._rr, f"{_HANDS}/{hand.id}", hand.xyz * FROM_MM
         self._stream.log(f"{place}/joints", rr.Points3D(points, colors=self._colours, radii=JOINT_M))
         strips = [points[list(bone)] for bone in self._bones]

@@ -1,4 +1,4 @@
-"""Hands in space, seen from beside the camera; the space shown follows them only when they are about to leave it."""
+"""Hands in space, seen from the right of the camera; the shown cube moves only when a hand is about to leave it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Space:
         self._time = 0.0
 
     def see(self, time: float, points: Array) -> None:
-        """Move and grow the cube until it holds points (n, 3) in mm; ``time`` in s says how far by now."""
+        """Move and grow the cube until it holds points (n, 3) in mm; ``time`` in s limits the speed."""
         if not len(points):
             return
         low, high = points.min(axis=0) - MARGIN_MM, points.max(axis=0) + MARGIN_MM
@@ -78,7 +78,7 @@ class Space:
         return np.asarray((points - self._middle) @ _VIEW.T + (0, 0, DISTANCE * self._half))
 
     def _floor(self, canvas: Image, camera: Camera) -> None:
-        """Lines that stand still in the world, and where x, y and z go."""
+        """Lines fixed in the world, and the directions of x, y and z."""
         assert self._middle is not None
         low, high = self._middle - self._half, self._middle + self._half
         x, z = (np.arange(np.ceil(low[i] / SQUARE_MM), high[i] / SQUARE_MM) * SQUARE_MM for i in (0, 2))

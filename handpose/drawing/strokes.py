@@ -1,4 +1,4 @@
-"""Strokes on a picture, at fractions of a pixel: lines, dots and text."""
+"""Drawing with subpixel precision: lines, dots and text."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def text(canvas: Image, words: str, at: Array, colour: Colour, scale: float) -> 
 
 
 def text_within(canvas: Image, words: str, at: Array, colour: Colour, scale: float, width: int) -> None:
-    """The same text, smaller if need be, so that it is no wider than ``width`` pixels."""
+    """Draw text, smaller if necessary, at most ``width`` pixels wide."""
     text(canvas, words, at, colour, scale * min(1.0, width / max(text_width(words, scale), 1)))
 
 
@@ -49,5 +49,5 @@ def text_width(words: str, scale: float) -> int:
 
 def _fixed(point: Array) -> tuple[int, int]:
     """A point for cv2's drawing with ``shift``; far outside is as good as at the limit of its integers."""
-    x, y = point.tolist()  # plain numbers: a picture has a thousand strokes
+    x, y = point.tolist()  # plain floats are faster
     return round(min(max(x, -_FAR), _FAR) * 2**_SUBPIXEL), round(min(max(y, -_FAR), _FAR) * 2**_SUBPIXEL)

@@ -1,4 +1,4 @@
-"""Tags: white words on a coloured ground, kept within a picture and apart from each other."""
+"""Tags: white text on a coloured background, kept within an image and apart from each other."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from handpose.drawing.strokes import Colour, Image
 
 HEIGHT = 22  # pixels
 _WORDS = 0.55  # scale of text
-_BESIDE = 6  # pixels of ground before and after the words
+_BESIDE = 6  # pixels of background left and right of the text
 
 
 class Tags:
-    """Those of one picture."""
+    """The tags of one image."""
 
     def __init__(self, canvas: Image) -> None:
         self._canvas = canvas

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """One pinhole camera. Raises ValueError for focal lengths that are not more than 0, and for what is not finite."""
+    """A pinhole camera. Raises ValueError for focal lengths that are not positive, and for values not finite."""
 
     name: str
     fx: float  # focal lengths, pixels
@@ -60,4 +60,4 @@ KINECT2 = Camera("kinect2", 363.9, 363.9, 255.4, 206.3, 512, 424)
 SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)
 
 CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}
-UNIT_MM = {"sr305": 0.125}  # what a pixel's value of 1 stands for in a camera's pictures, where it is not 1 mm
+UNIT_MM = {"sr305": 0.125}  # depth unit of the cameras' images, where it is not 1 mm

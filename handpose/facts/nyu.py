@@ -42,15 +42,16 @@ def cube_of_test_frame(index: ArrayLike) -> NDArray[np.float64]:
 
 
 def half_cubes(frames: int) -> NDArray[np.float64]:
-    """Half the cube's edge (frames,) in mm of so many test frames: of both subjects if they are all, else the first's.
+    """Half the cube's edge (frames,) in mm for the first ``frames`` test frames.
 
-    ``one_size_for_all`` is the warning that goes with it.
+    If these are all test frames, the second subject's are smaller; otherwise the first subject's size is used for all,
+    and ``one_size_for_all`` is the warning.
     """
     return cube_of_test_frame(np.arange(frames) if frames == TEST_FRAMES else np.zeros(frames)) / 2
 
 
 def one_size_for_all(frames: int) -> str:
-    """A warning if ``half_cubes`` takes one subject's size for all of ``frames`` test frames, else nothing."""
+    """A warning if ``half_cubes`` uses one subject's size for all of ``frames`` test frames, else empty."""
     if frames == TEST_FRAMES:
         return ""
     return f"warning: {frames} of {TEST_FRAMES} test frames; the first subject's size of hand is used for all"

@@ -1,7 +1,6 @@
-"""The side of a hand, "right" or "left", and what follows from it.
+"""The side of a hand, "right" or "left", and mirroring.
 
-Skeletons and networks know right hands. A left hand is seen in a mirror along x, as a right one, and what is found of
-it there is mirrored back.
+Skeletons and networks know right hands. A left hand is mirrored along x, and the results are mirrored back.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from handpose.facts.cameras import Array
 
 Side = Literal["right", "left"]
-SoughtSide = Literal["right", "left", "either"]  # "either" is for who finds a hand to tell
+SoughtSide = Literal["right", "left", "either"]  # "either": determined by the prediction
 
 SIDES: tuple[Side, ...] = ("right", "left")
 SOUGHT_SIDES: tuple[SoughtSide, ...] = (*SIDES, "either")
@@ -24,7 +23,7 @@ T = TypeVar("T", bound=np.generic)
 
 
 def side_of(word: str) -> Side:
-    """The side that a word from outside names. Raises ValueError."""
+    """The side with this name. Raises ValueError."""
     for side in SIDES:
         if word == side:
             return side
@@ -32,20 +31,20 @@ def side_of(word: str) -> Side:
 
 
 def other_side(side: Side) -> Side:
-    """Left of right, right of left."""
+    """The other side."""
     return "left" if side == "right" else "right"
 
 
 def is_mirrored(side: Side) -> bool:
-    """Is a hand of this side the mirror image of the skeleton's?"""
+    """True for left hands, which are mirror images of the skeleton."""
     return side == "left"
 
 
 def mirror_of(side: Side) -> Array:
-    """What (3,) turns places of a hand's own space, where it is a right one, to those of the camera, and back."""
+    """The factors (3,) between the axes of a right hand's space and the camera's, in both directions."""
     return MIRROR if is_mirrored(side) else np.ones(3)
 
 
 def as_right(images: NDArray[T], side: Side) -> NDArray[T]:
-    """Images (..., height, width) of a hand of this side, as of a right one: a view."""
+    """Images (..., height, width) of a hand of this side, mirrored to a right hand: a view."""
     return images[..., ::-1] if is_mirrored(side) else images

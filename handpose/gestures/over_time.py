@@ -1,7 +1,7 @@
-"""The gesture of a hand over time, with hysteresis: it neither flickers nor follows a single frame.
+"""The gesture of a hand over time, with smoothing and hysteresis.
 
-Scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed score is above BEGIN, and stays
-until it is below END or another one begins. A hand that was not seen for FORGET_S starts without history.
+Scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed score is above BEGIN, and lasts
+until it is below END or another one begins. A hand that was missing for FORGET_S starts without history.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FORGET_S = 0.4
 
 
 class Gesture(NamedTuple):
-    """What a hand shows: the name, or "" for no gesture, and the smoothed score of it (of none, of all others)."""
+    """A gesture: its name, "" for none, and its smoothed score (for none, one minus the others')."""
 
     name: str
     confidence: float

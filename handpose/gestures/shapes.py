@@ -1,7 +1,7 @@
-"""How much the joints of one frame look like each gesture, from 0 to 1.
+"""Scores of the gestures, from 0 to 1, for the joints of one frame.
 
 Four fingers are straight or bent, the thumb is out or across the palm, thumb and index finger touch or not. Each of
-these is a probability, a logistic function of one measure of the hand; a gesture is the product of those it asks for:
+these is a probability, a logistic function of one measure of the hand; a gesture is the product of those it requires:
 
     finger straight   the sum of the bends at its three joints, about STRAIGHT
     thumb out         distance of its tip from the middle knuckle, about OUT palms
@@ -9,8 +9,8 @@ these is a probability, a logistic function of one measure of the hand; a gestur
 
 A palm is the distance of the wrist from the middle knuckle.
 
-Gestures exclude each other, so scores sum to 1 at most; the rest is no gesture. "open" is the number five, "point" the
-number one, with the thumb anywhere; "two" is index and middle finger, "three" the ring finger, too.
+Gestures exclude each other, so the scores sum to 1 at most; the rest is no gesture. "open" is the number five, "point"
+the number one, with the thumb anywhere; "two" is index and middle finger, "three" the ring finger, too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is wrong with a data set on disk, and what a folder that is none holds instead."""
+"""Errors in a data set on disk, and guesses at what else a folder contains."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Flaw:
     """Something wrong with a data set, in one line."""
 
     text: str
-    fatal: bool = True  # there is no use in going on
+    fatal: bool = True  # the run cannot continue
 
 
 def recognise(root: Path) -> str | None:
-    """What a folder seems to hold, in words, or None if it does not look like anything known."""
+    """A description of the folder's likely content, or None if it is unknown."""
     try:
         names = {entry.name for entry in root.iterdir()}
     except OSError:

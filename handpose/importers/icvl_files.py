@@ -102,7 +102,7 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 
 
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
-    """What is there of a split, and what is wrong with it, one line each."""
+    """The content of a split, and its errors, one line each."""
     if not root.is_dir():
         return [], [Flaw(f"{root}: no such folder")]
     paths = [root / name for name in ANNOTATION[split]]
@@ -138,7 +138,7 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
 
 def _no_labels(root: Path, folder: Path, labels: Path) -> str:
     if folder.is_dir():
-        return f"{labels}: no such file; it holds the joints, and comes with the folder Depth beside it"
+        return f"{labels}: no such file; it holds the joints, and comes with the folder Depth"
     held = recognise(root)
     if held == "the ICVL data set":
         return f"{root}: no folder {folder.name!r}; the data set has Training and Testing"

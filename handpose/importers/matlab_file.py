@@ -1,4 +1,4 @@
-"""Variables of a MATLAB file of version 5, read by a process of its own (matlab_worker.py): a bad file may end it."""
+"""Variables of a MATLAB file of version 5, read in a separate process (matlab_worker.py): a bad file may crash it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import scipy
 from netlib.errors import DataError, reason_of
 
 WORKER = Path(__file__).with_name("matlab_worker.py")
-SECONDS, BYTES_PER_SECOND = 60.0, 5e6  # that it may take: so many, and one more for so many bytes of the file
+SECONDS, BYTES_PER_SECOND = 60.0, 5e6  # time limit: 60 s and 1 s per 5 MB
 
 
 def read_variables(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:

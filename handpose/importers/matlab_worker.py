@@ -23,7 +23,7 @@ import scipy.io
 
 
 def main(path: str, names: Sequence[str], out: BinaryIO) -> None:
-    """Write to ``out`` what there is."""
+    """Write the variables to ``out``."""
     try:
         if scipy.io.matlab.matfile_version(path)[0] == 0:
             _line(out, {"fault": "a MATLAB file of version 4, or none; expected version 5 or 7.3"})

@@ -32,8 +32,8 @@ from netlib.errors import DataError, NetlibError
 from netlib.files import atomic, hdf5
 from netlib.files.paths import names_in
 
-ANNOTATION = "joint_data.mat"  # beside the depth frames of each split
-SYNTHETIC = "synthetic"  # what a folder says, in a variable made_from, that tools/make_synthetic.py --raw made
+ANNOTATION = "joint_data.mat"  # in the folder of the depth frames of each split
+SYNTHETIC = "synthetic"  # value of made_from in folders by make_synthetic.py --raw
 
 
 def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
@@ -53,7 +53,7 @@ def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class NyuAnnotation:
-    """The joints of one split, as seen by the first of the three cameras."""
+    """The joints of one split in the first of the three cameras."""
 
     uvd: Array  # (N, 36, 3) px, px, mm
     xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
@@ -114,7 +114,7 @@ def _check_names(path: Path, names: list[str]) -> None:
 
 
 def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
-    """Pixels and mm must tell of the same points, in our camera axes. Raises DataError."""
+    """Raise DataError unless pixels and mm describe the same points, in our camera axes."""
     some = slice(None, None, max(len(uvd) // 2000, 1))
     if not (np.isfinite(uvd[some]) & np.isfinite(xyz[some])).any(axis=(0, 1)).all():
         raise DataError(f"{path}: joint_uvd and joint_xyz have no joint that is finite in both")
@@ -127,12 +127,12 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
                         f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")  # fmt: skip
 
 
-# Annotated joints that are none of the model's, and the two between which a synthetic annotation puts them.
+# Annotated joints that the model lacks, and the two joints between which a synthetic annotation puts them.
 _STAND_INS = {26: (25, 27), 29: (28, 28), 33: (32, 32), 35: (32, 32)}
 
 
 def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
-    """Model joints (N, 31, 3) and crop centres (N, 3) as 36 annotated joints, mm; what the model lacks is made up."""
+    """The 36 annotated joints in mm for model joints (N, 31, 3) and crop centres (N, 3); others are interpolated."""
     joints = np.asarray(joints, dtype=np.float64)
     xyz = np.zeros((len(joints), ANNOTATED_JOINTS, 3))
     xyz[:, list(ANNOTATION_OF_JOINT)] = joints
@@ -179,7 +179,7 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 
 
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
-    """What is there of a split, and what is wrong with it, one line each."""
+    """The content of a split, and its errors, one line each."""
     if not root.is_dir():
         return [], [Flaw(f"{root}: no such folder")]
     folder = folder_of(root, split)

@@ -27,7 +27,7 @@ Chunk = tuple[int, Frames, list[tuple[int, BadFrameError]]]  # number of frames,
 
 @dataclass
 class Outcome:
-    """What became of the frames of a split."""
+    """The result of preparing a split."""
 
     parts: list[Part]
     index: list[int] = field(default_factory=list)  # of the good frames
@@ -45,9 +45,9 @@ def parts_of(frames: PublishedFrames, out: Path) -> list[Part]:
 
 
 def is_current(frames: PublishedFrames, part: Part) -> bool:
-    """Is the file of a part whole, and are those frames that it leaves out still bad, and bad in the same way?
+    """True if a part is complete and every frame that it leaves out still has the same error.
 
-    The recipe knows the images by their sizes, so one that was repaired may have left it as it was.
+    The recipe has the images' sizes only, so a repaired image may not change it.
     """
     return is_whole(part) and all(frames.flaw(i) == kind for i, kind in _left_out(part))
 

@@ -17,7 +17,7 @@ from netlib.files import atomic
 class PreparedSplit:
     """One split in a folder.
 
-    frames   what is prepared
+    frames   to prepare
     parts    the HDF5 files; ``missing`` are those to be written, all if ``force``
     list     the text file that names them: SPLIT.txt
     bad      the text file that names the bad frames, if there are any: bad_SPLIT.txt
@@ -54,7 +54,7 @@ class PreparedSplit:
             folder, split = self.frames.files[0].parent, self.frames.split
             raise DataError(f"{folder}: none of the {len(self.frames)} {split} frames can be used")
         used = {i // files.FRAMES_PER_FILE for i in outcome.index}
-        some = [part.path for n, part in enumerate(self.parts) if n in used]  # HDF5Data wants no file without rows
+        some = [part.path for n, part in enumerate(self.parts) if n in used]  # HDF5Data rejects files without rows
         atomic.replace_text(self.list, files.list_text(some))
 
     def report(self, outcome: Outcome) -> str:
@@ -67,9 +67,9 @@ class PreparedSplit:
 
 
 def refuse_foreign(splits: Sequence[PreparedSplit], own: Sequence[str], force: bool = False) -> None:
-    """Raise DataError if a file in the way of the splits holds data of an origin that is none of ``own``.
+    """Raise DataError if a file to be replaced holds data of an origin that is not in ``own``.
 
-    With ``force`` only folders and devices are refused.
+    With ``force`` only folders and devices raise.
     """
     every = [part.path for split in splits for part in split.parts]
     files.refuse_foreign(every, [split.list for split in splits], own, force)

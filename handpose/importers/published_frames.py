@@ -37,7 +37,7 @@ class PublishedFrames:
     camera: Camera
     read: Callable[[Path], Array]  # depth image in mm; raises BadFrameError
     made_from: str
-    centre: str  # what the centres are, in words
+    centre: str  # description of the centres
 
     def __len__(self) -> int:
         return len(self.files)
@@ -47,7 +47,7 @@ class PublishedFrames:
         return empty_frames(self.joints.shape[1]).arrays()
 
     def crops(self, start: int, stop: int) -> tuple[Frames, list[tuple[int, BadFrameError]]]:
-        """Frames ``start`` to ``stop`` as labelled crops, without the bad ones, which come beside with their index."""
+        """The labelled crops of frames ``start`` to ``stop``, and the bad frames with their index."""
         crops, good, bad = [], [], []
         for i in range(start, stop):
             try:
@@ -79,7 +79,7 @@ class PublishedFrames:
         return made
 
     def flaw(self, i: int) -> str | None:
-        """The kind of flaw of frame ``i``, None of a good one."""
+        """The kind of error of frame ``i``, None if it has none."""
         try:
             self.crop(i)
         except BadFrameError as error:
@@ -111,7 +111,7 @@ class PublishedFrames:
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
-    """Millimetre figures of the frames ``index``, in one line that says about which centre and in which cube."""
+    """A line of statistics in mm of the frames ``index``, with their centre and cube."""
     few = np.asarray(index)
     offset = frames.joints[few] - frames.camera.unproject(frames.center_uvd[few])[:, None]
     cubes, counts = np.unique(frames.cube_mm[few].round(3), return_counts=True)
@@ -145,7 +145,7 @@ def read_centers(path: Path, frames: int) -> Array:
 def _array_in(path: Path) -> Array:
     """The array in an .npy or .npz file. Raises DataError."""
     with BufferedReader(files.opened(path, "the centres")) as stream, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy's, of a strange header
+        warnings.simplefilter("ignore")  # NumPy's, for unusual headers
         try:
             loaded = np.load(stream, allow_pickle=False)
             if isinstance(loaded, np.ndarray):

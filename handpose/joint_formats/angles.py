@@ -45,7 +45,7 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
 
 
 def angles_of(frames: HandFrames) -> dict[str, float]:
-    """The same of a right hand's directions."""
+    """The angles by name, in degrees, for the directions of a right hand."""
     found = np.zeros(len(ANGLES))
     u, n, m = frames.bones["thumb"][0], frames.dorsal, frames.palm["thumb"]
     found[0] = np.arctan2(u @ _across(m, n), u @ m)
@@ -79,6 +79,6 @@ def _bends(frames: HandFrames, finger: str) -> list[float]:
 def turned(vector: Array, before: Array, after: Array) -> Array:
     """A vector turned as the smallest turn does that moves one direction (3,) to another."""
     v, cos = np.cross(before, after), float(before @ after)
-    if cos < -0.999999:  # half a turn, of which there are many
+    if cos < -0.999999:  # the axis of a half turn is not determined
         return -vector
     return np.asarray(vector * cos + np.cross(v, vector) + v * (v @ vector) / (1 + cos))

@@ -1,15 +1,15 @@
 """Directions of a hand, computed from its joints: of the palm and of each finger.
 
-All of it is computed for a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
-and directions mirrored back. Everything follows from positions, so joints of a network, a fit and a track are alike.
+The directions are those of a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
+and directions mirrored back. They depend on positions only, so joints of a network, a fit or a track can be used.
 
 The palm is rigid in the model. Its rotation is the one that best moves the palm of the skeleton at rest onto the joints
 (Kabsch). It fixes the frame of each knuckle M = world_from_mcp. The first phalanx has the direction
 
     d = M Rz(a) Rx(b) e_y,    Rz(a) Rx(b) e_y = (-sin a cos b, cos a cos b, sin b)
 
-of which a and b follow, because |b| < 90 degrees in all limits; so the axis M Rz(a) e_x, about which the finger bends,
-is known of a straight finger, too. The thumb bends about z and points along x: d = M Rz(a) Ry(-b) e_x.
+which determines a and b, because |b| < 90 degrees in all limits. So the axis M Rz(a) e_x, about which the finger bends,
+is known for straight fingers, too. The thumb bends about z and points along x: d = M Rz(a) Ry(-b) e_x.
 """
 
 from __future__ import annotations

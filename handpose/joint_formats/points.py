@@ -30,8 +30,8 @@ class Point(NamedTuple):
     """A point of the hand.
 
     weights  of the skeleton's joints, by name
-    bias     where the point is, seen from the anatomical one: distal is towards the fingertip, dorsal towards the back
-             of the hand, palmar away from it
+    bias     position relative to the anatomical point: distal is towards the fingertip, dorsal towards the back of the
+             hand, palmar away from it
     """
 
     weights: dict[str, float]

@@ -30,12 +30,12 @@ class Watcher(Protocol):
     """Looks on while frames are fitted."""
 
     def __call__(self, total: int, *, what: str) -> AbstractContextManager[Callable[[int], None]]:
-        """A context for the fit of ``total`` frames; it yields a function that is told how many more are done."""
+        """A context for the fit of ``total`` frames; it yields a callback for the number of further frames done."""
 
 
 @dataclass(frozen=True)
 class FittedAngles:
-    """What a fit of the hand model to the joints of a method tells."""
+    """The result of fitting the hand model to the joints of a method."""
 
     error_deg: float  # mean over frames and rotations
     residual_mm: float  # mean distance that the fit within the limits leaves

@@ -1,4 +1,4 @@
-"""Run a trained net over a held-out set and say how good its poses are, in mm."""
+"""Run a trained net over a held-out set and compute the errors of its poses in mm."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Predictions:
     skeleton: Array | None  # (N, all joints of the skeleton, 3) where the hand model puts them, half-cubes
     half_cube: Array  # (N,) mm
     outputs: dict[str, float]  # mean of every scalar output of the net
-    made_from: str  # what the data are
+    made_from: str  # description of the data
 
 
 def predict_all(
     net: Net, prediction: str = "pred", truth: str = "joint", progress: Callable[[int], None] = lambda done: None
 ) -> Predictions:
-    """Run the whole test set once, from its first frame. ``progress`` is told the number of frames done.
+    """Run the whole test set once, from its first frame. ``progress`` is called with the number of frames done.
 
-    Raises NetlibError, DataError for labels that no figure can be made of.
+    Raises NetlibError, DataError for labels that cannot be scored.
     """
     data, hand = data_layer(net), hand_layer(net)
     for name in (prediction, truth):

@@ -1,4 +1,4 @@
-"""Fit the hands of a held-out set to their depth, and say how good they are then."""
+"""Fit the hands of a held-out set to their depth, for scoring."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | No
 def fit_all(
     net: Net, deploy: Net, weights: str | Path, plan: Plan, progress: Callable[[int], None] = lambda done: None
 ) -> Array:
-    """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from what ``deploy`` predicts.
+    """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from the predictions of ``deploy``.
 
-    weights  the file that both have theirs from; it may know the network's errors
+    weights  the weights file of both nets; it may contain the network's errors
     """
     data, skeleton = data_layer(net), skeleton_to_fit(deploy)
     half = np.concatenate([labels.read_half_cubes(file) for file in data.files])

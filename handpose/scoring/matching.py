@@ -1,7 +1,7 @@
-"""Which told hand is which true hand, frame by frame.
+"""Match the tracked hands to the true hands, frame by frame.
 
-In each frame told hands go to true hands such that the joints are as near as can be (as CLEAR MOT does, Bernardin and
-Stiefelhagen 2008), and no farther than a bound: a hand told beyond it was not found but invented.
+In each frame the matching minimises the distances of the joints (as in CLEAR MOT, Bernardin and Stiefelhagen 2008),
+up to a bound: a tracked hand beyond it is a false positive.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ BOUND_MM = 100.0  # on the joints' mean error of a hand that is found; a hand is
 
 
 class Seen(NamedTuple):
-    """One hand in one frame in which it is in sight; ``told`` is None where it was not found."""
+    """A true hand in a frame in which it is visible; ``told`` is None if it was not found."""
 
     number: int
     time: float
     true: TrackedHand
     told: TrackedHand | None
-    said_lost: bool  # of one that was not found: did the track say so?
+    said_lost: bool  # True if it was not found and the track lists it as lost
 
 
 class Gone(NamedTuple):
-    """One hand in one frame in which it cannot be seen; ``told`` is None where the track does not say so."""
+    """A true hand in a frame in which it is not visible; ``told`` is None if the track does not list it as lost."""
 
     number: int
     true: LostHand
@@ -40,7 +40,7 @@ class Gone(NamedTuple):
 
 @dataclass
 class Followed:
-    """What a track makes of one true hand."""
+    """The frames of one true hand, matched."""
 
     id: int
     hand: Side
@@ -49,16 +49,16 @@ class Followed:
 
 
 class Matched(NamedTuple):
-    """The true hands by id, and how many hands were told in each frame where none is: {number: how many}."""
+    """The true hands by id, and the number of false positives in each frame that has some: {number: count}."""
 
     hands: dict[int, Followed]
     invented: dict[int, int]
 
 
 def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: float = BOUND_MM) -> Matched:
-    """Match all frames of the truth. A frame that the track does not have is one without hands.
+    """Match all frames of the truth. A frame missing from the track has no hands.
 
-    Where a true hand is partly in sight, nothing that is told of it counts. Raises DataError for frames of the track
+    Where a true hand is partly visible, tracked hands near it do not count. Raises DataError for frames of the track
     that the truth does not have, and for two frames of the same number.
     """
     told_frames, true_frames = _by_number(told, "track"), _by_number(true, "truth")
@@ -67,7 +67,7 @@ def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: 
         raise DataError(f"frame {foreign[0]} of the track is not in the truth; expected a track of the same recording")
     hands: dict[int, Followed] = {}
     invented = {}
-    last: dict[int, int] = {}  # the told id of each true one
+    last: dict[int, int] = {}  # the tracked id of each true hand
     for number, frame in sorted(true_frames.items()):
         other = told_frames.get(number, TrackedFrame(number, frame.time, ()))
         pairs = _pairs(frame.hands, other.hands, bound_mm)
@@ -93,7 +93,7 @@ def match(told: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: 
 
 
 def _pairs(true: tuple[TrackedHand, ...], told: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
-    """The told hand of each true one that has one, by their places."""
+    """The tracked hand of each true one that has one, by index."""
     from scipy.optimize import linear_sum_assignment  # imported here: it takes a third of a second
 
     if not true or not told:

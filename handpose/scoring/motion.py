@@ -1,6 +1,6 @@
-"""How a track moves beside the truth: its lag, its jitter at rest, and how steady its bones are.
+"""The motion of a track compared with the truth: lag, jitter at rest, and constancy of the bones.
 
-All take joints of one hand over time, told and true, (N, K, 3) in mm.
+All functions take joints of one hand over time, tracked and true, (N, K, 3) in mm.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # that are tried; the best is refined b
 
 
 class Jitter(NamedTuple):
-    """Of told joints while the true ones are at rest; NaN without rest.
+    """The jitter of tracked joints while the true ones are at rest; NaN without rest.
 
-    deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the deviation
-                  of all three coordinates together, as of a sample
-    step_mm       root mean square of the way from one frame to the next
-    frames        so many were looked at
+    deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the sample standard
+                  deviation of all three coordinates together
+    step_mm       root mean square of the distance from one frame to the next
+    frames        number of frames at rest
     """
 
     deviation_mm: float
@@ -34,10 +34,10 @@ class Jitter(NamedTuple):
 
 
 def jitter(numbers: Array, times: Array, told: Array, true: Array) -> Jitter:
-    """The jitter at rest. Frames (N,) with their numbers; where one is missing, a rest ends.
+    """The jitter at rest. Frames (N,) with their numbers; a missing frame ends a rest.
 
-    The mean is taken out window by window, which is a high-pass: a bone of a wrong length is an error, but does not
-    tremble.
+    The mean is removed window by window, which is a high-pass filter: a wrong length of a bone is an error, but no
+    jitter.
     """
     squares = steps = 0.0
     freedom = frames = 0
@@ -70,10 +70,10 @@ def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:
 
 
 def lag_s(numbers: Array, times: Array, told: Array, true: Array) -> float:
-    """By how much later the told joints are where the true ones were, s: what makes the squared difference least.
+    """The delay in s of the tracked joints that minimises the squared difference to the true ones.
 
     Over frames in which the hand moves; the true joints between frames are a cubic spline. A constant error in a run of
-    frames makes no lag: it is taken out. NaN where there is no movement, or no best lag among ``LAGS_S``.
+    frames does not count as lag: it is removed. NaN without movement, or without a minimum within ``LAGS_S``.
     """
     from scipy.interpolate import CubicSpline  # imported here: it takes a third of a second
 

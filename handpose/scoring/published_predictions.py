@@ -27,7 +27,7 @@ Format = Literal["uvd", "xyz"]
 
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
 THRESHOLDS_MM = range(81)  # of the success curves
-_MAX_VALUE = 1e6  # px or mm; beyond it a number is a mistake, and squares might overflow
+_MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overflow
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Benchmark:
     camera: Camera
     joints: tuple[str, ...]  # K names, in the order of the files
     frames: int  # of the whole test set
-    parts: dict[str, slice]  # frames of the whole test set that have a mean error of their own
+    parts: dict[str, slice]  # slices of the test set with separate mean errors
 
 
 def nyu_benchmark() -> Benchmark:
@@ -97,7 +97,7 @@ def is_list(path: str | Path) -> bool:
     try:
         begin = files.read_bytes(path, "the joints", first=1 << 16).decode("utf-8-sig", "replace")
     except DataError:
-        return False  # ``read_joints`` says what is wrong
+        return False  # ``read_joints`` raises the error
     first = begin.split("\n")[0].strip()
     return first.endswith((".h5", ".hdf5")) or (bool(first) and exists(find(first, str(path))))
 
@@ -111,7 +111,7 @@ def _text(path: str | Path) -> str:
 
 
 def _mistake(where: str, line: str, joints: int) -> DataError:
-    """What is wrong with a line."""
+    """The error for an invalid line."""
     for word in re.finditer(r"\S+", line):
         if not _is_sensible(word[0]):
             return DataError(f"{where}:{word.start() + 1}: found {word[0][:40]!r}, "

@@ -1,4 +1,4 @@
-"""A track beside the truth: errors, hands lost and invented, identities, sides, jitter, lag, bones.
+"""Scores of a track against the truth: errors, lost and false hands, identities, sides, jitter, lag, bones.
 
 scores = score(tracker.header, tracker.follow(recording), recording.truths())  # of a SyntheticRecording
 scores.hands[0].lag_ms
@@ -24,7 +24,7 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class JointErrors:
-    """Distances between told and true joints in mm, over frames and joints; NaN without any."""
+    """Distances between tracked and true joints in mm, over frames and joints; NaN without any."""
 
     mean: float = NAN
     median: float = NAN
@@ -32,25 +32,25 @@ class JointErrors:
 
 @dataclass(frozen=True)
 class HandScores:
-    """One true hand. Figures that nothing was there for are NaN.
+    """The scores of one true hand; NaN where there were no such frames.
 
-    in_sight        frames in which it is to be found
-    found           of these, in which it is told, no farther than the bound
-    said_lost       of those in which it is not told, in which the track says that it lost it
-    gone            frames in which it cannot be seen, after it was
-    said_gone       of these, in which the track says that it lost it
-    right_reason    of these, in which it says why
+    in_sight        number of frames in which it is visible
+    found           of these, those in which it is tracked, no farther than the bound
+    said_lost       of those in which it is not tracked, those in which the track lists it as lost
+    gone            frames in which it is not visible, after it was
+    said_gone       of these, those in which the track lists it as lost
+    right_reason    of these, those with the right reason
     errors          of all joints, where it is found
-    errors14        of the joints that NYU is compared on; NaN for other skeletons
-    id_switches     how often the told id changes
-    wrong_side      frames in which it is told to be the other hand
-    side_switches   how often the told side changes
-    side_after      frames in which it was found, until its side was right; NaN if it never was
+    errors14        of the joints that NYU is evaluated on; NaN for other skeletons
+    id_switches     number of changes of the tracked id
+    wrong_side      frames in which it is tracked as the other hand
+    side_switches   number of changes of the tracked side
+    side_after      number of frames in which it was found until its side was right; NaN if it never was
     jitter_mm       at rest: deviation of the joints about their mean, see ``motion.Jitter``
-    step_mm         at rest: the way from frame to frame
-    rest_frames     that these are from
+    step_mm         at rest: distance from frame to frame
+    rest_frames     number of frames at rest
     lag_ms          while it moves
-    bone_change_mm  (K,) largest deviation of each bone from its median length; none if it was never found
+    bone_change_mm  (K,) largest deviation of each bone from its median length; empty if it was never found
     """
 
     id: int
@@ -75,16 +75,16 @@ class HandScores:
 
     @property
     def missed(self) -> int:
-        """Frames in which it is in sight and not found."""
+        """Number of frames in which it is visible and not found."""
         return self.in_sight - self.found
 
 
 @dataclass(frozen=True)
 class TrackScores:
-    """All true hands by id.
+    """The scores of all true hands, by id.
 
     frames    of the truth
-    invented  hands told where none is, over all frames
+    invented  false positives over all frames
     """
 
     frames: int
@@ -93,7 +93,7 @@ class TrackScores:
 
     @property
     def found(self) -> float:
-        """Part of the hands in sight that were found, over all frames."""
+        """Share of the visible hands that were found, over all frames."""
         in_sight = sum(hand.in_sight for hand in self.hands.values())
         return sum(hand.found for hand in self.hands.values()) / in_sight if in_sight else NAN
 
@@ -106,12 +106,12 @@ class TrackScores:
 def score(
     header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame], bound_mm: float = BOUND_MM
 ) -> TrackScores:
-    """Compare a track with the truth of the same recording. Frames of the truth that the track lacks have no hands.
+    """Compare a track with the truth of the same recording. Frames missing from the track have no hands.
 
     header    of the track
     bound_mm  on the joints' mean error of a hand that is found
 
-    Where a true hand is partly in sight, it is not scored (``handpose.track_files.reasons``). Raises DataError.
+    Frames in which a true hand is partly visible are not scored (``handpose.track_files.reasons``). Raises DataError.
     """
     true = list(truth)
     hands, invented = match(frames, true, bound_mm)

@@ -1,1 +1,1 @@
-"""Depth recordings: folders, stacks, videos, cameras' own files, a live camera; read and written frame by frame."""
+"""Depth recordings, read and written frame by frame: folders, stacks, videos, cameras' formats, a live camera."""

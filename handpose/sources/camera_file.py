@@ -1,14 +1,14 @@
-"""camera.json: what is known of a depth camera, beside its frames or within their file.
+"""camera.json: the parameters of a depth camera, next to its frames or within their file.
 
 {"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "width": 640, "height": 480, "unit_mm": 0.125, "rate": 30,
  "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.2, 0, 0, 0]}}
 
-fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are u0, v0 by other names
+fx, fy, u0, v0  px, all four or none; cx, cy and ppx, ppy are other names of u0, v0
 width, height   px of the frames, both or none
-unit_mm         what a stored value of 1 stands for; RealSense's depth_scale says it in metres
+unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
-distortion      of the lens: as above, or the numbers alone. RealSense's model and coeffs and Azure's k1 ... p2 may
-                stand beside fx, too
+distortion      of the lens: as above, or the coefficients alone. RealSense's model and coeffs and Azure's k1 ... p2 may
+                also be keys next to fx
 name            of the camera
 """
 
@@ -29,7 +29,7 @@ from netlib.files import atomic, read_text
 from netlib.files.paths import exists
 
 NAME = "camera.json"
-SAME = {  # other words for a key, and the factor of their numbers
+SAME = {  # synonyms of a key, and the factors of their values
     "cx": ("u0", 1), "ppx": ("u0", 1), "cy": ("v0", 1), "ppy": ("v0", 1), "fps": ("rate", 1),
     "depth_scale": ("unit_mm", 1000), "depth_units": ("unit_mm", 1000), "coeffs": ("coefficients", 1),
 }  # fmt: skip
@@ -40,13 +40,13 @@ RANGES = {  # of numbers: more than the first, at most the second
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
-IGNORED = ("codx", "cody", "metric_radius")  # of Azure: 0, 0, and how far out its own inverse is good
+IGNORED = ("codx", "cody", "metric_radius")  # Azure's: 0, 0, and the valid radius of its inverse
 KNOWN = (*RANGES, "name", *LENS, *IGNORED)
 KEYS = (*KNOWN, *SAME)  # every word that is understood
 
 
 def beside(source: Path) -> Given:
-    """What is said beside a recording: in a folder's camera.json, beside a file in NAME.camera.json or camera.json.
+    """The camera.json of a recording: in a folder, next to a file as NAME.camera.json or camera.json.
 
     Raises DataError.
     """
@@ -54,12 +54,12 @@ def beside(source: Path) -> Given:
 
 
 def places_beside(source: Path) -> list[Path]:
-    """Where a camera.json may be, the nearest first."""
+    """The possible paths of a camera.json, the most specific first."""
     return [source / NAME] if source.is_dir() else [source.with_suffix(f".{NAME}"), source.with_name(NAME)]
 
 
 def read(path: Path) -> Given:
-    """What a camera.json says. Raises DataError."""
+    """Read a camera.json. Raises DataError."""
     return parse(read_text(path, "the camera"), str(path))
 
 
@@ -82,12 +82,12 @@ def to_text(given: Given) -> str:
 
 
 def parse(text: str, where: str) -> Given:
-    """What the text of a camera.json says; ``where`` it stands begins every error. Raises DataError."""
+    """Parse the text of a camera.json; ``where`` begins every error. Raises DataError."""
     return of(_loaded(text, where), where)
 
 
 def of(values: dict[str, Any], where: str) -> Given:
-    """What the values of a camera.json say. Raises DataError."""
+    """The camera parameters of a camera.json's values. Raises DataError."""
     said = _Said(values, where)
     said.check(KNOWN)
     camera = None
@@ -128,7 +128,7 @@ def _lens(said: _Said) -> Lens | None:
 
 
 class _Said:
-    """The values of a JSON object by their keys, each by its first name; ``where`` it stands."""
+    """The values of a JSON object by the main name of their keys; ``where`` begins errors."""
 
     def __init__(self, pairs: dict[str, Any], where: str) -> None:
         self.where = where
@@ -149,7 +149,7 @@ class _Said:
                 self.refuse(f"unknown key {key!r}{did_you_mean(key, (*known, *SAME))}; known: {', '.join(known)}")
 
     def all_or_none(self, keys: tuple[str, ...]) -> bool:
-        """Are they there? Not some of them."""
+        """True if all of the keys are present, False if none is; raises DataError otherwise."""
         missing = [key for key in keys if key not in self.values]
         if missing and len(missing) < len(keys):
             there = next(key for key in keys if key in self.values)
@@ -192,7 +192,7 @@ def _shown(value: object) -> str:
 
 
 def _loaded(text: str, where: str) -> dict[str, Any]:
-    """A JSON object, in which no key stands twice. Raises DataError."""
+    """A JSON object without repeated keys."""
 
     def no_number(word: str) -> NoReturn:
         raise DataError(f"{where}: found {word}; expected finite numbers")

@@ -1,4 +1,4 @@
-"""Recordings whose frames one file holds, read by a library that may fail at any of them."""
+"""Recordings in one file, read by a library that may fail at any frame."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from handpose.sources.raw import Settled
 from handpose.sources.recording import DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
-MAX_DISTANCE_BACK = 1.0  # s: a clock that goes back by more was set anew
+MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 
 
 class Contained(Recording):
-    """What is read until the file, or what is whole of it, ends. Every iteration opens it anew."""
+    """Frames until the end of the file, or of its intact part. Every iteration opens the file again."""
 
     def __init__(self, path: Path, settled: Settled, count: int | None = None) -> None:
         self.name = str(path)
@@ -27,9 +27,9 @@ class Contained(Recording):
 
     @abstractmethod
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
-        """Seconds by the source's clock, and stored values, of frame after frame.
+        """Seconds by the source's clock, and stored values, frame by frame.
 
-        Raises DataError for frames that make no sense, and whatever the library raises: there the file is damaged.
+        Raises DataError for invalid frames; any exception of the library means that the file is damaged there.
         """
 
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -25,7 +25,7 @@ from netlib.files.paths import names_in
 NYU_FRAME = re.compile(r"depth_1_\d{7}\.png")
 ICVL_FRAME = re.compile(r"image_\d{4,}\.png")
 MSRA_FRAME = re.compile(r"\d{6}_depth\.bin")
-ICVL_LABELS = {"labels.txt", "test_seq_1.txt", "test_seq_2.txt"}  # beside the folder Depth
+ICVL_LABELS = {"labels.txt", "test_seq_1.txt", "test_seq_2.txt"}  # next to the folder Depth
 MSRA_BOX = 6  # numbers before the depths
 
 
@@ -39,7 +39,7 @@ class DataSet:
 
     @property
     def given(self) -> Given:
-        """What is known of its frames."""
+        """The camera parameters of its frames."""
         return Given(self.camera, unit_mm=1.0, origin=f"the data set {self.name}")
 
     def frames(self, names: Iterable[str]) -> list[str]:

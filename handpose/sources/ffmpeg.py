@@ -1,7 +1,7 @@
-"""FFmpeg's containers and decoders, by PyAV: opened so that a file is all they read, and that no error is lost.
+"""FFmpeg's containers and decoders through PyAV, restricted to one file and without hidden errors.
 
-FFmpeg tells some errors to its log alone: a decoder fills a damaged part of a frame with that of the frame before, and
-a file that is cut just ends.
+FFmpeg only logs some errors: a decoder fills a damaged part of a frame from the previous frame, and a truncated file
+just ends.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def missing(path: Path) -> str:
-    """What a container lacks at its end, by what its beginning says; empty if nothing, or if it does not say."""
+    """A description of what a container lacks at its end, by its header; empty if nothing, or if unknown."""
     with files.opened(path, "the video") as stream:
         head, size = stream.read(4096), path.stat().st_size
     end = _end(head)
@@ -79,7 +79,7 @@ def missing(path: Path) -> str:
 
 
 def _end(head: bytes) -> float | None:
-    """The byte at which a container ends; infinity if its writer has not filled that in, None if it does not say."""
+    """The byte at which a container ends; infinity if its writer did not fill it in, None if it has no such field."""
     if head.startswith(b"RIFF"):
         return 8 + int.from_bytes(head[4:8], "little")
     at = sum(_vint(head, 4)) if head.startswith(CONTAINERS[0][1]) else math.inf
@@ -89,7 +89,7 @@ def _end(head: bytes) -> float | None:
 
 
 def _vint(data: bytes, at: int) -> tuple[float, int]:
-    """A number of EBML, as long as its first bits say, and where it ends; all ones are unknown."""
+    """A variable-length EBML integer, and where it ends; all ones mean unknown."""
     first = data[at] if at < len(data) else 0
     length = 9 - first.bit_length()
     number = int.from_bytes(data[at : at + length], "big") & ((1 << 7 * length) - 1)
@@ -110,7 +110,7 @@ def packets(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def frames(container: Any, stream: Any) -> Iterator[Any]:
-    """The decoded frames of a stream. Raises what FFmpeg raises, and ValueError for what it would conceal."""
+    """The decoded frames of a stream. Raises FFmpeg's errors, and ValueError for those that FFmpeg only logs."""
     context = stream.codec_context
     context.thread_count = 1  # its errors are those of this thread, and other cores have other work
     context.options = {"max_pixels": str(pictures.MOST_PIXELS)}

@@ -1,4 +1,4 @@
-"""A first look at a recording: what it is said to be, what its first frames show, and what is likely wrong with it."""
+"""Inspection of a recording: its metadata, statistics of its first frames, and warnings."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from handpose.facts.cameras import Camera
 from handpose.sources.recording import DepthFrame, Recording
 from netlib.errors import DataError
 
-FRAMES = 10  # that are looked at
-NEAREST_SHARE = 0.5  # per cent of what was read: fewer pixels are noise
-BEHIND = 1.25  # of its distance, which is as far as the nearest thing is taken to reach; a factor knows no unit
-NEAR_MM, FAR_MM = 120.0, 2500.0  # between which the hands of all depth cameras are seen
+FRAMES = 10  # number of inspected frames
+NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
+BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
+NEAR_MM, FAR_MM = 120.0, 2500.0  # range of a hand's distance in all depth cameras
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # a hand, or a hand with the arm and the shoulder behind it
 USUAL_MM = (300.0, 1200.0)  # where a hand is held
 UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 1000.0, 10.0)  # mm, of cameras and files that there are, likely ones first
@@ -30,15 +30,15 @@ OFF_MIDDLE = 0.2  # of a size, that a principal point may lie off the middle
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What is seen.
+    """The result of an inspection.
 
     name, count, rate, live, camera, unit_mm, remarks  of the recording
-    frames    the first ones, which were looked at
-    depth_mm  the 1st, 50th and 99th percentile of what was read; None if nothing was
-    zeros     share of pixels where nothing was read
-    view      (2,) degrees that the picture is wide and high
-    nearest   distance and width in mm of the nearest thing, where there is any
-    warnings  what is likely wrong, and what to do about it: a line each
+    frames    the first ones, which were inspected
+    depth_mm  the 1st, 50th and 99th percentile of the depths; None without a reading
+    zeros     share of pixels without a reading
+    view      (2,) angle of view in degrees, horizontal and vertical
+    nearest   distance and width in mm of the nearest object, None without one
+    warnings  likely errors and what to do about them, one line each
     """
 
     name: str
@@ -57,7 +57,7 @@ class FirstLook:
 
 
 def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
-    """At the first frames of a recording. Raises DataError if there is none that can be read."""
+    """Inspect the first frames of a recording. Raises DataError if none can be read."""
     seen = tuple(islice(recording, frames))
     if not seen:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
@@ -89,7 +89,7 @@ def look(recording: Recording, frames: int = FRAMES) -> FirstLook:
 
 
 def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
-    """What is likely wrong with the camera and the unit of a single frame (height, width) in mm: a line each.
+    """Likely errors of the camera and the unit of a single frame (height, width) in mm, one line each.
 
     With ``unit_is_known`` only the camera is checked.
     """
@@ -98,9 +98,9 @@ def doubts(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_k
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
-    """Distance and width in mm of the nearest thing in a frame, None where nothing was read.
+    """Distance and width in mm of the nearest object in a frame, None without a reading.
 
-    What it is does not depend on the unit: all that hangs together, up to a quarter farther away than its front.
+    The object does not depend on the unit: it is everything connected, up to a quarter farther away than its front.
     """
     seen = depth > 0
     if not seen.any():
@@ -115,12 +115,12 @@ def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, fl
 
 
 def _view_of(camera: Camera) -> tuple[float, float]:
-    """Degrees that its picture is wide and high."""
+    """The angles of view in degrees, horizontal and vertical."""
     return _angle(camera.width, camera.u0, camera.fx), _angle(camera.height, camera.v0, camera.fy)
 
 
 def _angle(size: int, middle: float, focal: float) -> float:
-    """Degrees that a picture is wide."""
+    """The angle of view in degrees along one axis."""
     return math.degrees(math.atan2(middle + 0.5, focal) + math.atan2(size - 0.5 - middle, focal))
 
 

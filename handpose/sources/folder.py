@@ -1,6 +1,6 @@
-"""Folders of depth frames: one 16-bit grey picture (PNG or TIFF) each, in the order and at the times of their names.
+"""Folders of depth frames: 16-bit grey images (PNG or TIFF), ordered and timed by their names.
 
-open_folder(Path("frames"), given)          # all pictures in it, which must be one sequence
+open_folder(Path("frames"), given)          # all images in it, which must be one sequence
 open_folder(Path("frames/left_*.png"), given)    # those of one
 """
 
@@ -28,11 +28,11 @@ from netlib.errors import DataError, did_you_mean
 from netlib.files.paths import exists, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
-OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # that a message tells of
+OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # named in an error message
 
 
 def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
-    """The frames in a folder, or those that a pattern of names, or one name, stands for. Raises DataError."""
+    """The frames in a folder, or those matching a pattern of names, or one name. Raises DataError."""
     folder, names = _frames_in(source)
     data_set = recognised(folder, names)
     if data_set is not None:
@@ -51,9 +51,9 @@ def open_folder(source: Path, given: Given = NOTHING) -> FolderRecording:
 
 
 class FolderRecording(Recording):
-    """One picture a frame. A damaged one is left out, and ``remarks`` counts them.
+    """One image per frame. Damaged ones are left out, and ``remarks`` counts them.
 
-    folder  in which they are
+    folder  of the frames
     """
 
     def __init__(
@@ -113,7 +113,7 @@ def _is_frame(name: str) -> bool:
 
 
 def _no_frames(folder: Path) -> str:
-    """What a folder without frames holds instead."""
+    """The error for a folder without frames, with what it contains."""
     names = sorted(names_in(folder))
     inner = [name for name in names if any(map(_is_frame, names_in(folder / name)))]
     others = sorted({suffix for name in names if (suffix := Path(name).suffix.lower()) in OTHERS})
@@ -137,12 +137,12 @@ def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]
 
 
 def _read(path: Path) -> NDArray[Any]:
-    """The pixels of a frame's file as they are. Raises DataError for one that is damaged or gone."""
+    """The pixels of a frame's file, unchanged. Raises DataError for a damaged or missing one."""
     return read_msra(path) if path.suffix == ".bin" else read_picture(path)
 
 
 def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
-    """Stored depths of the pixels of a picture; ``packed`` is NYU's way. Raises DataError for another picture."""
+    """The stored depths of an image; ``packed`` means NYU's packing. Raises DataError for other images."""
     if packed and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
         return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:

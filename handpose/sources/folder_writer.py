@@ -1,4 +1,4 @@
-"""Folders of 16-bit PNG that ``folder`` reads back: a frame's name is its time, camera.json says the rest.
+"""Folders of 16-bit PNG that ``folder`` reads: a frame's name is its time; camera.json has the parameters.
 
 camera.json  000000000000us.png  000000033333us.png  000000066667us.png
 """
@@ -27,10 +27,10 @@ MICRO = 10**6
 
 
 class FolderWriter:
-    """Writes each frame at once, whole or not at all; times are rounded to microseconds.
+    """Writes each frame at once, completely or not at all; times are rounded to microseconds.
 
-    replace  a recording that was written in the same way; nothing else is ever removed. It stands till the end, when
-             the new one, which grew beside it, takes its place, if that has a frame
+    replace  a recording written in the same way; no other files are ever removed. It is kept until the end, when the
+             new one, written next to it, replaces it, unless that has no frame
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, replace: bool = False) -> None:
@@ -66,7 +66,7 @@ class FolderWriter:
         self._last = micro
 
     def discard(self) -> None:
-        """Remove the frames so far, and the folder if it is new; an old recording stays."""
+        """Remove the frames so far, and the folder if it is new; an old recording is kept."""
         self._last = -1
         if not self._old:
             for name in names_in(self._path):
@@ -98,7 +98,7 @@ def put_back(path: Path) -> None:
 
 
 def _take_place(fresh: Path, path: Path) -> None:
-    """Put a folder where a recording is; of that, what is no part of it moves into the new one. Raises OSError."""
+    """Replace a recording by a folder; files that are not part of it move to the new one. Raises OSError."""
     old = atomic.beside(path, "old")
     with locks.held(path):  # before it has a name by which others would put it back
         path.rename(old)
@@ -112,7 +112,7 @@ def _take_place(fresh: Path, path: Path) -> None:
 
 
 def _discard(old: Path, path: Path) -> None:
-    """Remove an old recording, but for what is no part of it, which moves into the new one. Raises OSError."""
+    """Remove an old recording; files that are not part of it move to the new one. Raises OSError."""
     for name in names_in(old):
         if not (OURS.fullmatch(name) or name == camera_file.NAME):
             (old / name).rename(path / name)
@@ -120,8 +120,7 @@ def _discard(old: Path, path: Path) -> None:
 
 
 def _end_what_was_killed(path: Path) -> None:
-    """A writer that was killed while the new recording took the place left the old one beside it. Raises DataError,
-    OSError."""
+    """Finish a replacement during which the writer was killed. Raises DataError, OSError."""
     if not exists(path):
         put_back(path)
     for old in atomic.kept(path):

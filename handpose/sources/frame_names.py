@@ -1,15 +1,15 @@
-"""The order and the times of frames by their names: numbers, time stamps, and which of these they are.
+"""The order and times of frames by their names: numbers, time stamps, and how to distinguish them.
 
     0001.png frame_7.png                      numbers; one frame period each
     20210326-230536_110.png                   a sequence that began then, and a number in it
-    20210326-230536.png 20210326_230537.png   dates; with 3, 6 or 9 digits more, fractions of a second
-    1616799936.125.png 0.033.png              seconds with a fraction; of 13 digits, ms since 1970 with one
+    20210326-230536.png 20210326_230537.png   dates; with 3, 6 or 9 more digits, fractions of a second
+    1616799936.125.png 0.033.png              seconds with a fraction; with 13 digits, ms since 1970 with one
     v1.1.png v1.2.png                         numbers: seconds that do not count from 1970 have 3 digits of fraction
     1616799936125.png                         s, ms, us or ns since 1970, by their size
     790154000_depth.png 790187333_depth.png   us or ns since the camera started, by their steps
-    000000033333us.png                        us, ms or ns that say so, as ``tools/record.py`` writes
+    000000033333us.png                        us, ms or ns as named, as ``tools/record.py`` writes
 
-A sequence has one name but for the number or the stamp in it.
+All names of a sequence are equal except for the number or stamp.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class NamedFrames:
     names   of the files
     times   of each, in ticks from the first frame on; ascend
     ticks   per second; 0 if they count frames
-    told    what the names were taken for
+    told    how the names were interpreted
     """
 
     names: tuple[str, ...]
@@ -81,7 +81,7 @@ def _sorted(names: Sequence[str], times: Sequence[int], ticks: int, told: str, w
     return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, told)
 
 
-Found = tuple[list[int], int, str]  # times, ticks, what was told
+Found = tuple[list[int], int, str]  # times, ticks, interpretation
 
 
 def _said_units(stems: list[str]) -> Found | None:
@@ -128,9 +128,9 @@ def _fractions(stems: list[str]) -> Found | None:
 
 
 def _is_precise(fractions: list[str]) -> bool:
-    """Are these digits fractions of a second, and no numbers of versions or frames?
+    """True if these digits are fractions of a second rather than numbers of versions or frames.
 
-    Some have 3 digits; and if they differ in length, zeros at the end were left out, so that 1.100 is no time.
+    Some have 3 digits. If they differ in length, trailing zeros were left out, so 1.100 is not a time.
     """
     widths = {len(one) for one in fractions}
     padded = any(one.endswith("0") for one in fractions if len(one) > 1)
@@ -182,7 +182,7 @@ def _unit_by_steps(numbers: list[int]) -> str | None:
 
 
 def _columns(stems: list[str]) -> dict[tuple[str, ...], int]:
-    """Which of the numbers in names that are alike but for them counts: the last that changes, else the last."""
+    """The index of the number that counts in otherwise equal names: the last that changes, else the last."""
     runs = defaultdict(list)
     for stem in stems:
         runs[_texts(stem)].append(re.findall(r"\d+", stem))
@@ -193,5 +193,5 @@ def _columns(stems: list[str]) -> dict[tuple[str, ...], int]:
 
 
 def _texts(stem: str) -> tuple[str, ...]:
-    """What is between the numbers of a name."""
+    """The parts of a name between its numbers."""
     return tuple(re.split(r"\d+", stem))

@@ -1,4 +1,4 @@
-"""What is known of a recording's camera beside its frames: by the file itself, by a camera.json, by the user."""
+"""The known parameters of a recording's camera, from the user, the file itself, or a camera.json."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from handpose.sources.lens import Lens
 
 @dataclass(frozen=True)
 class Given:
-    """None is not known. A camera whose width and height are 0 takes frames of any size.
+    """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size.
 
     camera   of the frames
     lens     its distortion
-    unit_mm  what a stored value of 1 stands for
+    unit_mm  depth of a stored value of 1
     rate     frames per second
-    origin   of these numbers, for messages: "--camera", "camera.json"
+    origin   of these values, for messages: "--camera", "camera.json"
     """
 
     camera: Camera | None = None
@@ -26,9 +26,9 @@ class Given:
     origin: str = ""
 
     def else_by(self, other: Given) -> Given:
-        """These numbers, and those of another where these are not known."""
+        """These parameters; those of ``other`` where these are unknown."""
         unknown = {name: value for name, value in vars(other).items() if getattr(self, name) in (None, "")}
-        if self.camera is not None:  # a camera's lens is that of the one who names the camera
+        if self.camera is not None:  # camera and lens come from the same origin
             unknown.pop("lens", None)
         return replace(self, **unknown)
 

@@ -1,11 +1,11 @@
-r"""Lens distortion, and depth images without it: everything after a recording sees with a pinhole camera.
+"""Lens distortion, and its removal from depth images: all other code sees a pinhole camera.
 
-With x, y the slopes of a ray (x right, y DOWN, at depth 1) and r² = x² + y², Brown and Conrady's lens shows it at
+With x, y the slopes of a ray (x right, y DOWN, at depth 1) and r² = x² + y², the Brown-Conrady model maps it to
 
     x' = x q + 2 p1 x y + p2 (r² + 2 x²)        q = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
     y' = y q + 2 p2 x y + p1 (r² + 2 y²)
 
-as OpenCV has it. An inverse lens (RealSense's coded light) gives the same formula from the picture to the ray.
+as in OpenCV. An inverse lens (RealSense's coded light) has the same formula from the image to the ray.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from netlib.errors import DataError, did_you_mean
 
 COUNTS = (4, 5, 8)  # of coefficients
 ITERATIONS = 30  # of the inverse, whose steps shrink to a half or less for any lens that is sold
-MAX_SLOPE_ERROR = 1e-5  # slope that the inverse may be off; 0.01 px of a camera of 1,000 px
+MAX_SLOPE_ERROR = 1e-5  # maximum error of the inverse; 0.01 px for a focal length of 1,000 px
 STEPS = 4096  # in which a lens is followed from the middle to the corner
-MIN_SHOWN = 0.25  # of a picture; with less left of it, the coefficients are not this camera's
+MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coefficients are wrong
 
-# What others call the models, without case and with one space between words. RealSense says "modified Brown Conrady" of
-# colour cameras; fisheyes are none of depth cameras.
+# Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
+# colour cameras. Fisheye models are not supported, because depth cameras do not use them.
 FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "rational 6kt", "opencv"}
 INVERSE = {"inverse brown conrady"}
 NONE = {"none", ""}
@@ -39,8 +39,8 @@ NONE = {"none", ""}
 class Lens:
     """A lens.
 
-    coefficients  k1 k2 p1 p2 [k3 [k4 k5 k6]], OpenCV's order; none is no distortion
-    model         is the formula from the ray to the picture, or the inverse?
+    coefficients  k1 k2 p1 p2 [k3 [k4 k5 k6]], OpenCV's order; empty without distortion
+    model         direction of the formula: from the ray to the image, or the inverse
     """
 
     coefficients: tuple[float, ...] = ()
@@ -57,7 +57,7 @@ class Lens:
         return not any(self.coefficients)
 
     def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Where in the picture, as slopes, rays of slopes x and y (y down) appear; NaN for those that do not.
+        """The slopes in the image of rays of slopes x and y (y down); NaN for rays outside the image.
 
         Raises DataError for an inverse lens that cannot be inverted there.
         """
@@ -76,7 +76,7 @@ class Lens:
             return a, b
 
     def _fold(self, farthest: float) -> float:
-        """The slope from which on the picture comes back towards its middle: no light is there, only the formula."""
+        """The slope beyond which the formula folds back towards the middle, where no light is."""
         r = np.linspace(0, farthest, STEPS)
         shown, _ = replace(self, coefficients=self._radial())._formula(r, np.zeros_like(r))
         back = ~(np.diff(shown) > 0)
@@ -94,7 +94,7 @@ class Lens:
 
 
 def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
-    """A lens as files name it: RealSense's, Azure's, ROS's and OpenCV's words. Raises DataError for any other."""
+    """The lens for a model name of RealSense, Azure, ROS or OpenCV. Raises DataError for other names."""
     name = " ".join(re.split(r"[\W_]+", model.lower().removeprefix("distortion.").strip()))
     numbers = tuple(float(number) for number in coefficients)
     if not any(numbers):
@@ -114,10 +114,10 @@ def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
 
 
 class Straightener:
-    """Depth images of a camera behind a lens, as the camera alone would see them.
+    """Undistorts depth images.
 
-    By nearest neighbour: a mean of two depths at an edge would be a point in thin air. Pixels that the lens does not
-    show are 0. Raises DataError for a lens that cannot be inverted over the picture, or that leaves little of it.
+    By nearest neighbour, because the mean of two depths at an edge would be a point in empty space. Pixels outside the
+    lens's view are 0. Raises DataError for a lens that cannot be inverted over the image, or that leaves little of it.
     """
 
     def __init__(self, camera: Camera, lens: Lens) -> None:

@@ -22,7 +22,7 @@ READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 @dataclass(frozen=True)
 class Header:
-    """What an array's header says; its values begin at byte ``start``."""
+    """The header of an array's file; the values begin at byte ``start``."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -34,7 +34,7 @@ class Header:
         return math.prod(self.shape[-2:]) * self.dtype.itemsize
 
     def stack(self, where: str) -> tuple[int, int, int]:
-        """Frames, height and width; one image is a stack, too. Raises DataError if they are no depth frames."""
+        """Number of frames, height and width; one image is a stack, too. Raises DataError for other shapes."""
         if len(self.shape) not in (2, 3) or 0 in self.shape or math.prod(self.shape[-2:]) > MOST_PIXELS:
             raise DataError(f"{where}: an array of shape {self.shape}; expected (frames, height, width)")
         check_values(self.dtype, where)
@@ -56,7 +56,7 @@ def header_of(start: bytes, where: str) -> Header:
             if version not in READERS:
                 raise ValueError(f"its version is {version[0]}.{version[1]}")
             shape, by_columns, dtype = READERS[version](stream)
-    except Exception as error:  # of a damaged header, Python's own parser may raise anything
+    except Exception as error:  # Python's parser may raise anything for a damaged header
         raise DataError(f"{where}: no array as NumPy writes it: {reason_of(error)[:200]}") from None
     if by_columns and len([size for size in shape if size > 1]) > 1:
         raise DataError(f"{where}: an array in Fortran's order; write it with numpy.ascontiguousarray")

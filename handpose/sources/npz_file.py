@@ -1,4 +1,4 @@
-"""NumPy's .npz: a zip file of arrays, of which one is read frame by frame."""
+"""NumPy's .npz: a zip file of arrays, one of which is read frame by frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from handpose.sources.npy_header import HEADER, Header, header_of
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of
 
-SMALL = 1 << 24  # bytes of what stands beside the frames
+SMALL = 1 << 24  # bytes; maximum size of the other arrays
 
 
 class NpzFile:
@@ -34,7 +34,7 @@ class NpzFile:
                         self._headers[entry[:-4]] = header_of(stream.read(HEADER), f"{path}: {entry[:-4]}")
 
     def stack(self) -> tuple[str, Header]:
-        """The array called depth, else the only one of three axes. Raises DataError."""
+        """The array called depth, otherwise the only one with three axes. Raises DataError."""
         stacks = [name for name, header in self._headers.items() if len(header.shape) == 3]
         name = "depth" if "depth" in self._headers else stacks[0] if len(stacks) == 1 else ""
         if not name:
@@ -60,11 +60,11 @@ class NpzFile:
             _exactly(stream, header.start)
             for _ in range(header.stack(str(self.path))[0]):
                 yield header.frame(_exactly(stream, header.frame_bytes))
-            stream.read(1)  # at whose end the checksum is looked at
+            stream.read(1)  # the checksum is verified at the end
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[zipfile.ZipFile]:
-        """The archive; whatever is wrong with it within the block is a DataError."""
+        """The archive; any error within the block becomes a DataError."""
         with BufferedReader(files.opened(self.path, "the depth frames")) as stream:
             try:
                 with zipfile.ZipFile(stream) as archive:

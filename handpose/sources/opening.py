@@ -23,17 +23,16 @@ EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *V
 def open_recording(source: str | Path, given: Given = NOTHING) -> Recording:
     """The recording in a folder or a file, or a live camera.
 
-    given  what the user knows of the camera; where it says nothing, the source itself does, and where that does not, a
-           camera.json beside it
+    given  camera parameters from the user; unknown ones are taken from the source itself, then from a camera.json
 
-    Raises DataError, and NetlibError where a package is missing that the source needs.
+    Raises DataError, and NetlibError if the source needs a package that is missing.
     """
     name, path = str(source), Path(source)
     if name.split(":")[0] == LIVE and not exists(path):
         from handpose.sources.realsense import open_live
 
         return open_live(name.partition(":")[2] or None, given)
-    file = path if exists(path) else Path(name.partition("#/")[0])  # which may be followed by a topic of a bag
+    file = path if exists(path) else Path(name.partition("#/")[0])  # a bag's topic may follow
     suffix = file.suffix.lower()
     if exists(file) and file.is_dir():
         suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder

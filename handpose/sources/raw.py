@@ -1,6 +1,6 @@
-"""From stored values to depth, the same for every source: unit, holes, size, lens.
+"""From stored values to depth, for all sources: unit, holes, size, lens.
 
-settled = settle(given, own, beside, raw.shape, raw.dtype, "take.mkv")   # what is known, by whoever knows it
+settled = settle(given, own, beside, raw.shape, raw.dtype, "take.mkv")   # parameters, by order of precedence
 develop = settled.developer("take.mkv")
 develop(raw)                                                             # (height, width) mm
 """
@@ -19,17 +19,17 @@ from handpose.sources.lens import Lens, Straightener
 from netlib.errors import DataError
 
 EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
-RATE = 30.0  # frames per second, of who does not say
+RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # that 16 bits hold
 
 
 class Developer:
-    """Makes depth of stored frames.
+    """Converts stored frames to depth.
 
     camera   of the frames, with their size
-    lens     which is in front of it; None is no distortion
-    unit_mm  what a stored value of 1 stands for
-    where    whose frames they are, for messages
+    lens     None without distortion
+    unit_mm  depth of a stored value of 1
+    where    name of the recording, for messages
     """
 
     def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str) -> None:
@@ -41,16 +41,16 @@ class Developer:
             raise DataError(f"{where}: {error}") from None
 
     def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
-        """Depth (height, width) in mm of stored values of the same shape; 0 where nothing was read, or no number.
+        """Depth (height, width) in mm for stored values of the same shape; 0 without a reading, and for NaN.
 
-        ``where`` is this frame's own name. Raises DataError for values that cannot be depths, and for another size.
+        ``where`` is the name of this frame. Raises DataError for values that cannot be depths, and for another size.
         """
         where = where or self.where
         check_values(raw.dtype, where)
         if raw.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
                             f"{self.camera.width} x {self.camera.height}")  # fmt: skip
-        with np.errstate(all="ignore"):  # a number that float32 cannot hold is none
+        with np.errstate(all="ignore"):  # numbers beyond float32 become infinite
             depth = raw.astype(np.float32) * self._unit
         if raw.dtype.kind == "f":
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
@@ -60,9 +60,9 @@ class Developer:
 
 
 def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:
-    """Values of 16 bits that stand for depth in mm; the inverse of a Developer without a lens.
+    """16-bit values for depth in mm: the inverse of a Developer without a lens.
 
-    Raises DataError for depths that 16 bits cannot hold: they would come back as others.
+    Raises DataError for depths beyond 16 bits, which would change.
     """
     values = np.rint(depth.astype(np.float64) / unit_mm)
     if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MAX_UINT16):
@@ -73,13 +73,13 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
 
 @dataclass(frozen=True)
 class Settled:
-    """What is known of a recording.
+    """The parameters of a recording.
 
     camera   with the frames' size
-    lens     of it, if there is one
-    unit_mm  what a stored value of 1 stands for
-    rate     frames per second, if somebody says
-    remarks  what was assumed, and who said the rest: a line each
+    lens     of the camera, or None
+    unit_mm  depth of a stored value of 1
+    rate     frames per second, or None
+    remarks  assumed values, and the origin of the others, one line each
     """
 
     camera: Camera
@@ -93,7 +93,7 @@ class Settled:
         return Developer(self.camera, self.lens, self.unit_mm, where)
 
     def paced(self) -> tuple[float, tuple[str, ...]]:
-        """Frames per second of frames without times, and what is to be said of it."""
+        """Frames per second for frames without times, and a remark about it."""
         if self.rate is not None:
             return self.rate, ()
         return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
@@ -102,15 +102,15 @@ class Settled:
 def settle(
     given: Given, own: Given, beside: Given, shape: tuple[int, ...], dtype: np.dtype[Any], where: str
 ) -> Settled:
-    """What is known of frames of a shape and type: by the user first, then the file itself, then a camera.json.
+    """The parameters of frames of a shape and type: from the user, else the file itself, else a camera.json.
 
-    Raises DataError where nobody knows the camera, or the unit of numbers that may as well be metres.
+    Raises DataError if the camera is unknown, or the unit of numbers that may be metres.
     """
     check_values(dtype, where)
     known = given.else_by(own).else_by(beside)
     if known.camera is None:
-        raise DataError(f"{where}: nothing says which camera saw these frames; write {EXAMPLE} into a file camera.json "
-                        f"beside them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
+        raise DataError(f"{where}: the camera of these frames is unknown; write {EXAMPLE} into a file camera.json "
+                        f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")  # fmt: skip
     remarks = []
     if own.camera is None:
         remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else beside.origin}")
@@ -120,13 +120,13 @@ def settle(
     if unit is None:
         if dtype.kind == "f":
             raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres, or "
-                            'write "unit_mm" into a camera.json beside it')  # fmt: skip
+                            'write "unit_mm" into a camera.json next to it')  # fmt: skip
         unit = 1.0
         remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
     if known.lens is not None and not known.lens.is_straight:
         remarks.append("the distortion of the lens is taken out")
     elif own.lens is not None and not own.lens.is_straight:  # the user names a camera, and no lens
-        remarks.append(f"the distortion that {where} tells of is that of another camera, and is left in; --distortion "
+        remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
                        "if it holds for this one")  # fmt: skip
     return Settled(sized(known.camera, shape, where), known.lens, unit, known.rate, tuple(remarks))
 
@@ -150,5 +150,5 @@ def check_values(dtype: np.dtype[Any], where: str) -> None:
 
 
 def size_of(shape: tuple[int, ...]) -> str:
-    """In words, width first as users say it."""
+    """A size in words, width first."""
     return f"{shape[1]} x {shape[0]} pixels" if len(shape) == 2 else f"shape {shape}"

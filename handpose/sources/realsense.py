@@ -25,9 +25,9 @@ WAIT_MS, WAITS = 1000, 5  # Ctrl-C is heard after each; a camera that starts may
 
 
 def open_live(serial: str | None, given: Given) -> Recording:
-    """The depth of a connected camera, of any or of that with a serial number, in its default size and rate.
+    """The depth stream of a connected camera, by serial number or any, in its default size and rate.
 
-    Raises DataError where there is none, and NetlibError without pyrealsense2.
+    Raises DataError if there is none, and NetlibError without pyrealsense2.
     """
     rs = _library()
     config = rs.config()
@@ -70,7 +70,7 @@ def _connected(rs: Any) -> list[str]:
 
 
 def _own(rs: Any, profile: Any, name: str) -> tuple[Given, tuple[int, int]]:
-    """What the camera says of itself, and the height and width of its frames. Raises DataError."""
+    """The camera's own parameters, and the height and width of its frames. Raises DataError."""
     stream = profile.get_stream(rs.stream.depth).as_video_stream_profile()
     if stream.format() != rs.format.z16:
         raise DataError(f"{name}: its depth comes as {stream.format()}; expected z16")
@@ -86,7 +86,7 @@ def _own(rs: Any, profile: Any, name: str) -> tuple[Given, tuple[int, int]]:
 
 
 class _Live(Recording):
-    """Frames as they come. The camera's frame number counts those that nobody took in time."""
+    """Frames as they come. The camera's frame number includes frames dropped because they were not read in time."""
 
     live = True
 
@@ -115,7 +115,7 @@ class _Live(Recording):
                 self.remarks += (f"frames lost because they were not taken in time: {lost}",)
 
     def _next(self) -> Any:
-        """The next frame; None, and ``cut`` says why, if none comes."""
+        """The next frame; None if none comes, and then ``cut`` is the reason."""
         reason = ""
         for _ in range(WAITS):
             try:

@@ -1,8 +1,8 @@
-"""What every source of depth frames is, whatever file or camera it comes from.
+"""The interface of all sources of depth frames.
 
 with open_recording("my_frames") as recording:     # handpose.sources.opening
     for frame in recording:
-        frame.time, frame.depth                    # s; (height, width) in mm, 0 where nothing was read
+        frame.time, frame.depth                    # s; (height, width) in mm, 0 where there is no reading
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from handpose.facts.cameras import Camera
 
 
 class DepthFrame(NamedTuple):
-    """One frame, as a camera without distortion sees it.
+    """One frame without lens distortion.
 
     number  0-based, among all frames of the recording
     time    s, by the source's clock, from its first frame on; ascends
-    depth   (height, width) mm, 0 where nothing was read
+    depth   (height, width) mm, 0 where there is no reading
     """
 
     number: int
@@ -32,18 +32,18 @@ class DepthFrame(NamedTuple):
 
 
 class Recording(ABC):
-    """Frames of one depth camera, in the order of time. Iterating reads them one by one; raises DataError.
+    """Frames of one depth camera in the order of time. Iterating reads them one by one; raises DataError.
 
-    A recording that ends in the middle of a frame gives all whole frames before it; then ``cut`` says so.
+    A recording that ends within a frame yields all complete frames before it; then ``cut`` is not empty.
 
-    name     what messages call it
-    camera   that saw the frames, without distortion, and with the frames' size
-    unit_mm  what a stored value of 1 stands for
-    count    how many frames there are, if that is known
-    rate     frames per second that the source promises, if it does
-    live     do frames come as they are seen? Then those that nobody took in time are lost
-    cut      after the last frame: why there are not all that were promised, else empty
-    remarks  what was assumed of the source, and after the last frame what was left out of it: a line each
+    name     for messages
+    camera   of the frames, without distortion, with the frames' size
+    unit_mm  depth of a stored value of 1
+    count    number of frames, or None if unknown
+    rate     nominal frames per second, or None
+    live     True for a camera: frames that are not read in time are lost
+    cut      after the last frame: why there are fewer than expected, else empty
+    remarks  assumptions about the source, and after the last frame what was left out, one line each
     """
 
     name: str

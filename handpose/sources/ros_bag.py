@@ -1,9 +1,9 @@
 """ROS bags with depth: RealSense's .bag and .db3, and those of any camera's driver, of ROS 1 and 2.
 
-PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC says which images, where there are several of depth.
+PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC selects the images if several topics have depth.
 
-Messages are read as the types of ROS that their topics name. A bag also brings definitions of its own, from which the
-library would make code: those are left alone.
+Messages are read as the ROS types of their topics. A bag also contains definitions of its own, from which the library
+would generate code: they are ignored.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` 
 
 
 class Bag(NamedTuple):
-    """A bag that is open.
+    """An open bag.
 
-    reader  rosbags' own
-    is_ros1 or else ROS 2
-    where   messages call it
+    reader  of rosbags
+    is_ros1 False for ROS 2
+    where   name for messages
     """
 
     reader: Any
@@ -51,10 +51,10 @@ class Bag(NamedTuple):
         return found
 
     def messages(self, topic: str, *kinds: str) -> Iterator[tuple[int, Any]]:
-        """The nanoseconds at which the bag got each message of a topic, and the message.
+        """The time of recording in nanoseconds of each message of a topic, and the message.
 
-        ``kinds`` are the expected types: a bag may have several connections of one topic, each with a type of its own.
-        Raises DataError if messages of more than one of them are there, and what rosbags raises.
+        ``kinds`` are the allowed types: a bag may have several connections for one topic, with different types. Raises
+        DataError for messages of more than one of them, and rosbags' errors.
         """
         connections = [one for one in self.reader.connections if one.topic == topic and one.msgtype in kinds]
         there = sorted({one.msgtype for one in connections if one.msgcount})
@@ -152,7 +152,7 @@ class _BagRecording(Contained):
 
 
 def _depth_topic(bag: Bag, asked: str) -> str:
-    """The topic that is asked for, or the only one of depth. Raises DataError."""
+    """The requested topic, or the only one with depth. Raises DataError."""
     images = [*bag.topics(messages.IMAGE)]
     images += [
         topic
@@ -175,7 +175,7 @@ def _depth_topic(bag: Bag, asked: str) -> str:
 
 
 def _own(bag: Bag, topic: str, encoding: str) -> Given:
-    """What the bag says of the camera of a topic, and of the unit."""
+    """The bag's parameters of the camera of a topic, and the unit."""
     base = topic.removesuffix(messages.PACKED)
     parent = base.rpartition("/")[0]
     places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")  # ROS's and RealSense's

@@ -1,4 +1,4 @@
-"""What keeps rosbags from waiting for ever and from filling the memory: it trusts whatever a bag says.
+"""Limits that keep rosbags from hanging and from exhausting the memory: it trusts the content of a bag.
 
 check_files(path)             # before a bag is opened
 limit_reading()               # once, before the first
@@ -24,7 +24,7 @@ from netlib.files.paths import names_in
 
 BEGINNINGS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 PACKED = ".zstd"  # the ending of files that are compressed as a whole
-MAX_YAML_BYTES = 1 << 20  # bytes; of a bag with hundreds of topics it has a tenth of them
+MAX_YAML_BYTES = 1 << 20  # ten times the size for hundreds of topics
 MAX_CHUNK_BYTES = 1 << 28  # bytes; recorders close a chunk below 1 MB, or after a single message that is larger
 MAX_MESSAGE_BYTES = 1 << 26  # bytes; an image of 4096 x 4096 depths of 32 bits
 
@@ -57,7 +57,7 @@ def limit_reading() -> None:
     ros1: Any = importlib.import_module("rosbags.rosbag1.reader")
     mcap: Any = importlib.import_module("rosbags.rosbag2.storage_mcap")
     ros2: Any = importlib.import_module("rosbags.rosbag2.reader")
-    zstd = ros2.zstd  # Python's own or its backport
+    zstd = ros2.zstd  # the standard library's or its backport
     unpack_lz4, unpack_zstd = _limited(lz4.frame.LZ4FrameDecompressor), _limited(zstd.ZstdDecompressor)
     ros1.decompressors.update(bz2=_limited(bz2.BZ2Decompressor), lz4=unpack_lz4)
     mcap.DECOMPRESSORS.update(
@@ -94,7 +94,7 @@ def limited_rows() -> Iterator[None]:
 
 @contextlib.contextmanager
 def named_limits() -> Iterator[None]:
-    """What SQLite raises for a row that is too large becomes a ValueError that says so."""
+    """Turn SQLite's error for a row that is too large into a ValueError that names the limit."""
     import apsw
 
     try:

@@ -1,4 +1,4 @@
-"""ROS's messages of depth cameras, and what they say: images, raw or as PNG, and the camera's numbers."""
+"""ROS messages of depth cameras: images, raw or as PNG, and the camera's parameters."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ IMAGES = (IMAGE, COMPRESSED)
 NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # of RealSense's options
 PACKED = "/compressedDepth"  # how the name of a topic of CompressedImage with depth ends
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
-# Millimetres and metres: REP 118, "Depth Images". RealSense's own files say mono16, and their unit elsewhere.
+# Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
 HEADER = 12  # bytes before the PNG of a compressedDepth
 
 
 def encoding_of(message: Any) -> str:
-    """The name of a picture's encoding."""
+    """The encoding of an image."""
     return str(message.encoding) if hasattr(message, "encoding") else str(message.format).partition(";")[0].strip()
 
 
@@ -60,15 +60,15 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
 
 
 def nanoseconds_of(message: Any) -> int:
-    """When an image was taken; 0 of one that does not say it."""
+    """The time stamp of an image; 0 without one."""
     stamp = message.header.stamp
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def given_by(info: Any, topic: str, where: str) -> Given:
-    """Camera and lens of a CameraInfo for the images of a topic; nothing if it is not calibrated. Raises DataError.
+    """Camera and lens of a CameraInfo for the images of a topic; unknown if it is not calibrated. Raises DataError.
 
-    Images whose topic says "rect" have lost their distortion: of those the matrix P holds, of all others K and D.
+    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others.
     """
     k, d, p = (list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP")
     straight = "rect" in topic.rpartition("/")[2] and len(p) == 12 and p[0] > 0

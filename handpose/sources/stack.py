@@ -1,13 +1,12 @@
 """Stacks of depth frames in one array: .npy, .npz, .h5.
 
-An .npy is an array (frames, height, width) of 16-bit or larger whole numbers, or of floating-point numbers. In an .npz
-or .h5 it is called depth; beside it may stand
+An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of floating-point numbers. In an
+.npz or .h5 file it is called depth; the file may also have
 
     time             (frames,) s, by any clock
-    fx, fy, u0, v0   px, unit_mm, rate, distortion and all other words of a camera.json; or the whole of one as the
-                     text ``camera``
+    fx, fy, u0, v0   px, unit_mm, rate, distortion and all other keys of a camera.json; or its whole text as ``camera``
 
-(all but time are attributes of an .h5). Frames are read one by one: a stack may be larger than the memory.
+(all but time are attributes in an .h5). Frames are read one by one, so a stack may exceed the memory.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from handpose.sources.recording import DepthFrame, Recording
 from netlib.errors import DataError
 from netlib.files import Source, hdf5
 
-OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # words that may tell of something else, where there is no fx
+OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, ignored without fx
 
 
 def open_stack(path: Path, given: Given = NOTHING) -> Recording:
@@ -63,8 +62,8 @@ class _Frames:
 
     shape  (frames, height, width)
     dtype  of a stored value
-    times  (frames,) s, if the file has them
-    own    what the file says of its camera
+    times  (frames,) s, or None
+    own    the file's camera parameters
     cut    after the last frame: why there are fewer than ``shape`` says, else empty
     """
 
@@ -98,7 +97,7 @@ class _Npy(_Frames):
             yield header.frame(raw)
         if self._whole < self.shape[0]:
             self.cut = (
-                f"{self._source.path}: ends after {self._whole} whole frames, its header tells of {self.shape[0]}"
+                f"{self._source.path}: ends after {self._whole} whole frames, its header announces {self.shape[0]}"
             )
 
 
@@ -132,7 +131,7 @@ class _Hdf5(_Frames):
 
 
 def _own(found: Mapping[str, NDArray[Any]], path: Path) -> Given:
-    """What arrays beside the frames say of the camera. Raises DataError."""
+    """The camera parameters in the other arrays of the file. Raises DataError."""
     keys = [key for key in camera_file.KEYS if key in found and ("fx" in found or key not in OF_ANYTHING)]
     said = {key: _plain(found[key], f"{path}: {key}") for key in keys}
     own = camera_file.of(said, str(path)) if said else NOTHING

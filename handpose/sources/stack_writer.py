@@ -23,10 +23,10 @@ FASTEST = 1  # compression, after which a minute of frames is there in seconds
 
 
 class StackWriter:
-    """Keeps frames in a hidden file beside ``path``, which is made of them at the end; without any there is no file.
+    """Keeps frames in a hidden file next to ``path``, and writes ``path`` from them at the end, if there are any.
 
-    Both need place, and where a disk has none for the second they are lost: there is no file, or the old one. Raises
-    OSError.
+    Both need disk space. If there is not enough for the second, the frames are lost: there is no file, or the old one.
+    Raises OSError.
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
@@ -48,7 +48,7 @@ class StackWriter:
         self._times.append(frame.time)
 
     def discard(self) -> None:
-        """Have no file made of the frames so far."""
+        """Drop the frames so far, without writing a file."""
         self._times.clear()
 
     def close(self) -> None:
@@ -66,6 +66,6 @@ class StackWriter:
                     npy.write_array(out, small, allow_pickle=False)
             with archive.open("depth.npy", "w", force_zip64=True) as out:
                 npy.write_array_header_1_0(out, {"descr": "<u2", "fortran_order": False, "shape": shape})
-                self._kept.truncate(2 * shape[0] * shape[1] * shape[2])  # without what there is of a last one
+                self._kept.truncate(2 * shape[0] * shape[1] * shape[2])  # without an incomplete last frame
                 self._kept.seek(0)
                 shutil.copyfileobj(self._kept, out, 1 << 24)

@@ -1,7 +1,7 @@
-"""Depth in videos of 16 bits that lose nothing: FFV1 in Matroska, and an Azure Kinect's own files.
+"""Lossless 16-bit depth videos: FFV1 in Matroska, and Azure Kinect's files.
 
-Written by VideoWriter, every value returns as it was, and the camera, its unit and rate stand in the file's tag CAMERA
-as a camera.json has them. Matroska's clock, as FFmpeg writes it, ticks in milliseconds: times return to 0.5 ms.
+In files of VideoWriter every value is unchanged, and the camera, its unit and rate are in the tag CAMERA in the format
+of camera.json. Matroska's clock, as FFmpeg writes it, ticks in milliseconds, so times are exact to 0.5 ms.
 """
 
 from __future__ import annotations
@@ -77,12 +77,12 @@ def _dtype(stream: Any, where: str) -> np.dtype[Any]:
     if codec not in LOSSLESS:
         raise DataError(f"{where}: {codec} video ({pixels}), which is lossy: {EXPECTED}")
     if gray is None:
-        raise DataError(f"{where}: {codec} video of {pixels} pixels, which are no 16-bit greys: {EXPECTED}")
+        raise DataError(f"{where}: {codec} video of {pixels} pixels, not 16-bit grey: {EXPECTED}")
     return np.dtype("<u2" if gray[2] == "le" else ">u2")
 
 
 def _own(container: Any, stream: Any, path: Path) -> Given:
-    """What our writer said of the camera, or the stream of its rate."""
+    """The parameters written by VideoWriter, or the stream's rate."""
     tags = {key.upper(): value for key, value in container.metadata.items()}
     if TAG in tags:
         return camera_file.parse(tags[TAG], f"{path}: tag {TAG}")

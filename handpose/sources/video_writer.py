@@ -22,17 +22,17 @@ OPTIONS = {"level": "3", "slicecrc": "1", "g": "1"}  # every frame alone, with c
 
 
 class VideoWriter:
-    """A video that is there, whole, after the block: with all frames, or with those until an exception or Ctrl-C.
+    """Writes a video that is complete after the block: with all frames, or those until an exception or Ctrl-C.
 
         with VideoWriter(path, camera, unit_mm, rate) as video:
             video.write(frame)
 
-    unit_mm  what a stored value of 1 stands for; depths are rounded to it, and must fit into 16 bits
-    rate     frames per second, if it is known; every frame keeps its own time all the same
+    unit_mm  depth of a stored value of 1; depths are rounded to it, and must fit into 16 bits
+    rate     frames per second, if known; every frame keeps its own time
 
-    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames there is
-    no file, or the old one. A disk that fails leaves the old file, or where there is none one that is cut, with all
-    frames that reached it: FFmpeg holds back up to five seconds. With ``whole``, there is then no file.
+    Raises DataError for frames that cannot be written, OSError, and NetlibError without PyAV. Without frames no file is
+    written, and an old one is kept. If the disk fails, the old file is kept, or, without one, a truncated file with the
+    frames that reached the disk (FFmpeg buffers up to five seconds); with ``whole``, none.
     """
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None, whole: bool = False) -> None:
@@ -43,7 +43,7 @@ class VideoWriter:
 
     def __enter__(self) -> VideoWriter:
         if self._path.exists() and not self._path.is_file():
-            raise DataError(f"{self._path}: cannot be written: it is no file")
+            raise DataError(f"{self._path}: cannot be written: it is not a file")
         with contextlib.ExitStack() as stack, atomic.naming(self._path):
             self._fresh = stack.enter_context(atomic.temporary(self._path))
             self._container = self._av.open(str(self._fresh), "w", format="matroska")
@@ -81,7 +81,7 @@ class VideoWriter:
         self._last = tick
 
     def discard(self) -> None:
-        """Have no file made of the frames so far."""
+        """Drop the frames so far, without writing a file."""
         self._last = None
 
     def __exit__(
@@ -100,7 +100,7 @@ class VideoWriter:
             cut = self._failed or failure is not None
             if not cut or (not (self._whole or self._path.exists()) and _has_a_frame(self._fresh)):
                 atomic.take_place(self._fresh, self._path, sync=not cut)
-            if failure is not None and not self._failed:  # else it has been told
+            if failure is not None and not self._failed:  # otherwise it was reported before
                 raise failure
 
 

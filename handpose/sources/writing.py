@@ -28,19 +28,19 @@ class _Writer(Protocol):
 
 
 class RecordingWriter:
-    """A recording that is there after the block; if an exception or Ctrl-C ends that, with the frames till then.
+    """Writes a recording that exists after the block, also if an exception or Ctrl-C ends it.
 
-    On a full disk a folder keeps them all, FILE.mkv all but the last seconds, unless it was to replace an old one, and
-    FILE.npz, which is made at the end, none: an old file stays.
+    On a full disk a folder keeps all frames so far, FILE.mkv all but the last seconds, unless it replaces an old one,
+    and FILE.npz, which is written at the end, none: an old file is kept.
 
     path     a folder, FILE.npz, or FILE.mkv
-    camera   of the frames, with their size and without distortion, which frames have no more
-    unit_mm  what a stored value of 1 stands for: depths are rounded to it, and must fit into 16 bits
-    rate     frames per second, if it is known; every frame keeps its own time all the same
-    replace  what is there
-    whole    a disk that fails leaves no part of a new recording
+    camera   of the frames, with their size; the frames have no distortion
+    unit_mm  depth of a stored value of 1: depths are rounded to it, and must fit into 16 bits
+    rate     frames per second, if known; every frame keeps its own time
+    replace  an existing recording
+    whole    if the disk fails, keep no part of a new recording
 
-    Raises NetlibError for a path that cannot be taken, DataError for frames that cannot be kept, OSError.
+    Raises NetlibError for an invalid path, DataError for frames that cannot be stored, OSError.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""What is told of hands over time: the data, and the files that others read."""
+"""Tracks of hands over time: the data, and files for other programs."""

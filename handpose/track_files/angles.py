@@ -31,7 +31,7 @@ def free_dofs(skeleton: Skeleton) -> FreeDofs:
 
 
 def limits(skeleton: Skeleton, dof: int) -> tuple[float | None, float | None]:
-    """Lowest and highest value of an angle in rad, input plus initial value; None where there is no limit."""
+    """Lowest and highest value of an angle in rad, input plus initial value; None without a limit."""
     initial = float(skeleton.initial[dof])
     lower, upper = float(skeleton.lower[dof]), float(skeleton.upper[dof])
     return (lower + initial if lower > -NO_LIMIT else None), (upper + initial if upper < NO_LIMIT else None)

@@ -1,18 +1,16 @@
-"""Tracks as BVH, which Blender and other animation programs import: a file for each hand.
+"""Tracks as BVH, which Blender and other animation programs import: one file for each hand.
 
-Angles and bones are the track's own: a joint turns by its angles, in the skeleton's order, and bones keep the length
-that the hand had when it was seen last, when its size is known best. Fixed angles, as those of the metacarpals, are
-channels that never change. A bone has the name of the joint at its end.
+Angles and bones are those of the track: a joint rotates by its angles, in the skeleton's order. The bones are those of
+the hand's last frame, when its size is known best. Fixed angles, such as those of the metacarpals, are constant
+channels. A bone has the name of the joint at its end.
 
-    axes    right-handed: x right, y up, z TOWARDS the camera; the camera is at the origin. A left hand is a left one
-    length  1 is a metre, as in Blender: import it with its settings as they are. For programs that think in
-            centimetres: scale 100
-    time    BVH has no times, only a rate. It is that of the recording, or the most frequent one, or where frames come
-            in bursts the one over these, and every frame of BVH shows the recording's frame that is nearest in time.
-            While a hand is lost it keeps its last pose, before it is seen for the first time it has its first: all
-            files of a recording begin and end together
+    axes    right-handed: x right, y up, z TOWARDS the camera; the camera is at the origin. Left hands stay left hands
+    length  1 is a metre, as in Blender's default import settings. For programs that use centimetres: scale 100
+    time    BVH has a rate only. It is that of the recording, or the most frequent one; if frames come in bursts, the
+            rate over these. Every BVH frame shows the recording's frame closest in time. A lost hand keeps its last
+            pose, and has its first pose before it is found: all files of a recording begin and end together
 
-Poses that were taken for the other hand, before it was sure which one it is, are left out.
+Poses of the wrong side, before the side was decided, are left out.
 """
 
 from __future__ import annotations
@@ -34,21 +32,21 @@ from netlib.files import atomic
 TOWARDS = np.array([1.0, 1.0, -1.0])  # from camera axes, whose z is away
 METRE = 1000.0
 MAX_FRAMES = 10_000  # without another word, and more of those that ...
-MAX_VALUES = 10  # ... stand for one of the recording: where that has gaps of hours, a pose would be kept for millions
-BURST = 24  # steps that are looked at together, at most, ...
-SHARE = 8  # ... and one in so many of all: a pause or two are then in few of them
-MAX_SPREAD = 1.5  # times that one step may be off theirs: frames are lost, and clocks are coarse
+MAX_VALUES = 10  # BVH frames per frame of the recording; gaps of hours would become millions
+BURST = 24  # maximum number of steps in a window
+SHARE = 8  # a window has at most 1 / SHARE of all steps, so few windows contain a pause
+MAX_SPREAD = 1.5  # maximum ratio of a step to the usual one, because of lost frames and coarse clocks
 RATE = 30.0  # of a track of one frame
 
 
 class BvhWriter:
-    """Collects the poses of each hand; the end of the block writes NAME_right_0.bvh ... by hand and id.
+    """Collects the poses of each hand; the end of the block writes NAME_right_0.bvh ... by side and id.
 
-    After an exception, too, there are files of what was done. Raises OSError, DataError.
+    The files are also written after an exception. Raises OSError, DataError.
 
-    path     NAME.bvh, beside which the files are
-    files    what was written
-    rate     frames per second; None: found from the times
+    path     NAME.bvh, next to which the files are written
+    files    the files written
+    rate     frames per second; None: estimated from the times
     unit_mm  of lengths in the file
     """
 
@@ -60,7 +58,7 @@ class BvhWriter:
         self._poses: dict[tuple[int, str], list[_Pose]] = {}  # by id and hand
 
     def __enter__(self) -> BvhWriter:
-        with atomic.naming(self._path), atomic.temporary(self._path):  # a folder that is not there: say so at once
+        with atomic.naming(self._path), atomic.temporary(self._path):  # fail now if the folder is missing
             return self
 
     def write(self, frame: TrackedFrame) -> None:
@@ -114,17 +112,17 @@ def nearest_frames(times: Array, rate: float | None = None) -> tuple[Array, floa
 
 
 def _usual_step(times: Array, count: int) -> float:
-    """The median time of so many steps together, by their number: s."""
+    """The median duration in s of windows of steps, by the number of steps."""
     return float(np.median(times[count:] - times[:-count])) / count if len(times) > count else 0.0
 
 
 def bvh_text(
     header: TrackHeader, hand: Side, inputs: Array, origins_mm: Array, bones: Array, rate: float, unit_mm: float = METRE
 ) -> str:
-    """A BVH file of one hand.
+    """The BVH file of one hand.
 
     hand        "right" or "left"
-    inputs      (N, D) in N frames, as of ``TrackedHand``
+    inputs      (N, D) in N frames, as in ``TrackedHand``
     origins_mm  (N, 3) likewise
     bones       (K,) in all of them, in the header's units
     rate        frames per second

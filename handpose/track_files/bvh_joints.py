@@ -1,14 +1,14 @@
-"""A skeleton as BVH sees one: joints that stand where our bones begin.
+"""A skeleton in the conventions of BVH, where a joint is at the start of its bone.
 
-A joint of ours turns where its parent is, then moves along its bone. A joint of BVH stands at its OFFSET from its
-parent, and then turns. So a BVH joint has the name and the turns of ours, and the bone of our parent joint as OFFSET;
-an End Site has the bone of a joint without children.
+A joint of the skeleton rotates at its parent's position, then moves along its bone. A BVH joint is at its OFFSET from
+its parent, and then rotates. So a BVH joint has the name and the rotations of the skeleton's, and the bone of the
+parent joint as OFFSET; an End Site has the bone of a joint without children.
 
-A BVH joint turns about each axis once. One of ours that turns about an axis twice becomes several at the same place,
-NAME_turn1 ... and at last NAME.
+A BVH joint rotates about each axis once. A joint of the skeleton that rotates about an axis twice becomes several at
+the same position, NAME_turn1 ... and at last NAME.
 
-BVH is right-handed. With ``signs`` G (3,), a point p of the skeleton is at G p in BVH, and a turn by t about the axis a
-is one by det(G) G[a] t: the mirror image of our left-handed camera axes, and once more of a left hand.
+BVH is right-handed. With ``signs`` G (3,), a point p of the skeleton is at G p in BVH, and a rotation by t about the
+axis a is one by det(G) G[a] t: the mirror image of the left-handed camera axes, mirrored again for a left hand.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class BvhJoint(NamedTuple):
     """A joint of the file.
 
     name    in the file
-    depth   of joints above it
-    joint   of the skeleton, whose turns these are; -1: of a root that the skeleton does not have
-    parent  of the skeleton, whose bone leads here; -1 without
-    slides  translations by which it stands away from there
-    order   the three axes about which it turns, in order
-    turns   those that do turn
-    moves   has it a position that changes? Then its OFFSET is 0, so that all readers agree what the position is
-    ends    has it no children? Then an End Site follows
+    depth   number of joints above it
+    joint   index in the skeleton; -1 for a root that the skeleton does not have
+    parent  index of the joint whose bone leads here; -1 without
+    slides  translations from there to it
+    order   the three axes of its rotations, in order
+    turns   those that rotate
+    moves   True if its position changes; its OFFSET is then 0, so that all readers agree about the position
+    ends    True without children; an End Site follows
     """
 
     name: str
@@ -116,7 +116,7 @@ def _names(names: list[str]) -> list[str]:
 
 
 def offset_of(skeleton: Skeleton, joint: BvhJoint, bones: Array) -> Array:
-    """Where a joint stands in its parent, (3,) in the skeleton's axes; its free translations are 0."""
+    """The position of a joint in its parent, (3,) in the skeleton's axes; its free translations are 0."""
     if joint.moves:
         return np.zeros(3)
     still = np.array([m.sign * skeleton.initial[m.dof] for m in joint.slides])

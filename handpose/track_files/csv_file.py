@@ -1,18 +1,18 @@
 """A track as CSV: a row per frame and hand, for tables and plots.
 
     number, time_s   of the frame in its recording, from 0
-    id, hand         a number that the hand keeps; right or left
-    lost             empty, or why the hand is not found in this frame: then all columns after this one are empty
-    confidence       the chance that the joints' mean error is below 30 mm; empty if nobody knows
-    error_mm         the error to be expected; empty likewise
+    id, hand         the hand's constant number; right or left
+    lost             empty, or the reason why the hand is not found in this frame: then all further columns are empty
+    confidence       probability that the joints' mean error is below 30 mm; empty if unknown
+    error_mm         expected error; empty likewise
     JOINT_x_mm, JOINT_y_mm, JOINT_z_mm   of each joint, camera axes: x right, y up, z away
-    ANGLE_rad        of each angle; of a left hand, of its mirror image
+    ANGLE_rad        of each angle; for a left hand, of its mirror image
 
-With a format of joints (``joint_values``) its columns take the place of the last two kinds.
+With a joint format (``joint_values``) its columns replace the last two kinds.
 
-A hand that is lost keeps its rows, so that a plot over time has gaps and no false lines: in pandas,
-``read_csv(path)`` makes NaN of what is empty, and ``table[table.lost.isna()]`` are the rows with a hand. A frame in
-which no hand is tracked has no row.
+A lost hand keeps its rows, so that a plot over time has gaps instead of lines: in pandas, ``read_csv(path)`` reads
+empty fields as NaN, and ``table[table.lost.isna()]`` are the rows with a hand. A frame without tracked hands has no
+row.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
 
 
 class CsvWriter:
-    """Writes a table frame by frame; what is written stays if the block ends by an exception. Raises OSError.
+    """Writes a table frame by frame; rows written before an exception are kept. Raises OSError.
 
-    joints    a format of joints, whose columns are written instead of our joints and angles
-    gestures  are the last two columns the hand's gesture, empty for none, and its confidence?
+    joints    a joint format, whose columns replace the joints and angles
+    gestures  add two columns: the hand's gesture, empty for none, and its confidence
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A file that grows frame by frame, and is a whole one whatever ends the program's work."""
+"""A file that grows frame by frame, and is complete whatever ends the program."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from netlib.files import atomic
 
 
 class GrowingFile:
-    """A file of pieces, written beside ``path`` and renamed at the end of the block; raises OSError.
+    """A file of pieces, written next to ``path`` and renamed at the end of the block; raises OSError.
 
-    An exception in the block, such as Ctrl-C or a full disk, keeps the pieces that were written whole; if there is
-    none, what stood at ``path`` stays.
+    After an exception in the block, such as Ctrl-C or a full disk, the complete pieces are kept; without any, the old
+    file.
 
     head  first bytes
-    tail  last bytes: they follow every piece, and the next piece takes their place, so that no failure can cut them off
+    tail  last bytes: they are written after every piece, and overwritten by the next, so that no failure truncates them
     """
 
     def __init__(self, path: Path, head: bytes = b"", tail: bytes = b"") -> None:

@@ -4,39 +4,39 @@ The header, once:
 
     format, version  "handpose track", 1
     source           the recording's name
-    smoothed         were poses smoothed over time?
+    smoothed         true if poses were smoothed over time
     units, axes      in words: lengths in mm, angles in rad, time in s; x right, y up, z away from the camera
     camera           name, fx, fy, u0, v0 in px, width and height of the frames in px; without distortion
-    unit_mm          what a length of 1 in ``prototxt`` stands for
+    unit_mm          the unit of lengths in ``prototxt``
     skeleton         name of the body, and
         joints         names; arrays of joints are in this order
         parents        name of each joint's parent; null for a root
-        bones          pairs of names to draw lines between: parent, joint
+        bones          pairs of names, parent and joint, for drawing
         angles         name, lower and upper limit in rad of each angle; null without a limit
-        translations   names of the lengths by which the body moves along
-        prototxt       the skeleton file, by which angles, translations and bones make positions
+        translations   names of the body's translations
+        prototxt       the skeleton file, which maps angles, translations and bones to positions
     joint_format     with a format of joints: its name, joints, bones, length, axes, and the angles
     frames           in a document only: the list
-    complete         in a document only, the last key: true if the tracker came to its end, false if it was stopped
+    complete         in a document only, the last key: true if the recording was finished, false if it was stopped
 
 A frame:
 
     number, time_s   in the recording, from 0
-    hands            those that are seen, by id
-        id, hand         a number that the hand keeps; "right" or "left"
-        confidence       the chance that the joints' mean error is below 30 mm; null if nobody knows
-        error_mm         the error to be expected; null likewise
+    hands            the tracked hands, by id
+        id, hand         the hand's constant number; "right" or "left"
+        confidence       probability that the joints' mean error is below 30 mm; null if unknown
+        error_mm         expected error; null likewise
         positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
         angles_rad       by name; of a left hand, those of its mirror image
-        origin_mm        the point that translations begin from, camera axes
+        origin_mm        the origin of the translations, camera axes
         translations_mm  by name; of a left hand, those of its mirror image
         bones_mm         signed length of each joint's bone, 0 without one: in the first frame of this id, and wherever
                          they have changed since
-        crop             center_uvd (px, px, mm) and cube_mm, where the hand was looked for
+        crop             center_uvd (px, px, mm) and cube_mm of the hand's crop
         gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
                          thumb_up; confidence, 0 to 1 (``handpose.gestures``)
         mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
-    lost             those that were seen before and are not now: id, hand, since_s (seen last), reason (a line)
+    lost             hands tracked before: id, hand, since_s (tracked last), reason (a line)
 """
 
 from __future__ import annotations
@@ -95,10 +95,10 @@ class JsonWriter:
 
 
 class JsonLinesWriter:
-    """Writes JSON lines, each of which can be read as soon as it is there. Raises OSError.
+    """Writes JSON lines, each of which can be read at once. Raises OSError.
 
-    path    of the file, which is begun anew; None: standard output
-    joints, gestures  as ``open_writer`` has them
+    path    of the file, which is overwritten; None: standard output
+    joints, gestures  as for ``open_writer``
     """
 
     def __init__(
@@ -137,9 +137,9 @@ class JsonLinesWriter:
 
 
 class Track(NamedTuple):
-    """A whole track.
+    """A complete track.
 
-    cut  why there are not all frames of the recording, else empty
+    cut  why there are fewer frames than in the recording, else empty
     """
 
     header: TrackHeader

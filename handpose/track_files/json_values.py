@@ -1,4 +1,4 @@
-"""The header and the frames of a track as JSON values, and back; json_file.py says what every key means."""
+"""The header and the frames of a track as JSON values, and back; json_file.py describes the keys."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ AXES = {"x": "right", "y": "up", "z": "away from the camera"}
 
 def rounded(numbers: ArrayLike, decimals: int) -> Any:
     """A number or lists of numbers; None where a number is not known."""
-    if isinstance(numbers, float):  # of which a frame has many
+    if isinstance(numbers, float):  # the frequent case
         return round(float(numbers), decimals) + 0.0 if math.isfinite(numbers) else None
     array = np.asarray(numbers, dtype=np.float64)
     values = (array.round(decimals) + 0.0).tolist()  # + 0.0: no -0.0
@@ -87,7 +87,7 @@ def header_of(fields: Fields) -> TrackHeader:
 
 
 class FrameValues:
-    """Frames as objects, one after the other: the bones of a hand stand in the first one, and where they change.
+    """Frames as objects, in order: a hand\'s bones are in its first one, and where they change.
 
     every_bone  write the bones in every frame, for receivers that miss some
     """

@@ -1,5 +1,5 @@
-"""Why a hand is not told of in a frame: the words with which a reason begins, the same for trackers and for truth."""
+"""The beginnings of the reasons why a hand is missing from a frame, for trackers and for synthetic truth."""
 
 LEFT = "left the image"
 HIDDEN = "hidden"
-PARTLY = "partly in sight"  # of synthetic recordings: neither seen nor lost, so that nobody is blamed
+PARTLY = "partly in sight"  # in synthetic recordings: such frames are not scored

@@ -1,7 +1,7 @@
-"""Hands over time: what a tracker tells of every frame, and what a synthetic recording knows of its own.
+"""Tracks of hands: what a tracker outputs for every frame, and the truth of a synthetic recording.
 
-A hand is inputs of the skeleton, its bones, and an origin. Of a left hand the inputs are those of its mirror image, a
-right hand: ``joints_of`` turns all of it into joints.
+A hand has inputs of the skeleton, bones, and an origin. The inputs of a left hand are those of its mirror image, a
+right hand; ``joints_of`` computes its joints.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from netlib.blob import Array
 
 @dataclass(frozen=True)
 class TrackHeader:
-    """What holds for all frames.
+    """The properties of all frames of a track.
 
-    source    the recording's name
-    camera    that saw it, without distortion
-    skeleton  the body, of a right hand; D DoFs, K joints
-    unit_mm   what a length of 1 in inputs and skeleton stands for
-    smoothed  were poses smoothed over time?
+    source    name of the recording
+    camera    of the frames, without distortion
+    skeleton  of a right hand; D DoFs, K joints
+    unit_mm   length unit of inputs and skeleton
+    smoothed  True if poses were smoothed over time
     """
 
     source: str
@@ -45,15 +45,15 @@ class TrackedHand:
 
     id          of this hand, the same in all frames
     hand        "right" or "left"
-    confidence  the chance that the joints' mean error is below 30 mm; NaN if nobody has measured it
-    error_mm    the error to be expected; NaN likewise
-    inputs      (D,) of the skeleton: radians, and lengths in units; of a left hand, those of its mirror image
+    confidence  probability that the joints' mean error is below 30 mm; NaN if it was not measured
+    error_mm    expected error; NaN likewise
+    inputs      (D,) of the skeleton: radians, and lengths in units; for a left hand, those of its mirror image
     bones       (K,) signed lengths in units, as ``Skeleton.bones``
-    origin_mm   (3,) where the inputs' origin is, camera axes: the middle of its crop, of a left hand not mirrored
+    origin_mm   (3,) origin of the inputs, camera axes: the middle of its crop, for a left hand not mirrored
     xyz         (K, 3) mm, camera axes: x right, y up, z away
-    center_uvd  (3,) px, px, mm: the middle of the crop in which it was seen
+    center_uvd  (3,) px, px, mm: centre of its crop
     cube_mm     edge of that crop's cube
-    capsules    its flesh in mm, camera axes, of one body; None where nobody knows
+    capsules    its surface in mm, camera axes; None if unknown
     """
 
     id: int
@@ -70,10 +70,10 @@ class TrackedHand:
 
 
 class LostHand(NamedTuple):
-    """A hand that was tracked and is not found in this frame.
+    """A tracked hand that is not found in this frame.
 
-    since   s, when it was seen last
-    reason  one line, in words
+    since   s, when it was tracked last
+    reason  one line
     """
 
     id: int
@@ -83,12 +83,12 @@ class LostHand(NamedTuple):
 
 
 class TrackedFrame(NamedTuple):
-    """What is told of one frame.
+    """The hands of one frame.
 
     number  0-based, of the frame in its recording
     time    s
-    hands   those that are seen, by id
-    lost    those that were seen before and are not now, by id
+    hands   the tracked hands, by id
+    lost    hands tracked before that are missing now, by id
     """
 
     number: int

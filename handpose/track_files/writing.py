@@ -20,9 +20,9 @@ from netlib.errors import DataError
 
 
 class TrackWriter(Protocol):
-    """Writes a track frame by frame. Whatever ends its block, what was written stays, as whole files. Raises OSError.
+    """Writes a track frame by frame. Whatever ends its block, the files are valid and complete so far. Raises OSError.
 
-    files  what it writes; complete after the block
+    files  written; complete after the block
     """
 
     files: list[Path]

@@ -68,7 +68,7 @@ def test_what_was_found_on_the_way(frames: Path, capsys: pytest.CaptureFixture[s
     np.save("take.npy", np.arange(3 * 48 * 64, dtype=np.uint16).reshape(3, 48, 64))
     Path("take.npy").write_bytes(Path("take.npy").read_bytes()[:-1])
     assert record.main(["take.npy", *CAMERA, "--out", "b"]) == 0
-    assert "warning: take.npy: ends after 2 whole frames, its header tells of 3" in capsys.readouterr().err
+    assert "warning: take.npy: ends after 2 whole frames, its header announces 3" in capsys.readouterr().err
 
 
 def test_a_failure_keeps_what_was_done(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,7 +97,7 @@ def test_ctrl_c_keeps_what_was_done(
 @pytest.mark.parametrize(
     ("argv", "what"),
     [
-        (["frames", "--out", "a"], "frames/0.png: nothing says which camera saw these frames"),
+        (["frames", "--out", "a"], "frames/0.png: the camera of these frames is unknown"),
         (["none", *CAMERA, "--out", "a"], "none: no such file or folder"),
         (["frames", *CAMERA, "--out", "frames"], "frames: is where the source lies; write to another place"),
         (["frames/*.png", *CAMERA, "--out", "frames", "--force"], "frames: is where the source lies"),

@@ -208,7 +208,7 @@ def test_a_source_that_is_cut(capsys: pytest.CaptureFixture[str]) -> None:
     np.save("takes/cut.npy", depth[:4])
     Path("takes/cut.npy").write_bytes(Path("takes/cut.npy").read_bytes()[:-1])
     assert track.main(["takes/cut.npy", *RAW, "--json", "a.json"]) == 0
-    assert "warning: takes/cut.npy: ends after 3 whole frames, its header tells of 4" in capsys.readouterr().err
+    assert "warning: takes/cut.npy: ends after 3 whole frames, its header announces 4" in capsys.readouterr().err
     assert len(read_track("a.json").frames) == 3
 
 

@@ -97,5 +97,5 @@ def test_a_list_of_others(ours: Path, line: str) -> None:
 def test_folders_are_never_replaced(tmp_path: Path, name: str, force: bool) -> None:
     """Whatever is asked for, they cannot be."""
     (tmp_path / name).mkdir()
-    with pytest.raises(DataError, match=rf"/{name}: is no file; move it away"):
+    with pytest.raises(DataError, match=rf"/{name}: is not a file; move it away"):
         parts.refuse_foreign([tmp_path / "a.h5"], [tmp_path / "list.txt"], ["us"], force)

@@ -97,7 +97,7 @@ def test_the_unit_of_a_known_camera() -> None:
 
 def test_nothing_is_guessed() -> None:
     """No camera, no size, and no unit of floating-point numbers, which may be metres."""
-    with pytest.raises(DataError, match=r"take: nothing says which camera .*camera\.json.*--camera, nyu, icvl"):
+    with pytest.raises(DataError, match=r"take: the camera of these frames .*camera\.json.*--camera, nyu, icvl"):
         settle(NOTHING, NOTHING, NOTHING, (48, 64), U16, "take")
     for camera, shape in ((CAMERA, (48, 64)), (SR305, (480, 640))):  # whose unit is that of its pictures
         with pytest.raises(DataError, match="take: float32 depth of unknown unit; give --unit 1 for mm"):

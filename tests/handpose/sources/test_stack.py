@@ -113,7 +113,7 @@ def test_a_file_that_ends_too_early(tmp_path: Path) -> None:
     path.write_bytes(content[:-1])
     recording = open_stack(path, GIVEN)
     assert recording.cut == "" and len(list(recording)) == 2
-    assert recording.cut == f"{path}: ends after 2 whole frames, its header tells of 3"
+    assert recording.cut == f"{path}: ends after 2 whole frames, its header announces 3"
     path.write_bytes(content[:1000])
     with pytest.raises(DataError, match="ends within its first frame, at byte 1000"):
         open_stack(path, GIVEN)

@@ -295,7 +295,7 @@ class TestWriter:
 
     def test_where_nothing_can_be_written(self, tmp_path: Path) -> None:
         (tmp_path / "folder.mkv").mkdir()
-        with pytest.raises(DataError, match="it is no file"):
+        with pytest.raises(DataError, match="it is not a file"):
             write(tmp_path / "folder.mkv", frames(1))
         with pytest.raises(OSError, match="nowhere"):
             write(tmp_path / "nowhere" / "a.mkv", frames(1))
