@@ -1,4 +1,4 @@
-"""Frames of a track as pictures: the hands on the depth image, in space, and how sure they are.
+"""Images of the frames of a track: the hands on the depth image, in space, and their confidence.
 
 painter = Painter(header)
 for frame in track:                      # TrackedFrame
@@ -26,10 +26,10 @@ from netlib.errors import printable
 
 WIDTH = 1280
 HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
-MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # of the depth image, in widths of the whole picture
-MAX_LOST = 3  # hands that are told to be lost
+MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # of the depth image, in widths of the whole image
+MAX_LOST = 3  # number of lost hands that are listed
 _INK: Colour = (40, 40, 40)
-_MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn as if they were before it, far beside the picture
+_MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
 
 
 class Painter:
@@ -52,7 +52,7 @@ class Painter:
         self._contrast, self._space, self._curves = Contrast(), Space(header.skeleton), ConfidenceCurves()
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
-        """All of it, (height, width, 3). ``depth`` in mm, 0 where nothing was read. Raises DataError."""
+        """The whole image, (height, width, 3). ``depth`` in mm, 0 without a reading. Raises DataError."""
         canvas = np.full((self.height, self.width, 3), 255, dtype=np.uint8)
         seen = self.seen(depth, frame)
         middle, bottom = seen.shape[1], HEAD + seen.shape[0]
@@ -79,11 +79,11 @@ class Painter:
         return canvas
 
     def _along(self, pixel: float) -> float:
-        """A place along a row or a column of the depth image, in the picture."""
+        """The position in the whole image of a row or column of the depth image."""
         return (pixel + 0.5) * self._zoom - 0.5
 
     def _hand(self, canvas: Image, hand: TrackedHand) -> None:
-        """Crop, flesh and skeleton."""
+        """Draw crop, surface and skeleton."""
         low, high = self._crop(hand)
         cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
         if hand.capsules is not None:
@@ -92,7 +92,7 @@ class Painter:
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2)
 
     def _crop(self, hand: TrackedHand) -> tuple[Array, Array]:
-        """Upper left and lower right corner (2,) of the crop's middle plane, in the picture."""
+        """Upper left and lower right corner (2,) of the crop's middle plane, in the whole image."""
         u, v, d = hand.center_uvd
         half = np.array([self._seen_by.fx, self._seen_by.fy]) * hand.cube_mm / 2 / d
         middle = np.array([self._along(u), self._along(v)])
@@ -110,7 +110,7 @@ class Painter:
 
 
 def annotated(depth: NDArray[np.floating], frame: TrackedFrame, header: TrackHeader, width: int = WIDTH) -> Image:
-    """The picture of a single frame, (height, width, 3), as ``Painter.picture`` draws it. Raises DataError."""
+    """The image of a single frame, (height, width, 3), as ``Painter.picture`` draws it. Raises DataError."""
     return Painter(header, width).picture(depth, frame)
 
 
@@ -126,5 +126,5 @@ def _pixel(point: Array) -> tuple[int, int]:
 
 
 def _line_on_top(canvas: Image, words: str, left: int, right: int) -> None:
-    """A line of text in the part of the picture from ``left`` to ``right``."""
+    """Draw a line of text in the columns from ``left`` to ``right``."""
     strokes.text_within(canvas, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)

@@ -1,4 +1,4 @@
-"""Pictures to a video that browsers play: H.264 in .mp4, each picture at its own time. Needs PyAV (extra ``video``).
+"""Videos that browsers play: H.264 in .mp4, each image at its own time. Needs PyAV (extra ``video``).
 
 with VideoFile(Path("track.mp4")) as video:
     video.write(image, time)     # (height, width, 3), OpenCV's colour order; s
@@ -33,16 +33,15 @@ BT709, LIMITED = 1, 1  # FFmpeg's numbers of this standard of colours, and of it
 
 
 class VideoFile:
-    """A video that is being written; its file appears, whole, at the end of the block.
+    """Writes a video; the complete file appears at the end of the block.
 
-    So it does where the block ends by an exception or Ctrl-C, with what has been written so far. Without a picture
-    there is no file.
+    After an exception or Ctrl-C in the block it has the images so far. Without an image there is no file.
 
     path  ends in ".mp4"
-    rate  pictures per second: how long the last one stands, at most 10 s; all others stand until the next
-    note  what is unusual about the file, one line, or empty
+    rate  images per second: the duration of the last one, at most 10 s; all others last until the next
+    note  anything unusual about the file, one line, or empty
 
-    Raises NetlibError without PyAV, and for another ending.
+    Raises NetlibError without PyAV, and for another file extension.
     """
 
     def __init__(self, path: Path, rate: float = 30.0) -> None:
@@ -63,10 +62,10 @@ class VideoFile:
         return self
 
     def write(self, image: Image, time: float) -> None:
-        """One picture, at a time in s after all before; the first picture's is the video's beginning.
+        """Write an image at a time in s after all others; the video begins at the first image.
 
-        Pictures of odd sizes get another row or column. Raises DataError for a time that does not ascend and for
-        another size, OSError.
+        Images of odd sizes get another row or column. Raises DataError for a time that does not ascend and for another
+        size, OSError.
         """
         if self._stream is None:
             self._begin(image, time)
@@ -110,14 +109,14 @@ class VideoFile:
         self._stream = stream
 
     def _mux(self, frame: Any) -> None:
-        """Encode a frame, or what is left, and write what comes out."""
+        """Encode a frame, or flush the encoder, and write its output."""
         for packet in self._stream.encode(frame):
             packet.duration = round(TICKS / self.rate)  # which counts for the last one
             self._file.mux(packet)
 
     @contextlib.contextmanager
     def _refusals(self) -> Iterator[None]:
-        """What FFmpeg refuses is an OSError about the file."""
+        """Turn FFmpeg's errors into OSErrors that name the file."""
         try:
             yield
         except self._av.FFmpegError as error:

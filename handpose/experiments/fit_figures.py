@@ -37,7 +37,7 @@ class Block:
 
 
 def frames_of(generator: Generator, frames: int) -> Iterator[Block]:
-    """The first so many frames of a generator."""
+    """The first ``frames`` frames of a generator."""
     for number in range(-(-frames // BLOCK)):
         scene, n = generator.scene(number), min(BLOCK, frames - number * BLOCK)
         joints = scene.bodies.joints[:n] * scene.cube_mm / 2
@@ -47,14 +47,14 @@ def frames_of(generator: Generator, frames: int) -> Iterator[Block]:
 
 @dataclass(frozen=True)
 class Figures:
-    """Of N frames.
+    """The results for N frames.
 
     network  (N,) mean error in mm over NYU's 14 joints of the network alone
     fits     per plan, (N,) that of the fit
-    doubt, expected, confidence  per plan, (N,) as the fit says
-    signs    per plan, (N, 5): what the doubt is made of
-    right    per plan, (N,) bool: less speaks against the frame's fit than against its mirror image's; where asked
-    roll     (N,) degrees: how far the palm is turned in the picture from its mean pose, -180 to 180
+    doubt, expected, confidence  per plan, (N,) of the fit
+    signs    per plan, (N, 5): from which the uncertainty is computed
+    right    per plan, (N,) True if the frame's fit is less uncertain than its mirror image's; if requested
+    roll     (N,) degrees: rotation of the palm in the image from its mean pose, -180 to 180
     limbs    (N, L) errors of the limbs' inputs of the network
     """
 
@@ -78,8 +78,11 @@ def measure(
     hands: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Figures:
-    """Fit frames by several plans, with the fitter for the unit of their crops. ``hands``: their mirror images, too.
-    ``progress`` is told of frames done."""
+    """Fit frames by several plans, with the fitter for the unit of their crops.
+
+    hands     fit their mirror images, too
+    progress  called with the number of further frames done
+    """
     parts: list[dict[str, Array]] = []
     fitters: dict[float, DepthFitter] = {}
     for block in blocks:

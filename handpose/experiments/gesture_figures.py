@@ -1,4 +1,4 @@
-"""How often gestures are read as what is shown, on synthetic recordings: a confusion matrix, and the delay."""
+"""Confusion matrix and delay of the gesture recognition on synthetic recordings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class GestureFigures:
     delays: list[float] = field(default_factory=list)
 
     def right(self) -> float:
-        """The part of frames in which the gesture is read as what is shown; of none NaN."""
+        """The share of frames in which the gesture is recognised; NaN without frames."""
         return float(np.trace(self.counts[:, : len(GESTURES)]) / self.counts.sum()) if self.counts.any() else np.nan
 
 

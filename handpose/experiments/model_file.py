@@ -1,4 +1,4 @@
-"""A file of weights small enough for a repository: fewer bits, compressed, with the network's errors beside them."""
+"""Small weights files for the repository: rounded, compressed, together with the network's errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from netlib.net import Net
 
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
-    """The values with so many bits of the 23 of a mantissa, rounded to the nearest, ties to even."""
+    """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
     drop = np.uint32(23 - bits)
     raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
     half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + ((raw >> drop) & np.uint32(1))
@@ -22,7 +22,7 @@ def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
 
 
 def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
-    """The net's weights as Caffe reads them (HDF5, float32), shuffled and compressed, and its errors beside them."""
+    """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the network's errors."""
     with hdf5.written(path) as file:
         for layer, blobs in net.params.items():
             for i, blob in enumerate(blobs):

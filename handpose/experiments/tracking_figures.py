@@ -1,10 +1,10 @@
-"""What the tracker is worth: synthetic recordings followed, and compared with their truth and with single frames.
+"""Evaluation of the tracker on synthetic recordings, compared with their truth and with single frames.
 
 tracked = follow(SyntheticRecording("minute", NYU, seed=1), Tracker(load_predictor(NYU, fit="fast")))
 summary(tracked.hands)["mean"]
 
-A frame that is looked at alone has no history, but is told what only the truth knows: the middle of the crop and which
-hand it is (``Alone``). A tracker that is no worse than that has lost nothing by its history.
+A single frame has no history, but its predictor gets the true centre of the crop and the true side (``Alone``). A
+tracker that is no worse than that loses nothing by its history.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class HandFigures(NamedTuple):
 
     scores  of its track
     off     (F, K) mm: the errors in the frames in which it was found
-    same    (P, K) the errors of the track in those frames in which it was found alone, too
-    alone   (P, K) the errors of these frames alone
-    looked  frames in sight that were looked at alone
-    seen    of these, in which it was found
+    same    (P, K) the errors of the track in those of these frames in which the single frame was also found
+    alone   (P, K) the errors of these single frames
+    looked  number of visible single frames
+    seen    of these, those in which it was found
     """
 
     scores: HandScores
@@ -51,12 +51,12 @@ class HandFigures(NamedTuple):
 
 @dataclass(frozen=True)
 class Tracked:
-    """A recording that was followed.
+    """A tracked recording.
 
     hands     by their ids in the truth
-    invented  hands told where none is, over all frames
+    invented  false positives over all frames
     frames    of the recording
-    seconds   that the tracker took, without making the frames
+    seconds   used by the tracker, without generating the frames
     """
 
     hands: list[HandFigures]
@@ -66,9 +66,9 @@ class Tracked:
 
 
 class Alone:
-    """Looks at single frames, each crop about the true middle of a hand whose side is known, and no frame before.
+    """Predicts hands in single frames, with the true crop centre and side, without earlier frames.
 
-    predictors  for the sides; of one plan, which do not move the crop
+    predictors  for both sides; with one plan, which do not move the crop
     """
 
     def __init__(self, right: Predictor, left: Predictor) -> None:
@@ -99,10 +99,10 @@ def follow(
     every: int = 1,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Tracked:
-    """Follow a recording to its end.
+    """Track a recording to its end.
 
-    alone     looks at every so many-th frame alone
-    progress  is told of frames done
+    alone     every ``alone``-th frame is also predicted as a single frame
+    progress  called with the number of further frames done
 
     Raises DataError, NetlibError.
     """

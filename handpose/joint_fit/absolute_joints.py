@@ -1,4 +1,4 @@
-"""Fits to joints at absolute positions in mm, as files of predictions have them.
+"""Fits to joints at absolute positions in mm, as in files of predictions.
 
 There is no crop; each frame is centred at the mean of its joints instead.
 """

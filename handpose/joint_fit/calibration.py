@@ -1,20 +1,19 @@
-r"""Calibrate: one person's hand, from joints annotated in many frames of that person.
+"""Calibrate the skeleton of one person's hand, from joints annotated in many frames of that person.
 
-A skeleton file says how long the bones are, where the fixed rotations point, how a hand is held at first, and how far
-it bends. Bones, fixed rotations and the pose of every frame are found together (``calibration_problem``), from the
-poses that ``fit_joints`` finds for the template, scaled to the size of the hand.
+A skeleton file has the bone lengths, the fixed rotations, the initial pose and the limits. Bones, fixed rotations and
+the pose of every frame are estimated together (``calibration_problem``), from the poses that ``fit_joints`` finds for
+the template, scaled to the size of the hand.
 
-What the joints leave open stays at the (scaled) template:
-    - the root's own frame: turning the whole hand one way and all that is fixed to the root the other way, or moving
+What the joints do not determine stays at the (scaled) template:
+    - the root's own frame: rotating the whole hand one way and everything fixed to the root the other way, or moving
       along such null directions of an x-y-z triple in front of free rotations, changes no joint,
-    - the twist of a bone that carries nothing (an end that nothing hangs on),
+    - the twist of a bone without children,
     - with few joints annotated, most bones between joints that are not.
-Of a bone or fixed rotation of which more than ``UNDETERMINED`` of its spread among people is left, the frames do not
-tell.
+A bone or fixed rotation whose remaining spread is above ``UNDETERMINED`` of that among people is not determined.
 
-A constant added to a free angle is the same hand, so initial values of free DoFs are no unknowns. They are set
-afterwards, to the median of theta (rotations: around the circle), and limits to percentiles of what is then the input.
-DoFs of a root, which place and turn the whole hand, keep the template's limits, that is, none.
+A constant added to a free angle gives the same hand, so initial values of free DoFs are not estimated. They are set
+afterwards, to the median of theta (rotations: around the circle), and limits to percentiles of the resulting input.
+DoFs of a root, which place and turn the whole hand, keep the template's limits: none.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from netlib.proto import schema
 Progress = Callable[[int], None]
 
 UNDETERMINED = 0.5  # of the spread is left
-FIT_RIDGE = 1e-3  # of the poses to start from; ``fit_joints`` says what it does
+FIT_RIDGE = 1e-3  # of the initial poses, see ``fit_joints``
 
 MIN_GAIN = 1e-5  # relative; a step that gains less is the last
 MAX_STEPS = 60
@@ -50,18 +49,18 @@ MIN_MU, MAX_MU = 1e-9, 1e8
 
 @dataclass(frozen=True)
 class Calibration:
-    """A person's hand, and how sure it is.
+    """A person's hand and its uncertainty.
 
     skeleton      the result; its numbers are rounded, so that a file gives back the same
-    scale         size of the hand relative to the template, from distances that no pose changes
+    scale         size of the hand relative to the template, from distances that do not depend on the pose
     start         the template scaled by it
     inputs        (N, D) of ``skeleton`` in the frames, canonical
-    before        (N, K) distances of ``start``, fitted within its limits, from the joints seen; NaN where not seen
-    after         (N, K) the same of ``skeleton``, without limits
-    bone_spread   (all joints,) of each bone's spread among people, what is left; NaN for a joint without a bone
-    angle_spread  (D,) the same of each fixed rotation; NaN for the other DoFs
-    noise         deviation of a coordinate of the joints seen, in their unit
-    steps         that lowered the cost
+    before        (N, K) distances of ``start``, fitted within its limits, from the visible joints; NaN for others
+    after         (N, K) distances of ``skeleton`` without limits, likewise
+    bone_spread   (all joints,) remaining share of each bone's spread among people; NaN for a joint without a bone
+    angle_spread  (D,) remaining share for each fixed rotation; NaN for the other DoFs
+    noise         standard deviation of a coordinate of the visible joints, in their unit
+    steps         number of steps that lowered the cost
     """
 
     skeleton: Skeleton
@@ -101,17 +100,17 @@ def calibrate(
     seed: int = 0,
     progress: Progress = lambda done: None,
 ) -> Calibration:
-    """The hand that explains all frames best. Results do not depend on the number of threads. Raises DataError.
+    """Estimate the hand that explains all frames best. Independent of the number of threads. Raises DataError.
 
-    template    a hand like it: says what turns about what, and decides what the frames leave open
-    targets     (N, K, 3) where the joints were seen, all in one unit, which becomes the skeleton's; NaN: not seen
-    joints      the K joints of the skeleton that they are; by default all
+    template    a similar hand: its structure is used, and its values where the frames determine nothing
+    targets     (N, K, 3) joints, all in one unit, which becomes the skeleton's; NaN: not visible
+    joints      indices of the K joints in the skeleton; by default all
     percentile  of a DoF's inputs that becomes its lower limit; 100 less it is the upper one
-    starts      how often ``fit_joints`` starts for each frame
+    starts      number of starts of ``fit_joints`` for each frame
     seed        of those starts
-    progress    is told how many frames more are fitted to the template, by any thread; most of the time goes there
+    progress    called by any thread with the number of further frames fitted to the template (most of the time)
 
-    Takes some 40 kB per frame.
+    Takes about 40 kB per frame.
     """
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(template.parents))) if joints is None else list(joints)
@@ -128,7 +127,7 @@ def calibrate(
     state, noise, steps = _search(problem, problem.state(first.inputs))
     normal = problem.normal(state)
     angle_spread, bone_spread = problem.left(normal, state, noise)
-    moved = np.diagonal(normal.A, axis1=1, axis2=2) > 0  # (N, F) a joint that was seen moves with the DoF
+    moved = np.diagonal(normal.A, axis1=1, axis2=2) > 0  # (N, F) a visible joint moves with the DoF
     skeleton, inputs = _conclude(problem, state, moved, percentile)
     found = kinematics_of(skeleton).forward(inputs).joints[:, chosen]
     after = np.linalg.norm(found - goal, axis=2)
@@ -136,9 +135,10 @@ def calibrate(
 
 
 def size(template: Skeleton, targets: Array, joints: Sequence[int]) -> float:
-    """How many times as large as the template the hand with the joints (N, K, 3) is; 1 if that cannot be told.
+    """The size of the hand with the joints (N, K, 3) relative to the template; 1 if it cannot be determined.
 
-    Only distances that no pose changes are compared, as those along one bone. Raises DataError if they are mostly 0.
+    Only distances that do not depend on the pose are compared, such as those along one bone. Raises DataError if they
+    are mostly 0.
     """
     if targets.ndim != 3 or targets.shape[1:] != (len(joints), 3):
         raise DataError(f"joints of shape {targets.shape}, expected (N, {len(joints)}, 3)")
@@ -167,7 +167,7 @@ def _search(problem: CalibrationProblem, state: State) -> tuple[State, float, in
     normal, mu, steps = None, FIRST_MU, 0
     while steps < MAX_STEPS and mu < MAX_MU:
         noise = problem.noise(squares)
-        normal = normal or problem.normal(state)  # a step that is refused changes only mu
+        normal = normal or problem.normal(state)  # a rejected step changes only mu
         matrix, right, by_shared, own = problem.reduced(normal, state, noise, mu)
         du = np.linalg.solve(matrix, right)
         trial = State(state.theta - own - by_shared @ du, state.shared + du)

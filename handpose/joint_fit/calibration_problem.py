@@ -1,8 +1,8 @@
-r"""The least-squares problem of a person's hand: bones and fixed angles of all frames, and the pose of each frame.
+"""The least-squares problem of a person's hand: bones and fixed angles of all frames, and the pose of each frame.
 
 Bone lengths and fixed angles are *shared* by all frames of a person; the other angles belong to a frame. With theta_n
 the free DoFs of frame n, and u the shared numbers as deviations from the template in units of their spread among
-people (``BONE_SPREAD``, ``ANGLE_SPREAD``), the hand that explains the frames minimises
+people (``BONE_SPREAD``, ``ANGLE_SPREAD``), the hand minimises
 
     sum_n |joints(theta_n, u) - seen_n|²  +  noise² ( w |u|²  +  sum_n |(theta_n - initial) / POSE_SPREAD|² )
 
@@ -17,17 +17,17 @@ with all diagonal elements times 1 + mu. Eliminating the poses (Schur complement
 
     (C - sum B_nᵀ A_n⁻¹ B_n) du  =  -c + sum B_nᵀ A_n⁻¹ a_n              dtheta_n = -A_n⁻¹ (a_n + B_n du)
 
-The derivative by a fixed angle is the Jacobian's column in a skeleton in which no DoF is fixed; that by a bone's length
-is the direction of the bone, for its joint and all below it.
+The derivative by a fixed angle is the Jacobian's column in a skeleton without fixed DoFs; that by a bone's length is
+the direction of the bone, for its joint and all below it.
 
-``noise`` is the deviation of a coordinate in the frames, estimated from the residual before every step: exact joints
-are reproduced exactly, noisy ones believed as far as they deserve. The ridge decides what the joints leave open.
-A hundred times the frames are not a hundred times the evidence: an annotator has habits, and the poses, fitted to noisy
-joints, err to one side together with the bones. So w = N / INDEPENDENT_FRAMES. Of a bone's or fixed angle's spread
+``noise`` is the standard deviation of a coordinate in the frames, estimated from the residual before every step, so
+exact joints are reproduced exactly, and noisy ones are weighted accordingly. The ridge determines what the joints do
+not. Frames are not independent: an annotator has systematic errors, and the poses, fitted to noisy joints, err together
+with the bones. So w = N / INDEPENDENT_FRAMES. The remaining share of a bone's or fixed angle's spread is
 
     noise sqrt(w diag((C - sum B_nᵀ A_n⁻¹ B_n)⁻¹))
 
-is then left: 1 if the frames say nothing of it.
+and is 1 if the frames contain no information about it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from netlib.system.memory import blocks
 BONE_SPREAD = 0.1  # deviation of a bone among people of one size, relative to its length
 ANGLE_SPREAD = 0.2  # ... of a fixed angle, radians
 POSE_SPREAD = 0.5  # ... of a free angle among frames, radians; a root's DoFs have no such preference
-INDEPENDENT_FRAMES = 30  # so many frames count fully, more count as so many
+INDEPENDENT_FRAMES = 30  # effective number of frames, however many there are
 MIN_NOISE = 3e-3  # of the mean bone: no annotation is better (0.07 mm)
 # Every fitted number leaves one residual fewer to estimate the noise from, but not where the ridge decides: with few
 # joints none would be left. So at least a quarter count. From 8 joints (24 numbers for 26 DoFs) and noise of 1 and 3 mm
@@ -76,7 +76,7 @@ class Normal(NamedTuple):
 
 
 class CalibrationProblem:
-    """What is the same during the whole search, and the equations of a step.
+    """The constants of the search, and the equations of a step.
 
     free    (F,) the DoFs that belong to a frame
     angles  the fixed rotations, first part of the S shared numbers
@@ -124,7 +124,7 @@ class CalibrationProblem:
         return theta, bones
 
     def residual(self, positions: Array, rows: slice) -> Array:
-        """(n, 3 K) of the positions (n, all joints, 3); 0 for joints that were not seen."""
+        """(n, 3 K) of the positions (n, all joints, 3); 0 for joints that are not visible."""
         r = positions[:, self.joints] - self.goal[rows]
         return np.where(self.known[rows][:, :, None], r, 0.0).reshape(len(r), -1)
 
@@ -183,8 +183,8 @@ class CalibrationProblem:
         solved = np.empty((N, F, S + 1))
         parts = np.empty((len(self.blocks), S, S + 1))
         d = np.arange(F)
-        # If nothing seen moves with an angle, its row of A is 0. A thousandth of the least square that counts makes A
-        # invertible, and is nothing beside the elements of an angle that moves a joint.
+        # If no visible joint moves with an angle, its row of A is 0. A thousandth of the least relevant square makes A
+        # invertible, and is negligible compared with the elements of an angle that moves a joint.
         floor = 1e-3 * self.least_noise**2
 
         def job(i: int) -> None:
@@ -202,7 +202,7 @@ class CalibrationProblem:
         return C - eliminated[:, :S], right, solved[:, :, :S], solved[:, :, S]
 
     def left(self, normal: Normal, state: State, noise: float) -> tuple[Array, Array]:
-        """What is left of the spread of fixed rotations (D,) and bones (all joints,); NaN where there is none."""
+        """The remaining shares of the spread of fixed rotations (D,) and bones (all joints,); NaN for others."""
         matrix = self.reduced(normal, state, noise, mu=0.0)[0]
         left = noise * np.sqrt(self.shared_ridge * np.diag(np.linalg.inv(matrix)))
         of_angles, of_bones = np.full(len(self.template.initial), np.nan), np.full(len(self.template.parents), np.nan)

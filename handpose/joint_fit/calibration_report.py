@@ -1,4 +1,4 @@
-"""What a calibration found, in words: the comment on top of the skeleton file, and a report in mm and degrees."""
+"""The report of a calibration in mm and degrees, and the comment at the top of the skeleton file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from netlib.errors import printable
 def comment(
     template: Skeleton, frames: Observations, found: Calibration, unit: float, *, source: str, percentile: float
 ) -> str:
-    """The top of the skeleton file: what it was made from, and what the numbers mean.
+    """The comment at the top of the skeleton file: its sources, and the meaning of the numbers.
 
     unit        half-cube of the skeleton in mm
     source      name of the file with the annotations
-    percentile  at which the limits are
+    percentile  of the limits
     """
     before, after = (float(np.nanmean(r)) * unit for r in (found.before, found.after))
     some = "" if len(frames.joints) == len(template.parents) else f": {_names(template, frames)}"

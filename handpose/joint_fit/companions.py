@@ -1,12 +1,12 @@
-"""Joint angles for the frames of a training set, found by fitting the hand model to their joints.
+"""Joint angles for the frames of a training set, by fitting the hand model to their joints.
 
 A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a real data set has
-only joints. Each HDF5 file of the set gets a small companion with
+only joints. Each HDF5 file of the set gets a small companion file with
 
-    dof          (n, 47) inputs of the hand model, as its layer HandModel takes them
-    residual_mm  (n, 31) what the fit leaves of each joint; NaN for joints that were cut off at the cube
+    dof          (n, 47) inputs of the hand model, for its layer HandModel
+    residual_mm  (n, 31) distance of each joint after the fit; NaN for joints that were clipped to the cube
 
-and the name of the first file, where all else is (``netlib.files.hdf5.File``), so that a list of companions is read
+and the name of the first file, which has everything else (``netlib.files.hdf5.File``). So a list of companions is read
 like the list of the first files.
 """
 
@@ -35,13 +35,13 @@ Told = Callable[[int, Path, Array], object]  # number of a companion from 1 on, 
 
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
-    """Where the companion of each file goes. Raises DataError if two of them, or a file and its own, are the same."""
+    """The path of each file's companion. Raises DataError if two of them, or a file and its own, are the same."""
     targets = [out / path.name for path in files]
     for path, target in zip(files, targets):
         if os.path.realpath(path) == os.path.realpath(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
         if not hdf5.is_near(path, target):
-            raise DataError(f"{target}: is not beside the folder of the data, {path}; expected --out "
+            raise DataError(f"{target}: is not next to the folder of the data, {path}; expected --out "
                             f"{Path(os.path.realpath(path)).parent}_angles, for example")  # fmt: skip
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
@@ -57,10 +57,10 @@ def fit_list(
     told: Told = lambda number, target, residuals: None,
     **options: Any,
 ) -> tuple[Array, Array]:
-    """Make the companions of all files in a folder, and their list of this name. Raises DataError.
+    """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``told`` hears of each companion as soon as
-    it is there; ``options`` are those of ``fit_file``. Nothing but companions of the same files is replaced.
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``told`` is called with each companion when
+    it is complete; ``options`` are those of ``fit_file``. Only companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
@@ -74,12 +74,12 @@ def fit_list(
 
 
 def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) -> None:
-    """Raise DataError if what is to be replaced is no companion of these files, or no list of such."""
+    """Raise DataError unless the files to be replaced are companions of these files, or a list of them."""
     for path, target in zip(files, targets):
         if exists(target):
             rest = str((parts.attributes(target) or {}).get("rest_in", ""))
             if not rest or os.path.realpath(target.parent / rest) != os.path.realpath(path):
-                raise DataError(f"{target}: is no companion of {path}; move it away, or choose another --out")
+                raise DataError(f"{target}: is not a companion of {path}; move it away, or choose another --out")
     own = set(map(os.path.realpath, targets))
     for file in parts.listed(names, targets):
         if os.path.realpath(file) not in own:

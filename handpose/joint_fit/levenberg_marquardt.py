@@ -4,8 +4,8 @@ With A and b of the problem (``pose_problem``), each iteration solves for every 
 
     (A + mu diag(A)) step  =  -b
 
-takes the step if it lowers the cost, and then trusts the quadratic model more (mu / 3), else less (4 mu). With limits,
-steps are cut at them, and an angle that stands at a limit and wants beyond it is held.
+accepts the step if it lowers the cost, and then decreases mu (mu / 3), otherwise increases it (4 mu). With limits,
+steps are clipped to them, and an angle at a limit whose step would leave it is held.
 
 ``fit_joints`` starts several times (``starts``): first from the initial pose of the limbs in the best rotation of the
 whole body; then in turn from the best so far with some limbs drawn anew, and as at first but with all limbs drawn.
@@ -39,7 +39,7 @@ EXACT = 5e-6  # root mean square distance of the joints at which a frame needs n
 FIRST_MU, TRUST, DOUBT = 1e-2, 1 / 3, 4
 MIN_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
 RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
-MAX_MU = 1e8  # above it a step is lost in rounding: there is no lower place near
+MAX_MU = 1e8  # above it a step is lost in rounding: no lower cost is near
 
 
 def fit_joints(
@@ -56,15 +56,15 @@ def fit_joints(
 ) -> JointFit:
     """Fit every frame by itself. Results do not depend on the number of threads. Raises DataError.
 
-    targets     (N, K, 3) where the joints should be; NaN for a joint that is not known in a frame
-    joints      the K joints of the skeleton that they are; by default all
+    targets     (N, K, 3) joint positions; NaN for a joint that is unknown in a frame
+    joints      indices of the K joints in the skeleton; by default all
     limits      keep the inputs within the skeleton's limits
-    ridge       weight of the squared inputs (rotations of limbs) beside the squared distances: pulls angles that the
-                joints hardly determine towards the initial pose
-    starts      how often to start; a frame that fits exactly is not started again
-    iterations  at most so many per start
+    ridge       weight of the squared inputs (rotations of limbs) relative to the squared distances: pulls angles that
+                the joints hardly determine towards the initial pose
+    starts      number of starts; a frame that fits exactly is not started again
+    iterations  maximum number per start
     seed        of the random starts
-    progress    is told how many frames more are done, by any thread
+    progress    called by any thread with the number of further frames that are done
     """
     goal, chosen = checked(skeleton, targets, joints)
     if starts < 1 or iterations < 1 or not ridge >= 0:

@@ -1,4 +1,4 @@
-"""Annotated frames of one person, from HDF5 files: what calibration sees of a hand."""
+"""Annotated frames of one person for calibration, from HDF5 files."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def read_observations(
     seed: int = 0,
     half_cube: float = CUBE_MM / 2,
 ) -> Observations:
-    """Joints from an HDF5 file, or from those that a list (.txt) names. Raises DataError.
+    """Joints from an HDF5 file, or from those in a list (.txt). Raises DataError.
 
-    joints     use so many: those of PARTS; by default all that there are
-    frames     take so many at random, by default all; only such whose cube holds half of the joints or more
-    half_cube  mm, where the file does not say
+    joints     number of joints to use, those of PARTS; by default all
+    frames     number of frames, drawn at random; by default all; only those with half of the joints or more in the cube
+    half_cube  mm, if the file has none
     """
     files = read_list(str(path), None) if Path(path).suffix == ".txt" else [Path(path)]
     K = len(skeleton.parents)

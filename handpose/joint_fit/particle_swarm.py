@@ -33,9 +33,9 @@ def fit_joints_by_swarm(
 ) -> JointFit:
     """Fit every frame by itself, within the limits. Raises DataError.
 
-    A particle is drawn to the best place that it has seen and to the best of all, with the constriction of Clerc and
-    Kennedy (2002): v <- 0.7298 (v + 2.05 u1 (own best - x) + 2.05 u2 (best - x)). The cost is the sum of squared
-    distances. Arguments as for ``levenberg_marquardt.fit_joints``.
+    A particle is attracted to its own best position and to the best of all, with the constriction of Clerc and Kennedy
+    (2002): v <- 0.7298 (v + 2.05 u1 (own best - x) + 2.05 u2 (best - x)). The cost is the sum of squared distances.
+    Arguments as for ``levenberg_marquardt.fit_joints``.
     """
     goal, chosen = checked(skeleton, targets, joints)
     if particles < 1 or generations < 1:
@@ -74,7 +74,7 @@ def _swarm(problem: PoseProblem, goal: Array, particles: int, generations: int, 
 
 
 def _bounds(problem: PoseProblem, goal: Array) -> tuple[Array, Array]:
-    """Where the swarm may be, (F,) and (F,): within the limits, rotations once around, the root near the joints."""
+    """The swarm's bounds, (F,) and (F,): within the limits, full circles for rotations, the root near the joints."""
     sk, free, centre = problem.skeleton, problem.free, np.nanmean(goal, axis=0)
     turning = np.isin(free, rotations(sk))
     low = np.where(turning, np.maximum(problem.lower, -np.pi), problem.lower)

@@ -1,11 +1,11 @@
-"""The least-squares problem of a pose: which inputs put the model's joints where they were seen?
+"""The least-squares problem of a pose: the inputs for which the model's joints are at given positions.
 
 With r the differences (3 k) of the chosen joints and J their derivative by the F free DoFs, the cost of a frame is
 
     |r|² + ridge |x|²                gradient / 2  =  b  =  J r + ridge x        A  =  J Jᵀ + ridge
 
-``J`` is (F, 3 k), as ``Kinematics.jacobian`` has it. Joints that are not known in a frame leave r and J.
-Everything is in the unit of the skeleton's bones: half-cubes for the NYU hand.
+``J`` is (F, 3 k), as in ``Kinematics.jacobian``. Joints that are unknown in a frame are left out of r and J. Everything
+is in the unit of the skeleton's bones: half-cubes for the NYU hand.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class JointFit:
 
 
 class PoseProblem:
-    """What is the same for all frames.
+    """The constants of the fit for all frames.
 
     free        (F,) the DoFs that are fitted
-    lower, upper  (F,) their limits, infinite if they are not kept
-    ridge       (F,) weight of the squared inputs: that of the rotations of limbs, else 0
-    root_turns  the DoFs that turn the whole body
-    root_moves  the motions that move it
+    lower, upper  (F,) their limits, infinite without limits
+    ridge       (F,) weight of the squared inputs: 0 except for rotations of limbs
+    root_turns  the DoFs that rotate the whole body
+    root_moves  the motions that translate it
     limb_turns  the DoFs of all other rotations
     """
 
@@ -93,7 +93,7 @@ class PoseProblem:
 
 
 def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None) -> tuple[Array, list[int]]:
-    """Where joints should be (N, K, 3), wholly NaN where one is not known, and which they are. Raises DataError."""
+    """Joint positions (N, K, 3), all NaN for an unknown joint, and which are known. Raises DataError."""
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):

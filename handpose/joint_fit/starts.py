@@ -1,8 +1,8 @@
-"""Where fits start: the error of a pose has many valleys, and each start falls into one.
+"""Starts of fits: the error of a pose has many local minima, and each start leads to one.
 
-near the goal   that rotation of the whole body, of a grid, which puts the joints nearest after moving the centroids
-                together; the limbs are given (one product of all frames with all rotations finds it)
-redrawn limbs   the best pose so far with about half of its limbs drawn anew
+near the goal   the rotation of the whole body, from a grid, that brings the joints closest after aligning centroids;
+                the limbs are given (one product of all frames with all rotations finds it)
+redrawn limbs   the best pose so far with about half of its limbs drawn again
 """
 
 from __future__ import annotations

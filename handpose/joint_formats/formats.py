@@ -1,4 +1,4 @@
-"""The formats: which points, in which order, unit and axes, and what else a format has.
+"""The joint formats: their points, order, unit and axes, and their other outputs.
 
     mediapipe  MediaPipe's 21 hand landmarks: in the image, normalised, and metric. COCO-WholeBody's hands, FreiHAND's
                and the Panoptic Studio's have the same order
@@ -112,13 +112,13 @@ FORMATS: dict[FormatName, JointFormat] = {one.name: one for one in (_mediapipe()
 class FormattedHand:
     """A hand in a format.
 
-    format        which one, with the names of the J joints
-    positions     (J, 3) in its unit and axes, from the origin of the joints that were given: for a track the camera
+    format        with the names of the J joints
+    positions     (J, 3) in its unit and axes, from the origin of the given joints: for a track the camera
     orientations  (J, 4) quaternions x, y, z, w, w >= 0, of openxr: -Z along the bone to the fingertip, +Y out of the
-                  back of the hand or the nail, +X to the right of both; else None
-    radii         (J,) of openxr, in m: from the joint to the skin; else None
-    landmarks     (J, 3) of mediapipe, if a camera or a cube was given: x and y in [0, 1] of the image's width and
-                  height, z behind the wrist in widths of the image; else None
+                  back of the hand or the nail, +X to the right of both; otherwise None
+    radii         (J,) of openxr, in m: from the joint to the skin; otherwise None
+    landmarks     (J, 3) of mediapipe, if a camera or a cube is given: x and y in [0, 1] of the image's width and
+                  height, z behind the wrist in widths of the image; otherwise None
     """
 
     format: JointFormat
@@ -214,7 +214,7 @@ def _quaternions(directions: Array) -> Array:
 
 @functools.lru_cache(maxsize=8)
 def _radii(skeleton: Skeleton) -> Array:
-    """Radii (J,) of OpenXR's joints in the skeleton's units: the flesh's at our joints, with the points' weights."""
+    """Radii (J,) of OpenXR's joints in the skeleton's units: the surface's at the joints, with the points' weights."""
     flesh = Flesh(skeleton)
     ends, radii = np.concatenate([flesh.start, flesh.end]), flesh.radii.T.ravel()
     of_joints = np.array(

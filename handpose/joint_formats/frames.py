@@ -1,6 +1,6 @@
 """Directions of a hand, computed from its joints: of the palm and of each finger.
 
-The directions are those of a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
+They are those of a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
 and directions mirrored back. They depend on positions only, so joints of a network, a fit or a track can be used.
 
 The palm is rigid in the model. Its rotation is the one that best moves the palm of the skeleton at rest onto the joints

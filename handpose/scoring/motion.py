@@ -22,7 +22,7 @@ LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # that are tried; the best is refined b
 class Jitter(NamedTuple):
     """The jitter of tracked joints while the true ones are at rest; NaN without rest.
 
-    deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the sample standard
+    deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the standard
                   deviation of all three coordinates together
     step_mm       root mean square of the distance from one frame to the next
     frames        number of frames at rest

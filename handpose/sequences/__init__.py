@@ -1,1 +1,1 @@
-"""Movements of hands and what a depth camera records of them, for tests and measurements of the tracker."""
+"""Synthetic recordings of moving hands, for tests and measurements of the tracker."""

@@ -1,4 +1,4 @@
-"""What a hand does: acts, one after the other, as strokes of a movement."""
+"""The acts of a hand in a synthetic recording, and the movements they consist of."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ SWAY_MM = 25.0  # deviation of a hand's place while it shows gestures
 
 @dataclass(frozen=True)
 class Act:
-    """One thing to do, for so many seconds, more than 0.
+    """One act and its duration in s, above 0.
 
     rest      keep still
-    gestures  show them in any order, each for a while, the place swaying a little: those of ``of``, or all
+    gestures  show gestures in random order, each for a while, with a slightly swaying position: those of ``of``, or all
     wave      with an open hand
-    moving    fingers, palm and place at once, in bouts, with a rest after each
-    away      leave the image and come back at the end; as the first act, come
+    moving    fingers, palm and position at once, in bouts with rests
+    away      leave the image and return at the end; as the first act, enter
     """
 
     kind: Kind
@@ -62,9 +62,9 @@ class Actor:
         self.movement = Movement(sampler, person, side, fingers, palm, arm, volume.place(rng))
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
-        """Do the acts, again and again, until so many seconds are over, whose number does not change the movement.
+        """Perform the acts in a loop until the given time in s is over, which does not change the movement.
 
-        So what begins while a hand still comes back is done, too.
+        An act that begins while a hand still returns is performed, too.
         """
         n = 0
         while min(self.time, _begin(self.movement.place.strokes, self.time, np.inf)) < seconds:
@@ -104,7 +104,7 @@ class Actor:
             side = -side
 
     def _moving(self, end: float) -> None:
-        """Fingers, palm and place have strokes of their own times."""
+        """Fingers, palm and position have movements at different times."""
         while self.time < end:
             began, bout = self.time, min(self.time + self.rng.uniform(*BOUT), end)
             while self._show(self.choices.fingers(self.movement.fingers.keys[-1]), bout):
@@ -160,7 +160,7 @@ class Actor:
         return True
 
     def _go(self, to: Array, time: float, end: float) -> bool:
-        """The hand goes to a place."""
+        """Move the hand to a position."""
         place = self.movement.place
         distance = float(np.linalg.norm(to - place.keys[-1]))
         lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * distance / HAND_SPEED)

@@ -14,8 +14,8 @@ from netlib.blob import Array
 MAX_TURN = np.deg2rad(80)  # of a palm in one stroke
 ARM_DEVIATION = 0.6  # of the skeleton file's, which are for any hand
 TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5  # the most of a forearm's direction to the camera, up, and to the other hand
-CANDIDATES = 16  # of which the first that is possible is taken, or the best
-ON_THE_WAY = 5  # places, the last one included, where fingers are looked at
+CANDIDATES = 16  # the first possible one is taken, otherwise the best
+ON_THE_WAY = 5  # poses on the way, including the last, at which fingers are checked
 
 
 class Choices:
@@ -45,9 +45,9 @@ class Choices:
         return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
 
     def palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
-        """A palm and the inputs of its forearm, such that the arm may be a person's before the camera.
+        """A palm rotation and the inputs of its forearm, such that the arm can be that of a person at the camera.
 
-        before  the palm that turns there, if there is one
+        before  the palm rotation to start from, if there is one
         facing  factor of pitch and yaw
         """
         sampler, flesh = self.sampler, self.sampler.flesh
@@ -61,7 +61,7 @@ class Choices:
         return palms[chosen], arms[chosen]
 
     def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
-        """How far (N,) palms and forearms are from what a person would do, 0 for not at all, on the way, too."""
+        """How implausible (N,) palms and forearms are, also on the way; 0 is plausible."""
         flesh, count = self.sampler.flesh, len(arms)
         steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
         over = np.zeros(count)
@@ -78,6 +78,6 @@ class Choices:
 
 
 def _first(found: Array, most: float) -> int:
-    """The first that is not more than so much, or the least."""
+    """The index of the first value within the bound, otherwise of the lowest."""
     possible = np.flatnonzero(found <= most)
     return int(possible[0] if len(possible) else found.argmin())

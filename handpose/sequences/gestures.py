@@ -1,4 +1,4 @@
-"""Poses with a name, of the prior file and of what is shown to a reader of gestures, as far as fingers can go."""
+"""Named poses, of the prior file and of the gestures that are recognised, within the reach of the fingers."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from handpose.synthetic.prior_file import PartParameter, PoseParameter
 from netlib.blob import Array
 
 OPEN = "open"  # towards which a gesture is eased off
-STEPS = 9  # in so many
+STEPS = 9  # number of steps
 DECIMALS = 4  # of poses that are written down
 
 
 def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
-    """The inputs (D,) of a gesture's fingers, else 0: as far as this person's fingers get without sinking in."""
+    """The inputs (D,) of a gesture's fingers, otherwise 0, as far as this person's fingers move without penetration."""
     opened, formed = sampler.poses[OPEN], sampler.poses[name]
     trials = formed + np.linspace(0, 1, STEPS)[:, None] * (opened - formed)
     whole = np.zeros((STEPS, len(person.flesh.whole.initial)))
@@ -25,7 +25,7 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
 
 
 def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
-    """The limbs of every pose on the skeleton's own body: inputs by DoF, for whoever offers poses by name."""
+    """The limbs of every pose on the skeleton's own body: inputs by DoF."""
     flesh, unit_mm = sampler.flesh, sampler.cube_mm / 2
     person = Person(flesh, flesh.whole.bones, 1.0, flesh.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center)
     names = {int(d): sampler.skeleton.dof_names[int(d)] for d in sampler.limbs}
@@ -36,8 +36,8 @@ def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     }
 
 
-# What the recordings show on which gestures are measured. Other than the poses of the prior files, which training data
-# are drawn about, the thumb is out or across the palm as the gesture says, and a pinch touches.
+# The gestures in the recordings on which recognition is measured. Unlike the poses of the prior files, about which
+# training data are drawn, the thumb is out or across the palm as in the gesture's definition, and a pinch touches.
 _OUT = {"thumb_pip_rot_y": 0.5, "thumb_pip_rot_z": 0.1, "thumb_dip_rot_z": 0.7, "thumb_tip_rot_z": 0.4}
 _ACROSS = {"thumb_pip_rot_y": 0.3, "thumb_pip_rot_z": 0.75, "thumb_dip_rot_z": 0.8, "thumb_tip_rot_z": 0.3}
 _FOLDED = {"thumb_pip_rot_y": 0.7, "thumb_pip_rot_z": 0.72, "thumb_dip_rot_z": 0.97, "thumb_tip_rot_z": 0.94}
@@ -48,7 +48,7 @@ _TOUCHING = {
 
 
 def _pose(name: str, bends: tuple[float, float, float, float], at: dict[str, float]) -> PoseParameter:
-    """Index to little finger are bent by so much, DoFs are at such parts of their ranges."""
+    """A pose: the bends of index to little finger, and DoFs as fractions of their ranges."""
     bent = [PartParameter(of, bend) for of, bend in zip(("index", "middle", "ring", "little"), bends) if bend >= 0]
     return PoseParameter(name, tuple(bent), tuple(PartParameter(of, part) for of, part in at.items()))
 

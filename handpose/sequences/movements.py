@@ -29,7 +29,7 @@ OVERLAP = 0.3  # of the shorter of two strokes: their speeds together stay below
 
 
 def eased(part: Array) -> Array:
-    """How much of a stroke is done, (n,) in 0 to 1, when so much of its time has gone by."""
+    """The fraction (n,) of a movement that is done after these fractions of its time, eased in and out."""
     s = np.clip(part, 0, 1)
     return np.asarray(s * s * s * (10 - 15 * s + 6 * s * s))
 
@@ -119,10 +119,10 @@ class Movement:
     """One hand of a person, over time.
 
     side     "right" or "left"
-    fingers  the inputs of fingers and thumb, (D,) of the skeleton; the rest of them 0
-    palm     its rotation, world_from_palm, of a left hand that of its mirror image
-    arm      the inputs of the forearm, of those that only the flesh has
-    place    (3,) mm, camera axes: where the middle of a crop is
+    fingers  the inputs of fingers and thumb, (D,) of the skeleton; the others are 0
+    palm     its rotation, world_from_palm; for a left hand that of its mirror image
+    arm      the inputs of the forearm, which only the surface has
+    place    (3,) mm, camera axes: centre of a crop
     """
 
     def __init__(
@@ -147,11 +147,11 @@ class Movement:
 
 
 def posed(sampler: BodySampler, person: Person, fingers: Array, palm: Rotation, arm: Array) -> Array:
-    """The inputs (N, D) of the whole body, such that the middles of crops are at the origin.
+    """The inputs (N, D) of the whole body that put the crops' centres at the origin.
 
     fingers  (N, D) of the skeleton
     palm     N rotations
-    arm      (N, D) of what only the flesh has
+    arm      (N, D) inputs of the surface alone
     """
     initial = sampler.skeleton.initial
     whole = np.concatenate([fingers, arm], axis=1)

@@ -1,4 +1,4 @@
-"""One person: bones and flesh that stay the same from frame to frame."""
+"""One person: bones and a surface that stay the same from frame to frame."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from handpose.synthetic.flesh_prior import ANYBODY, FleshPrior
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
 from netlib.blob import Array
 
-WHOLE_ARM = replace(ANYBODY, cut=0.0)  # nobody's arm ends in thin air
+WHOLE_ARM = replace(ANYBODY, cut=0.0)  # arms do not end in empty space
 
 
 @dataclass(frozen=True)
 class Person:
     """A hand with its forearm, as a right hand. Lengths are in units of ``unit_mm``.
 
-    flesh    of the skeleton, whose capsules these are
+    flesh    the surface of the skeleton, with the capsules
     bones    (K,) of the whole body, signed
     size     relative to the skeleton's
     radii    (M, 2) of the capsules
-    offset   how far capsules end beside their joints, of the skeleton file's
-    sleeve   from which part of the forearm on it is worn, and how much thicker it is; thickness 0 is none
-    unit_mm  what a length of 1 stands for
-    center   (3,) in units, palm frame: where the middle of a crop is
+    offset   factor of the skeleton file's offsets of capsules from their joints
+    sleeve   fraction of the forearm where it starts, and its thickness; thickness 0 is none
+    unit_mm  length unit
+    center   (3,) in units, palm frame: centre of a crop
     """
 
     flesh: Flesh

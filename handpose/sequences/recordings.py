@@ -1,16 +1,15 @@
-"""Recordings of hands that move, made up, with all that is to be known of every frame.
+"""Synthetic recordings of moving hands, with the truth of every frame.
 
 recording = SyntheticRecording("minute", KINECT2, rate=30, seed=1)
-for frame in recording: ...            # as of any recording, and the same every time
-recording.truth(frame.number)          # where the hands are
+for frame in recording: ...            # like any recording, and the same every time
+recording.truth(frame.number)          # the true hands
 
-A hand is told of where nine of ten of its joints are in the image and nothing hides half of its surface. It is lost
-where at most one of ten is in the image, or its surface is hidden. In between it is ``PARTLY`` in sight, and nobody can
-say what a tracker should say.
+A hand is visible if nine of ten of its joints are in the image and at most half of its surface is hidden. It is lost if
+at most one of ten is in the image, or its surface is hidden. In between it is ``PARTLY`` visible, and not scored.
 
-Hands, surroundings and the levels of the sensor's faults depend on the seed, the faults of a frame on its number, too.
-Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels costs one core some 10 to 35 ms,
-most of it the sensor's faults; its truth alone, 5 to 10 ms.
+Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame also on its number.
+Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels takes 10 to 35 ms on one core,
+most of it for the sensor's errors; its truth alone 5 to 10 ms.
 """
 
 from __future__ import annotations
@@ -34,18 +33,18 @@ from netlib.errors import DataError, did_you_mean
 
 MAX_SECONDS = 36000.0
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
-FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # what random numbers are for, beside those of the stage
+FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # random streams, in addition to those of the scene
 
 
 class SyntheticRecording(Recording):
-    """A script, played before a camera.
+    """A script recorded by a camera.
 
     script    or the name of one of ``SCRIPTS``
-    camera    one without a size has its principal point in the middle
+    camera    without a size, the principal point is the middle of the image
     rate      frames per second
-    seconds   its length; the script's if none is given
-    sensor    its faults, whose levels are drawn once; None has none
-    mirrored  take the other hands for it
+    seconds   length; by default the script's
+    sensor    error model, whose levels are drawn once; None has no errors
+    mirrored  exchange left and right hands
 
     Raises DataError.
     """
@@ -85,7 +84,7 @@ class SyntheticRecording(Recording):
         return (self.frame(number) for number in range(self.count))
 
     def frame(self, number: int) -> DepthFrame:
-        """Frame ``number``, the same whenever it is asked for, in whole units as a file would hold it."""
+        """Frame ``number``, the same at every call, in whole units as in a file."""
         depth = self.shot(number).depth
         if self.sensor:
             far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES, number)
@@ -113,9 +112,9 @@ class SyntheticRecording(Recording):
         return (self.truth(number) for number in range(self.count))
 
     def truth(self, number: int) -> TrackedFrame:
-        """What is to be told of frame ``number``: confidence 1, error 0; the id of a hand is the number of its role.
+        """The true hands of frame ``number``: confidence 1, error 0; the id of a hand is the number of its role.
 
-        A hand that was never in sight is not told of, unless it is partly so.
+        A hand that was never visible is not listed, unless it is partly visible.
         """
         time, hands, lost = number / self.rate, [], []
         shot = self.shot(number)
@@ -130,7 +129,7 @@ class SyntheticRecording(Recording):
         return TrackedFrame(number, time, tuple(hands), tuple(lost))
 
     def _last_in_sight(self, id: int, number: int) -> float | None:
-        """When a hand was last in sight, s, before frame ``number``; None for never."""
+        """The time in s when a hand was last visible before frame ``number``; None for never."""
         for n in range(number - 1, -1, -1):
             if n not in self._unseen:
                 self._unseen[n] = self.stage.shot(n / self.rate).unseen

@@ -1,4 +1,4 @@
-"""Scripts of synthetic recordings: who is before the camera, and does what."""
+"""Scripts of synthetic recordings: hands, their persons and their acts."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Role:
     """One hand.
 
     side    "right" or "left"
-    acts    what it does, again and again until the recording ends
-    person  whose it is: hands of one person have the same bones and flesh
+    acts    repeated until the recording ends
+    person  index of its person: hands of one person have the same bones and surface
     """
 
     side: Side
@@ -28,11 +28,11 @@ class Role:
 class Script:
     """A recording to be made.
 
-    seconds  how long it is, if nobody says otherwise
-    roles    the hands; their numbers here are their ids
-    body     is the first person seen behind the hands, or are arms all there is?
-    apart    does each of two hands keep to a half of the image, or may one hide the other?
-    poses    take the place of those of the prior file that have the same names
+    seconds  default length
+    roles    the hands; their indices are their ids
+    body     True if the body of the first person is visible behind the hands, False for arms only
+    apart    True if each of two hands keeps to its half of the image, False if one may hide the other
+    poses    replace those of the prior file with the same names
     """
 
     seconds: float
@@ -42,7 +42,7 @@ class Script:
     poses: tuple[PoseParameter, ...] = ()
 
     def mirrored(self) -> Script:
-        """The same with the other hands."""
+        """The script with left and right hands exchanged."""
         return replace(self, roles=tuple(replace(role, side=other_side(role.side)) for role in self.roles))
 
 
@@ -65,5 +65,5 @@ SCRIPTS = {
         body=True,
     ),
 }
-# A hand that shows gestures to a reader of them (handpose/gestures).
+# A hand that shows the gestures of handpose/gestures.
 SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)

@@ -1,4 +1,4 @@
-"""What is before the camera at any time of a script: hands, arms, surroundings, and which hands are in sight."""
+"""The scene of a script at any time: hands, arms, surroundings, and the visibility of the hands."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import render_image
 from handpose.track_files.reasons import HIDDEN, LEFT, PARTLY
 
-BODY_FAR = 700.0  # mm: before a body hands stay so near
-MOSTLY, HARDLY = 0.9, 0.1  # part of the joints in the image: in sight if as many, gone if not more
-SEEN, COVERED = 0.5, 0.05  # part of the surface that nothing hides: in sight if as much, hidden if less
+BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
+MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
+SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
 PEOPLE, HANDS, SURROUNDINGS = range(3)  # what random numbers are for
 
 Numbers = Callable[..., np.random.Generator]
 
 
 class Shot(NamedTuple):
-    """What there is at one time.
+    """The scene at one time.
 
-    depth    (height, width) mm, ``NOWHERE_MM`` where nothing is read, without the sensor's faults
+    depth    (height, width) mm, ``NOWHERE_MM`` without a reading, without the sensor's errors
     poses    of each role
-    unseen   of each role: why it is not in sight, or empty
+    unseen   of each role: why it is not visible, or empty
     """
 
     depth: Floats
@@ -52,7 +52,7 @@ class Stage:
         prior = prior_file.load().turned("palm_rot_z", any=0.0).turned("palm_rot_y", any=0.1)
         others = [pose for pose in prior.pose if pose.name not in [own.name for own in script.poses]]
         prior = prior.but(pose=(*others, *script.poses)) if script.poses else prior
-        self.sampler = BodySampler(prior)  # most of the time a palm or a back is seen
+        self.sampler = BodySampler(prior)  # palm or back mostly face the camera
         who = {role.person for role in script.roles}
         self.people = {person: Person.draw(numbers(PEOPLE, person), self.sampler) for person in who}
         volumes = [self._volume(n) for n in range(len(script.roles))]
@@ -65,7 +65,7 @@ class Stage:
         self.surroundings = draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
 
     def _volume(self, n: int) -> tuple[Volume, float]:
-        """Where a role's hand moves, and the side of its elbow; people look at the camera."""
+        """The volume in which a role's hand moves, and the side of its elbow; people face the camera."""
         roles, own = self.script.roles, self.script.roles[n].side
         volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
         if not self.script.apart or len(roles) == 1:
@@ -91,7 +91,7 @@ class Stage:
         return Shot(depth, poses, [self._unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
 
     def _unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
-        """Why a hand, which alone looks like ``layer``, is not in sight, or empty."""
+        """Why a hand with the rendering ``layer`` is not visible, or empty."""
         u, v, _ = self.camera.project(pose.xyz).T
         inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
         shown = np.isfinite(layer)

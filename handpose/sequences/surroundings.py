@@ -1,4 +1,4 @@
-"""What is behind moving hands, and does not move: a wall, a person; and the upper arms, which do."""
+"""The static surroundings of moving hands, a wall and a person, and the moving upper arms."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ BESIDE_MM = 750.0  # from one person to the next
 
 
 class Surroundings(NamedTuple):
-    """What a camera sees but hands and arms.
+    """Everything in the image except hands and arms.
 
-    image   (height, width) mm, ``NOWHERE_MM`` where nothing is read
+    image   (height, width) mm, ``NOWHERE_MM`` without a reading
     middle  (3,) mm between the shoulders of the first person
     """
 
@@ -29,7 +29,7 @@ class Surroundings(NamedTuple):
     middle: Array
 
     def upper_arm(self, elbow: Array, side: Side, person: int) -> Capsules:
-        """The capsule (1, 1) from an elbow (3,) to the shoulder of a person who looks at the camera."""
+        """The capsule (1, 1) from an elbow (3,) to the shoulder of a person who faces the camera."""
         right = -1.0 if side == "right" else 1.0
         shoulder = self.middle + (right * SHOULDER_MM + person * BESIDE_MM, -20.0, 0.0)
         return Capsules(elbow[None, None], shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))

@@ -1,4 +1,4 @@
-"""Where a hand may be before a camera."""
+"""The volume of possible hand positions in front of a camera."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Volume(NamedTuple):
     far: float = 850.0
 
     def roomy(self) -> Volume:
-        """The same, no nearer than a hand and its way fit in."""
+        """The volume, starting far enough from the camera for a hand and its movement."""
         c = self.camera
         needed = 1.15 * 2 * MARGIN_MM * max(c.fx / ((self.right - self.left) * c.width), c.fy / c.height)
         return self._replace(near=max(self.near, needed), far=max(self.far, 1.4 * needed))
@@ -44,7 +44,7 @@ class Volume(NamedTuple):
         return c.unproject((u, np.clip(v, down, c.height - down), z))
 
     def outside(self, place: Array) -> Array:
-        """The place (3,) outside the image beside another, at the nearer side."""
+        """The position (3,) outside the image next to another one, at the closer side."""
         c, z = self.camera, place[2]
         u, v, _ = c.project(place)
         beside = GONE_MM * c.fx / z

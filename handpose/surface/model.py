@@ -1,14 +1,14 @@
-"""Flesh: the capsules and wedges of a skeleton file as tables, where a pose puts them, how deep they are in each other.
+"""The surface of a skeleton file: tables of its capsules and wedges, their positions in a pose, and their penetration.
 
-A capsule goes from one joint to another, with a radius at both. Where it ends beside the joint, the ``offset`` o of the
-joint says how far, along axes that turn with a joint f of the body:
+A capsule extends from one joint to another, with a radius at both. If it ends next to the joint, the ``offset`` o of
+the joint gives the distance, along axes that rotate with a joint f of the body:
 
     E_j = X_j + size R_f o_j        with the pose's joints X_j and rotations R_f = world_from_f
 
 A wedge is its three edges, which are capsules, and a facet between them (``handpose.surface.render``).
 
-All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the skeleton with what only
-its flesh has (of a hand: the arm) after its own.
+All lengths are in the unit of the skeleton's bones. Joints are those of ``whole``, which is the skeleton, followed by
+the joints of the surface alone (for a hand: the arm).
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from netlib.blob import Array
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
 
-Sphere = tuple[int, float]  # the joint that it is about, and its radius
+Sphere = tuple[int, float]  # its joint and its radius
 
 
 class Flesh:
-    """The M capsules of a skeleton, the edges of its wedges among them; of the same skeleton the same tables.
+    """The M capsules of a skeleton, including the edges of its wedges; the same skeleton gives the same tables.
 
-    whole      the skeleton with the flesh's own joints and DoFs
-    start, end (M,) joints that the capsules go from and to
+    whole      the skeleton with the additional joints and DoFs of the surface
+    start, end (M,) joints that the capsules connect
     radii      (M, 2) at both
-    limbs      (M,) bool: it ends at a joint that only the flesh has
+    limbs      (M,) True if it ends at a joint of the surface alone
     facets     (T, 3) the spheres of each wedge, 2 m for the start of capsule m, 2 m + 1 for its end
-    trunk      (M,) bool: it moves with the root alone
-    offsets    per joint f that has some: the joints j, and their o_j (n, 3) in its axes
-    apart      two arrays (P,): pairs of capsules that should not be in each other
+    trunk      (M,) True if it moves with the root alone
+    offsets    for each joint f with offsets: the joints j, and their o_j (n, 3) in its axes
+    apart      two arrays (P,): pairs of capsules that must not penetrate each other
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
         self.skeleton, self.whole = skeleton, skeleton.with_flesh()
         flesh = skeleton.param.flesh
-        assert flesh is not None  # with_flesh says so
+        assert flesh is not None  # checked by with_flesh
         if not flesh.capsule and not flesh.wedge:
             raise PrototxtError(schema.position_of(flesh), "no capsule and no wedge in the flesh")
         spheres: list[tuple[Sphere, Sphere]] = []
@@ -86,11 +86,11 @@ class Flesh:
 
     @property
     def kinematics(self) -> Kinematics:
-        """That of the whole body, in the engine in use."""
+        """The kinematics of the whole body, for the engine in use."""
         return kinematics_of(self.whole)
 
     def ends(self, pose: Pose, size: Array | float = 1.0, offset: Array | float = 1.0) -> Array:
-        """Where the capsules of each joint end, (N, K, 3), in poses of the whole body.
+        """The ends of the capsules of each joint, (N, K, 3), in poses of the whole body.
 
         size, offset  (N,) factors of the offsets
         """
@@ -99,7 +99,7 @@ class Flesh:
     def ends_at(
         self, joints: Array, rotations: dict[int, Array], size: Array | float = 1.0, offset: Array | float = 1.0
     ) -> Array:
-        """``ends`` of given joints (N, K, 3) and rotations (N, 3, 3) of the joints whose axes the offsets have."""
+        """``ends`` for given joints (N, K, 3) and rotations (N, 3, 3) of the joints that the offsets refer to."""
         ends = joints.copy()
         factor = np.broadcast_to(np.multiply(size, offset), len(joints))[:, None, None]
         for f, (own, vectors) in self.offsets.items():
@@ -107,7 +107,7 @@ class Flesh:
         return ends
 
     def penetration(self, ends: Array, radii: Array) -> Array:
-        """How deep (N,) two parts that should keep apart are in each other; ends (N, K, 3), radii (N, M, 2)."""
+        """The maximum penetration (N,) of parts that should be apart; ends (N, K, 3), radii (N, M, 2)."""
         i, j = self.apart
         a, b = (ends[:, joints].transpose(2, 1, 0) for joints in (self.start, self.end))
         s, t, distance = _between(a[:, i], b[:, i], a[:, j], b[:, j])
@@ -139,7 +139,7 @@ class Flesh:
         return self.whole.joint_names.index(name)
 
     def _keep_apart(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Capsules of different parts that are not in each other when the body is at rest, all inputs 0."""
+        """Pairs of capsules of different parts that do not penetrate each other at rest, with all inputs 0."""
         named = [m for m, part in enumerate(self.parts) if part]
         pairs = [(i, j) for i, j in itertools.combinations(named, 2) if self.parts[i] != self.parts[j]]
         i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
@@ -151,7 +151,7 @@ class Flesh:
 
 
 def _between(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Array]:
-    """Nearest points of the segments ab and cd, arrays (3, ...): where on each, 0 to 1, and their distance."""
+    """The nearest points of the segments ab and cd, arrays (3, ...): position on each, 0 to 1, and their distance."""
     u, v, w = b - a, d - c, a - c
     uu, vv, uv = (u * u).sum(0), (v * v).sum(0), (u * v).sum(0)
     uw, vw = (u * w).sum(0), (v * w).sum(0)

@@ -38,10 +38,10 @@ from netlib.errors import DataError
 
 Floats = NDArray[np.float32]
 
-CLEAR_MM = 40.0  # before the camera's plane
-_FAR, _SPECK = 1e6, 1e-3  # mm: where nobody sees it, and so small
+CLEAR_MM = 40.0  # minimum distance from the camera's plane
+_FAR, _SPECK = 1e6, 1e-3  # mm: distance and radius of an invisible sphere
 _TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
-_EDGE = np.float32(1e-4)  # of a triangle: rays along its border meet it or the capsule there, not neither
+_EDGE = np.float32(1e-4)  # tolerance, so that rays along a triangle's border do not miss both it and the capsule
 _OUTSIDE = 8.0  # slope of the rays of crop pixels that lie outside the image: no capsule is there
 
 
@@ -72,11 +72,11 @@ class Capsules(NamedTuple):
         return self._replace(a=self.a * axes, b=self.b * axes)
 
     def frames(self, rows: slice | NDArray[np.int_]) -> Capsules:
-        """Those of some frames."""
+        """The capsules of some frames."""
         return Capsules(self.a[rows], self.b[rows], self.radius_a[rows], self.radius_b[rows], self.facets)
 
     def chosen(self, which: NDArray[np.bool_]) -> Capsules:
-        """Some of the capsules (M,), and the facets of which all spheres are among them."""
+        """Some of the capsules (M,), and the facets all of whose spheres are among them."""
         number = np.cumsum(which) - 1
         facets = self.facets[which[self.facets // 2].all(axis=1)]
         a, b, ra, rb = (values[:, which] for values in self[:4])
@@ -84,7 +84,7 @@ class Capsules(NamedTuple):
 
 
 def joined(parts: Iterable[Capsules]) -> Capsules:
-    """The capsules of several, of as many frames each, in each frame."""
+    """The capsules of several bodies together, frame by frame."""
     every = list(parts)
     before = np.cumsum([0, *(one.a.shape[1] for one in every)])
     facets = [one.facets + 2 * first for one, first in zip(every, before)]
@@ -93,7 +93,7 @@ def joined(parts: Iterable[Capsules]) -> Capsules:
 
 
 def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
-    """The parts of capsules so many mm, one or (N,), before the camera's plane; the rest becomes a far speck."""
+    """The parts of capsules farther than this in mm, one or (N,), from the camera's plane; others become specks."""
     clear = np.maximum(np.asarray(clear_mm, dtype=np.float64).reshape(-1, 1), CLEAR_MM)
     near = [(capsules.a[..., 2] - capsules.radius_a) - clear, (capsules.b[..., 2] - capsules.radius_b) - clear]
     change = np.where(near[1] == near[0], 1.0, near[1] - near[0])
@@ -112,8 +112,8 @@ def render_crop(
 ) -> Floats:
     """Depth (N, size, size) in mm, as ``crop`` would cut it from a rendering of the whole image.
 
-    The rays are those of the pixels that ``crop`` picks. Nothing in sight is the far face of the cube, but
-    what is nearer or farther than the cube is not moved to its faces: see ``normalise_depth``.
+    The rays are those of the pixels that ``crop`` picks. Pixels without a surface have the far face of the cube; depths
+    outside the cube are not clipped to its faces: see ``normalise_depth``.
 
     center_uvd  (N, 3) middle of the cubes
     cube_mm     edges of the cubes, one or (N,)
@@ -135,8 +135,8 @@ def normalise_depth(depth: Floats, center_d: ArrayLike, cube_mm: ArrayLike) -> F
 def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike) -> Floats:
     """Depth (N, H, W) in mm along the rays of slopes ``x`` (N, W) and ``y`` (N, H), both ascending, y DOWN.
 
-    ``background`` (N,) mm is the depth where there is no nearer capsule. Raises DataError for a capsule that
-    does not lie in front of the camera.
+    ``background`` (N,) mm is the depth where no capsule is nearer. Raises DataError for a capsule that is not in front
+    of the camera.
     """
     x, y = np.asarray(x, dtype=np.float32), np.asarray(y, dtype=np.float32)
     N, M = capsules.radius_a.shape
@@ -159,11 +159,11 @@ def _paint(
     bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]], coefficients: Floats,
     depths: Callable[[Floats, Floats, Floats], Floats],
 ) -> None:  # fmt: skip
-    """Draw L shapes into images (N, H, W), where they are nearer than what is there.
+    """Draw L shapes into images (N, H, W), where they are nearer than the existing depth.
 
     frame         (L,) the image of each
     bounds        smallest and largest slope of the rays that meet it, along x and along y
-    coefficients  (c, L) of them, for ``depths``, which gives the depths of rays, NaN where they miss
+    coefficients  (c, L) of them, for ``depths``, which computes the depths of rays, NaN where they miss
     """
     H, W = image.shape[1:]
     i0, i1 = _pixels(x, frame, *bounds[0])
@@ -190,7 +190,7 @@ def _paint(
         )
         for n, i, j, tile in zip(frame[some].tolist(), column.tolist(), row.tolist(), depth, strict=True):
             part = image[n, j : j + h, i : i + w]
-            np.fmin(part, tile, out=part)  # fmin passes over NaN, which is a ray that misses
+            np.fmin(part, tile, out=part)  # fmin ignores NaN, for rays that miss
         first = last
 
 
@@ -207,7 +207,7 @@ def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
 def _visible_ends(
     capsules: Capsules,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The capsules flattened to (N M, ...), y down, those of which only one sphere shows replaced by that sphere."""
+    """The capsules flattened to (N M, ...), y down; those with one visible sphere are replaced by that sphere."""
     a = capsules.a.reshape(-1, 3) * (1, -1, 1)
     b = capsules.b.reshape(-1, 3) * (1, -1, 1)
     ra, rb = capsules.radius_a.reshape(-1), capsules.radius_b.reshape(-1)
@@ -216,9 +216,9 @@ def _visible_ends(
     B, w = b - a, ra - rb
     e = (B * B).sum(1) - w * w
     g = (a * B).sum(1) + ra * w
-    inside = e <= 0  # one sphere holds the other: the larger one is all there is
+    inside = e <= 0  # one sphere contains the other, and only the larger one is visible
     end = (w < 0).astype(float)
-    # The camera looks along the axis from within the cone, so that the nearer end hides the rest.
+    # The camera is inside the cone, along the axis, so the nearer end hides the rest.
     s = -g / np.where(inside, 1, e)
     along = ~inside & (e * ((a * a).sum(1) - ra * ra) - g * g <= 0) & (ra - s * w > 0)
     end = np.where(along, np.clip(s, 0, 1).round(), end)
@@ -253,7 +253,7 @@ def _pixels(
 def _coefficients(
     a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64]
 ) -> Floats:
-    """What the pixels need of each capsule, (13, L): a, B, k1's vector, e, g, k0, a.a - ra^2."""
+    """The coefficients of each capsule for the pixels, (13, L): a, B, k1's vector, e, g, k0, a.a - ra^2."""
     B, w = b - a, ra - rb
     e = (B * B).sum(1) - w * w
     g = (a * B).sum(1) + ra * w
@@ -299,7 +299,7 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
 
 
 def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The triangles that the camera sees of all facets: the frame of each (L,), and its corners (L, 3, 3), y down."""
+    """The visible triangles of all facets: the frame of each (L,), and its corners (L, 3, 3), y down."""
     N, M = capsules.radius_a.shape
     ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3) * (1, -1, 1)
     radii = np.stack([capsules.radius_a, capsules.radius_b], axis=2).reshape(N, 2 * M)
@@ -309,11 +309,11 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float6
     across = np.cross(sides[:, 0], sides[:, 1])
     area = np.linalg.norm(across, axis=1)
     gram = sides @ sides.swapaxes(1, 2)
-    flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # not three spheres in a row
+    flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # the centres are not collinear
     gram[~flat] = np.eye(2)
     within = (np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None]) * sides).sum(axis=1)  # the normal's part there
     left = 1 - (within * within).sum(axis=1)
-    flat &= left > 0  # else one sphere is inside the hull of the others
+    flat &= left > 0  # otherwise one sphere is inside the hull of the others
     found = []
     for sign in (-1, 1):
         upright = np.sqrt(np.maximum(left, 0)) * sign / np.where(flat, area, 1)
@@ -325,7 +325,7 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float6
 
 
 def _plane_coefficients(corners: NDArray[np.float64]) -> Floats:
-    """What the pixels need of each triangle (L, 3, 3), (9, L): the vectors of f0, f1 and of the sum of all three."""
+    """The coefficients of each triangle (L, 3, 3) for the pixels, (9, L): vectors of f0, f1 and the sum of all."""
     v0, v1, v2 = corners.swapaxes(0, 1)
     f = np.stack([np.cross(v1, v2), np.cross(v2, v0), np.cross(v0, v1)])
     f /= (v0 * f[0]).sum(axis=1)[:, None]

@@ -1,1 +1,1 @@
-"""Synthetic hands: poses, flesh, depth images of it, and what a depth sensor makes of them."""
+"""Synthetic depth frames: poses, surfaces, rendering and a sensor model."""

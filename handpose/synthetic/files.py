@@ -1,6 +1,7 @@
 """Synthetic rows as a data set on disk: parts of some thousand frames, and a list of them for each split.
 
-What is there and the same is kept, so an interrupted run goes on where it stopped, and a second one has nothing to do.
+Existing parts of the same data are kept, so an interrupted run continues where it stopped, and a second run does
+nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
 
 
 def _kind_of(recipe: object) -> str | None:
-    """What a recipe makes, in words: places, or frames of a skeleton file; None if it is none of ours."""
+    """The output of a recipe, in words: places, or frames of a skeleton file; None if unknown."""
     try:
         facts = json.loads(str(recipe))
         return "places" if "places" in facts else f"frames of {facts['prior']['skeleton']}"
@@ -90,10 +91,10 @@ class DataSet:
         return sum(piece.part.rows for piece in self.missing)
 
     def write(self, workers: int, advance: Callable[[int], None]) -> None:
-        """Write what is missing, then the lists. Raises DataError, OSError.
+        """Write the missing parts, then the lists. Raises DataError, OSError.
 
         workers  number of processes
-        advance  is told how many frames more are done; an exception of it ends the run and keeps whole files only.
+        advance  called with the number of further frames; its exceptions end the run and keep complete files only.
         """
         if self.missing:
             parts.check_space(self.out, [piece.part for piece in self.missing], self.missing[0].generator.columns())

@@ -1,4 +1,4 @@
-"""Whose flesh a body has: thicknesses, limbs, sleeves, as numbers, and capsules drawn from them."""
+"""Distribution of body surfaces: thickness, limbs and sleeves, and capsules drawn from it."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from netlib.blob import Array
 
 @dataclass(frozen=True)
 class FleshPrior:
-    """How flesh differs from the skeleton file's. A limb is what only the flesh has, as a hand its arm."""
+    """How surfaces differ from the skeleton file's. A limb is a part of the surface alone, such as a hand's arm."""
 
     thickness_mean: float = 1.0  # normal: all radii of a body together, relative to its size
     thickness_std: float = 0.08
-    trunk_mean: float = 1.0  # normal: beside that the radii of capsules that only the root moves
+    trunk_mean: float = 1.0  # normal: additional scale of the radii of capsules that only the root moves
     trunk_std: float = 0.0
     radius_std: float = 0.0  # normal: each radius by itself
-    clip: float = 2.5  # all are cut at so many deviations
-    offsets: tuple[float, float] = (1.0, 1.0)  # uniform: how far capsules end beside their joints, of the file's
+    clip: float = 2.5  # all are clipped at this many standard deviations
+    offsets: tuple[float, float] = (1.0, 1.0)  # uniform: factor of the file's offsets of capsules from their joints
     limb: tuple[float, float] = (1.0, 1.0)  # uniform: radii of limbs, of the file's
-    towards_camera: float = 0.35  # largest part of a limb's direction that may point at the camera, else ...
-    redraws: int = 12  # ... its angles are drawn again, so often, from the file's deviations to ...
-    redraw_wider: float = 3.0  # ... so many times those; of all draws the best is kept
-    cut: float = 0.0  # this fraction of limbs ends early (out of the picture, or masked away) ...
+    towards_camera: float = 0.35  # maximum component of a limb's direction towards the camera, otherwise ...
+    redraws: int = 12  # ... its angles are drawn again this many times, from the file's deviations to ...
+    redraw_wider: float = 3.0  # ... this factor of those; the best of all draws is kept
+    cut: float = 0.0  # this fraction of limbs ends early (outside the image, or masked) ...
     cut_at: tuple[float, float] = (0.1, 0.9)  # ... uniform: at this part of its length
     sleeve: float = 0.0  # this fraction of limbs wears one ...
     sleeve_from: tuple[float, float] = (0.0, 0.5)  # ... uniform: from this part of its length on
-    sleeve_mm: tuple[float, float] = (2.0, 15.0)  # ... uniform: so much thicker
+    sleeve_mm: tuple[float, float] = (2.0, 15.0)  # ... uniform: additional thickness
 
 
 DEFAULT_FLESH = FleshPrior()
-# Another body than the one that a fit believes in: to test fits on bodies that they do not know.
+# A body unlike the model of the fit: to test fits on unknown bodies.
 OTHER_FLESH = FleshPrior(thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4)
 # People in front of a camera.
 ANYBODY = FleshPrior(radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4)
@@ -47,11 +47,11 @@ def draw_capsules(
 ) -> Capsules:  # fmt: skip
     """The capsules of N bodies and their limbs, in mm, camera axes.
 
-    inputs   (N, D) of the skeleton (what the flesh has beside it is drawn)
+    inputs   (N, D) of the skeleton (the surface's additional DoFs are drawn)
     bones    (N, K) of the whole body
     scale    (N,) size of each body
-    unit_mm  what a length of 1 stands for
-    origin   (N, 3) mm, where the inputs' origin is
+    unit_mm  length unit
+    origin   (N, 3) mm, origin of the inputs
     """
     N, M = len(inputs), len(flesh.radii)
     offset = rng.uniform(*prior.offsets, N)
@@ -75,7 +75,7 @@ def draw_capsules(
         a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
         if prior.sleeve:
             sleeves.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
-    for start, end, r in sleeves:  # who wears none has a second arm in the same place
+    for start, end, r in sleeves:  # bodies without a sleeve have a second arm in the same place
         a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
     return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], flesh.facets))

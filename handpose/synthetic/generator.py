@@ -1,20 +1,20 @@
-"""Synthetic depth frames of a body, as a rule hands: training data for those who do not have NYU.
+"""Synthetic depth frames of a body, usually a hand: training data without the NYU data set.
 
 A frame is made in four steps, each described by one dataclass of numbers:
 
-    PosePrior    how bodies are held: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
-    FleshPrior   whose flesh it is: thickness, limbs, sleeve (``flesh_prior``); the capsules are the skeleton file's
-    render       the depth image, along the rays that the NYU crop picks (``handpose.surface.render``)
-    Sensor       what a depth camera makes of it (``sensor``)
+    PosePrior    poses: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
+    FleshPrior   surfaces: thickness, limbs, sleeve (``flesh_prior``); the capsules are the skeleton file's
+    render       the depth image, along the rays of the crop's pixels (``handpose.surface.render``)
+    Sensor       the errors of a depth camera (``sensor``)
 
 A ``Recipe`` holds the numbers of all four; ``recipes`` has those with a name.
 
 Labels are the skeleton's joints in half-cubes from the crop centre, camera axes (x right, y up, z away), clipped to
-[-1, 1]; ``dof`` the inputs of the model that posed the frame; ``bones`` the signed lengths that it was posed with.
-With the skeleton file's bones instead the inputs give these joints only nearly (a hand: 4 mm on the mean).
+[-1, 1]; ``dof`` the inputs of the model that posed the frame; ``bones`` the signed bone lengths of the frame. With the
+skeleton file's bones instead, the inputs give these joints only approximately (a hand: 4 mm on average).
 
-Frames depend on the seed, the split and their number alone: each block of ``BLOCK`` frames has a random
-generator of its own, so neither the number of worker processes nor the number of frames changes a frame.
+Frames depend on the seed, the split and their number alone: each block of ``BLOCK`` frames has its own random
+generator, so neither the number of worker processes nor the number of frames changes a frame.
 """
 
 from __future__ import annotations
@@ -58,15 +58,15 @@ class Subject:
     """Another person than the skeleton file's, always the same."""
 
     cube_mm: float  # of the crops: a smaller person has smaller ones
-    bone_std: float  # normal: how each bone differs, beside the size ...
+    bone_std: float  # normal: deviation of each bone, in addition to the size ...
     seed: int  # ... by these random numbers
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All numbers that frames depend on, beside the seed. A block of frames is seen by one of the views.
+    """All numbers that frames depend on, except for the seed. A block of frames has one of the views.
 
-    others  people whom only the test split shows, in turn with the skeleton file's
+    others  people in the test split only, in turn with the skeleton file's
     """
 
     prior: PosePrior = field(default_factory=prior_file.load)
@@ -76,7 +76,7 @@ class Recipe:
 
 
 class Scene(NamedTuple):
-    """What a block of frames shows, before anything is clipped to the cube."""
+    """A block of frames, before anything is clipped to the cube."""
 
     bodies: Bodies  # half-cubes from the crop centres
     camera: Camera
@@ -100,7 +100,7 @@ def numbers_of(seed: int, split: Split, *block: int) -> np.random.Generator:
 
 
 class Generator:
-    """Draws frames. Build one for a seed and split, then ask for blocks of ``BLOCK`` frames by number."""
+    """Draws frames, in blocks of ``BLOCK`` frames by number, for a seed and a split."""
 
     description = (
         "Rendered capsules with a depth camera's noise; crops 128 x 128 in [-1, 1], joints in half-cubes from the crop "
@@ -115,11 +115,11 @@ class Generator:
         self._samplers = [self.sampler, *(self._another(subject) for subject in others)]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A worker process gets the numbers, and makes its own tables of them."""
+        """Pickle the arguments only; a worker process builds its own tables."""
         return type(self), (self.seed, self.split, self.recipe)
 
     def block(self, number: int) -> Frames:
-        """Frames ``number * BLOCK`` and following. The same numbers whenever and wherever they are asked for."""
+        """Frames ``number * BLOCK`` and following; the result depends on the number only."""
         scene = self.scene(number)
         index = np.arange(number * BLOCK, (number + 1) * BLOCK)
         own = len(self.sampler.skeleton.joint_names)
@@ -127,7 +127,7 @@ class Generator:
                          index, scene.bodies.inputs, scene.bodies.bones[:, :own])  # fmt: skip
 
     def scene(self, number: int) -> Scene:
-        """What the frames of a block are made of."""
+        """The bodies, crops and labels of a block."""
         rng = numbers_of(self.seed, self.split, number)
         sampler = self._samplers[number % len(self._samplers)]
         cube_mm, half = sampler.cube_mm, sampler.cube_mm / 2
@@ -171,13 +171,13 @@ class Generator:
 
 
 def body_hash(skeleton: Skeleton) -> str:
-    """What tells a body from others: its skeleton's whole text, in sixteen digits."""
+    """A checksum of a body's skeleton text, in sixteen digits."""
     text = text_of(skeleton.param, skeleton.name, "")
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:
-    """Crop pixels that no image pixel fills are background again, whatever ragged edges moved there."""
+    """Make crop pixels without an image pixel background again, after ragged edges moved there."""
     picked = window(center_uvd, cube_mm, camera)
     columns, rows = picked.columns < 0, picked.rows < 0
     for n in np.flatnonzero(columns.any(axis=1) | rows.any(axis=1)):

@@ -47,7 +47,7 @@ class Source(Protocol[R_co]):
     split: Split
 
     def block(self, number: int) -> R_co:
-        """Rows ``number * BLOCK`` and following, the same whenever they are asked for."""
+        """Rows ``number * BLOCK`` and following; the result depends on the number only."""
 
     def columns(self) -> dict[str, Array]:
         """Arrays without rows, of the shapes and types of the rows'."""
@@ -60,8 +60,8 @@ def generate(count: int, generator: Source[R], workers: int | ProcessPoolExecuto
     """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``. Raises DataError.
 
     ``workers`` is a number of processes, or a pool made by ``workers.processes`` for several calls. The frames and
-    their order do not depend on it. Processes are spawned, so a script that asks for more than one needs the usual
-    ``if __name__ == "__main__":``.
+    their order do not depend on it. Processes are spawned, so a script with more than one needs the usual ``if __name__
+    == "__main__":``.
     """
     if count < 0 or start < 0:
         raise DataError(f"{count} frames from number {start}, expected 0 or more of both")

@@ -1,6 +1,6 @@
-"""Synthetic frames as the NYU data set has its own: whole depth images, and joint_data.mat with the annotation.
+"""Synthetic frames in the format of the NYU data set: whole depth images, and joint_data.mat with the annotation.
 
-Depth is in whole mm there, and a split is whole when its annotation is there, which is written last.
+Depth is in whole mm there. A split is complete when its annotation, which is written last, exists.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from netlib.files import atomic
 from netlib.files.paths import names_in
 
 FRAME_BYTES = 60_000  # more than a frame takes on the disk
-MARKER = "synthetic.json"  # says that a folder is ours, and what it was made of
+MARKER = "synthetic.json"  # marks our folders, with their recipe
 
 
 class RawDataSet:
@@ -37,11 +37,11 @@ class RawDataSet:
 
     out      the folder of these folders
     counts   frames per split
-    recipe   what they are drawn by; seen by NYU's camera
-    force    write everything anew, even into a folder that holds other things
+    recipe   of the frames; with NYU's camera
+    force    write everything again, even into a folder with other files
 
-    Raises DataError for a folder that holds other things, for other cameras, and for other cubes, which the annotation
-    has no place for.
+    Raises DataError for a folder with other files, for other cameras, and for other cubes, which the annotation cannot
+    represent.
     """
 
     def __init__(
@@ -78,10 +78,10 @@ class RawDataSet:
         return sum(self.counts[generator.split] for generator in self.missing)
 
     def write(self, workers: int, advance: Callable[[int], None]) -> None:
-        """Write what is missing. Raises DataError, OSError.
+        """Write the missing files. Raises DataError, OSError.
 
         workers  number of processes
-        advance  is told how many frames more are done; an exception of it ends the run and keeps whole splits only.
+        advance  called with the number of further frames; its exceptions end the run and keep complete splits only.
         """
         parts.check_room(self.out, self.missing_frames * FRAME_BYTES)
         for generator in self.missing:
@@ -130,9 +130,9 @@ def write_block(generator: Generator, number: int, folder: Path, count: int) -> 
 
 
 def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:
-    """The whole depth image (height, width) in mm of frame ``n`` of a block; 0 around what its crop shows.
+    """The whole depth image (height, width) in mm of frame ``n`` of a block; 0 outside its crop.
 
-    Every pixel of the crop fills those pixels of the image that it stands for.
+    Every pixel of the crop fills the image pixels that it stands for.
     """
     camera, cube_mm = scene.camera, scene.cube_mm
     half = cube_mm / 2
@@ -149,9 +149,9 @@ def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:
 
 
 def _enlarged(picked: NDArray[np.int64], pixels: int) -> tuple[slice, NDArray[np.int64]]:
-    """Along one axis, the image pixels that a crop covers, and for each of them the crop pixel that it shows.
+    """Along one axis, the image pixels that a crop covers, and for each of them the crop pixel that shows it.
 
-    That is the last one that was picked before it, or there.
+    That is the last one picked at or before it.
     """
     shown = np.flatnonzero(picked >= 0)
     at = picked[shown]

@@ -1,6 +1,6 @@
-"""Crops of places in synthetic scenes: where there is a hand, and where there is something else.
+"""Crops of places in synthetic scenes, with and without a hand: training data of a locator.
 
-What a locator learns from (``handpose.prediction.locator``): is a hand near, and where is its middle?
+The labels are whether a hand is near, and where its middle is (``handpose.prediction.locator``).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import CODED_LIGHT, TIME_OF_FLIGHT
 from netlib.blob import Array
 
-WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near; it is not; between them nobody is asked
+WITHIN_MM, BEYOND_MM = 100.0, 130.0  # a hand is near below, not near above; between them the place has no label
 NOBODY = -1.0
 PER_SCENE = 16  # places
-REFINED, WITH_HAND = 4, 4  # of these, so many where a locator would have moved to, so many others with a hand
+REFINED, WITH_HAND = 4, 4  # numbers of places moved as by a locator, and of others with a hand
 REFINED_MM, JITTER_MM = 25.0, 15.0  # deviations
 PLACES_VERSION = 1  # to be raised when the code here, in scenes.py or in handpose/data/places.py changes places
 VIEWS = ((View(), (400.0, 1200.0)), (View(KINECT2, TIME_OF_FLIGHT), (450.0, 1500.0)),
@@ -38,8 +38,8 @@ class PlaceRows:
 
     depth   (n, 1, SIZE, SIZE) crops in [-1, 1]
     hand    (n,) 1, 0, or NOBODY
-    offset  (n, 3) from the crop's centre to the hand's, in half-cubes; 0 where there is none
-    near    (n, 3) 1 where there is a hand, else 0
+    offset  (n, 3) from the crop's centre to the hand's, in half-cubes; 0 without a hand
+    near    (n, 3) 1 with a hand, else 0
     index   (n,) number of the place in its split
     """
 
@@ -77,7 +77,7 @@ class PlaceGenerator:
         return type(self), (self.seed, self.split)
 
     def block(self, number: int) -> PlaceRows:
-        """Places ``number * BLOCK`` and following. The same numbers whenever and wherever they are asked for."""
+        """Places ``number * BLOCK`` and following; the result depends on the number only."""
         rng = numbers_of(self.seed, self.split, number, 1)  # 1: not those of the hands
         scenes = BLOCK // PER_SCENE
         parts = [self._of_a_scene(rng, scene) for scene in range(number * scenes, (number + 1) * scenes)]

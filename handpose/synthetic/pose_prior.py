@@ -1,6 +1,6 @@
-"""Bodies drawn from a prior: how they are held, where they are, and how they differ in size.
+"""Bodies drawn from a prior: their poses, positions and sizes.
 
-Whose flesh is about them: ``flesh_prior``.
+For their surfaces see ``flesh_prior``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Bodies(NamedTuple):
     """N posed bodies, in half-cubes from their crop centres."""
 
     inputs: Array  # (N, D) parameters of the model
-    bones: Array  # (N, K) bone lengths, the flesh's own, too
+    bones: Array  # (N, K) bone lengths, including those of the surface alone
     joints: Array  # (N, K, 3)
     scale: Array  # (N,) size relative to the skeleton
 
@@ -33,11 +33,11 @@ class BodySampler:
     """Draws bodies and their crop centres.
 
     prior     by default that of the NYU hand
-    cube_mm   edge of the crops; the prior's if none is given
-    skeleton  whose limits bound the poses and whose bones are varied; the prior's if none is given
+    cube_mm   edge of the crops; by default the prior's
+    skeleton  with the limits of the poses and the bones to vary; by default the prior's
 
-    rotation     the DoFs of the turns
-    translation  the DoFs along x, y, z of the joint that the crop centre hangs on; none where it has none
+    rotation     the DoFs of the rotations
+    translation  the DoFs along x, y, z of the joint that carries the crop centre; none if it has none
     limbs        the other DoFs that are drawn, ascending
     """
 
@@ -173,7 +173,7 @@ class BodySampler:
         return inputs
 
     def _bent_by(self, bend: BendParameter, dofs: NDArray[np.int_], part: Array) -> Array:
-        """The inputs (..., n) of DoFs that are bent by so much, 0 to 1."""
+        """The inputs (..., n) of DoFs bent by a fraction from 0 to 1."""
         lower, upper = self.skeleton.lower[dofs], self.skeleton.upper[dofs]
         if bend.straight == "UPPER":
             return np.asarray(upper - part * (upper - lower))

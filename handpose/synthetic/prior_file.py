@@ -1,12 +1,12 @@
-"""The prior file: how a body is held, where it is and how bodies differ, as text beside its skeleton file.
+"""The prior file: the distribution of poses, positions and sizes of a body, as text next to its skeleton file.
 
 ``prototxt/hand/nyu_prior.prototxt`` is that of the hand; another body has another file. Angles of ``turn`` are in
-degrees and of the whole DoF (input + initial); all other values of DoFs are parts of the range between the limits of
-its input, 0 at the lower and 1 at the upper. Lengths are in mm.
+degrees and of the whole DoF (input + initial); all other values of DoFs are fractions of the range between the limits
+of its input, 0 at the lower and 1 at the upper. Lengths are in mm.
 
-    turn     which way the body as a whole looks: normal, or for a fraction of bodies any angle
-    proportion  bones that are longer or shorter together, as all of a limb are
-    bend     chains of DoFs that bend together, as the joints of a limb do
+    turn     orientation of the body as a whole: normal, or for a fraction of bodies any angle
+    proportion  bones that are longer or shorter together, such as all of a limb
+    bend     chains of DoFs that bend together, such as the joints of a limb
     spread   DoFs about their initial value: normal
     between  DoFs anywhere between their limits: Beta
     pose     poses with a name; ``blend`` of all bodies are somewhere between two of them
@@ -31,7 +31,7 @@ from netlib.files.paths import exists, find
 from netlib.proto import prototxt, schema
 from netlib.proto.schema import Double
 
-MAX_DISTANCE_MM = 1e5  # that a depth camera sees
+MAX_DISTANCE_MM = 1e5  # range of depth cameras
 MAX_REDRAWS = 1000
 NYU_PRIOR = NYU_HAND.with_name("nyu_prior.prototxt")
 PEOPLE_PRIOR = NYU_HAND.with_name("people_prior.prototxt")
@@ -150,10 +150,10 @@ class CenterParameter:
 class PosePrior:
     """A whole prior file."""
 
-    skeleton: str  # its file, beside the prior's
-    cube_mm: Double  # edge of the crops; the skeleton's lengths are in half of it
+    skeleton: str  # its file, in the prior's folder
+    cube_mm: Double  # edge of the crops; the skeleton's length unit is half of it
     depth: RangeParameter  # of the centre
-    camera: str = "nyu"  # that the body is seen by
+    camera: str = "nyu"  # of the frames
     center: CenterParameter | None = None  # none: the origin of the skeleton
     center_jitter: Double = 0.0  # normal, each axis
     center_jitter_wide: Double = 0.0  # the same ...
@@ -168,19 +168,19 @@ class PosePrior:
     blend: Double = 0.0  # this fraction of bodies is between two poses ...
     blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
     penetration: Double = np.inf  # that parts may sink into each other; deeper ones are drawn again
-    redraws: int = 8  # at most so often
+    redraws: int = 8  # maximum number
     scale_mean: Double = 1.0  # normal: the whole body, relative to the skeleton ...
     scale_std: Double = 0.0
     proportion: tuple[ProportionParameter, ...] = ()  # ... groups of bones, relative to the body's size ...
     bone_std: Double = 0.0  # ... and each bone by itself
-    scale_clip: Double = 2.5  # all are cut at so many deviations
+    scale_clip: Double = 2.5  # all are clipped at this many standard deviations
 
     def turned(self, dof: str, **changes: float | None) -> PosePrior:
-        """The same with other numbers of one ``turn``."""
+        """A copy with other numbers of one ``turn``."""
         return self.but(turn=tuple(schema.changed(t, **changes) if t.dof == dof else t for t in self.turn))
 
     def but(self, **changes: Any) -> PosePrior:
-        """The same with other numbers."""
+        """A copy with other numbers."""
         return schema.changed(self, **changes)
 
     def body(self) -> Skeleton:
@@ -270,7 +270,7 @@ def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
 
 
 def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
-    """The centre of crops hangs on a joint that carries the whole body; nothing else can be put there."""
+    """Raise unless the centre of crops is on a joint that moves the whole body, as required."""
     if prior.center is None:
         for name in ("center_jitter", "center_jitter_wide"):
             _expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")

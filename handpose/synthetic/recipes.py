@@ -19,7 +19,7 @@ from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF
 from netlib.errors import NetlibError
 
 ONE_THICKNESS = FleshPrior(thickness_std=0.0)
-SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # as NYU's second subject: smaller, with proportions of its own
+SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subject: smaller, with other proportions
 # Of hands of all ages, from all sides; the surface of their skeleton has the thickness of most. An arm may come from
 # the camera's side.
 PEOPLE_FLESH = FleshPrior(
@@ -68,7 +68,7 @@ _RECIPES: dict[str, Callable[[], Recipe]] = {
     "nyu": Recipe,  # NYU's camera, distances and poses
     "other_flesh": lambda: Recipe(flesh=OTHER_FLESH, views=(View(NYU, NOISY_KINECT),)),
     "any_roll": lambda: Recipe(any_roll()),
-    "cameras": _cameras,  # anybody before any camera
+    "cameras": _cameras,  # any person, any camera
     "people": _people,  # adults and children, seen from any side
     "one_hand": lambda: Recipe(like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)),
     "many_hands": lambda: Recipe(like_nyu()),
@@ -93,12 +93,12 @@ def recipe_of(prior: str | Path) -> Recipe:
 
 
 def check_in_view(recipe: Recipe, seed: int) -> None:
-    """Raise NetlibError if most of a body is beside the crops, as when lengths are in mm, not in half-cubes."""
+    """Raise NetlibError if most of a body is outside the crops, as when lengths are in mm instead of half-cubes."""
     frames = Generator(seed, "train", recipe).block(0)
     outside = float((np.abs(frames.joint) >= 1).mean())  # the labels are clipped
     unseen = float((np.ptp(frames.depth, axis=(1, 2, 3)) == 0).mean())
     if max(outside, unseen) > 0.5:
-        found = f"{outside:.0%} of the joints lie beside the crops, {unseen:.0%} of the frames show nothing"
+        found = f"{outside:.0%} of the joints lie outside the crops, {unseen:.0%} of the frames show nothing"
         prior = recipe.prior
         raise NetlibError(
             f"skeleton {prior.skeleton}: {found}; expected lengths in half-cubes, {prior.cube_mm / 2:g} mm, and a "

@@ -1,4 +1,4 @@
-"""Whole depth images in which a hand has to be found: its forearm, the body behind it, a table, things beside it."""
+"""Whole depth images to find a hand in: with its forearm, the body behind it, a table, and other objects."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def draw_scenes(
     rng: np.random.Generator, count: int, camera: Camera = NYU, sensor: Sensor | None = KINECT,
     prior: PosePrior | None = None, first: int = 0,
 ) -> Scenes:  # fmt: skip
-    """Images of the kinds of ``KINDS`` in turn from number ``first`` on, of right hands held as ``prior`` says.
+    """Images of the kinds of ``KINDS`` in turn from number ``first`` on, of right hands with poses from ``prior``.
 
-    By default that of ``prior_of``.
+    The default is ``prior_of``.
 
     forearm  comes from the camera's side: it is nearer than the hand
-    body     its own behind it: upper arm, shoulders, trunk and head, before a wall
-    clutter  a table below, bottles and balls beside it, some of them nearer than the hand
+    body     the person's body behind the hand: upper arm, shoulders, trunk and head, in front of a wall
+    clutter  a table below, bottles and balls next to the hand, some of them nearer than it
     """
     sampler = BodySampler(prior or prior_of(DEPTH))
     images, centers, joints, kinds = [], [], [], []
@@ -76,7 +76,7 @@ def draw_scenes(
 def _visible_scene(
     rng: np.random.Generator, sampler: BodySampler, camera: Camera, kind: str
 ) -> tuple[Floats, Array, Array, float]:
-    """An image (1, height, width), centre and joints of its hand, which mostly is seen, and the depth of the wall."""
+    """An image (1, height, width), centre and joints of its mostly visible hand, and the depth of the wall."""
     own = ~sampler.flesh.limbs
     while True:
         capsules, center, xyz = _hand(rng, sampler, camera, kind == "forearm")
@@ -128,7 +128,7 @@ def _body(rng: np.random.Generator, hand: Capsules, kind: str) -> Capsules:
 
 
 def _things(rng: np.random.Generator, center: Array) -> Capsules:
-    """Bottles, balls and sticks beside a hand, as seen from the camera, nearer or farther than it."""
+    """Bottles, balls and sticks next to a hand, seen from the camera, nearer or farther than it."""
     ends: list[tuple[Array, Array]] = []
     radii: list[float] = []
     while len(ends) < 3:

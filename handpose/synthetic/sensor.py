@@ -1,12 +1,11 @@
-"""What a depth camera makes of a depth image: ragged edges, noise in steps, flying pixels, pixels without a reading.
+"""Model of a depth sensor: ragged edges, quantised noise, flying pixels, pixels without a reading.
 
     sense(rng, depth, far, KINECT, camera)
 
-The faults in the order in which they arise: near surfaces cover what is behind their edges (``_spread``), matching
-takes the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them (``_fly``),
-disparity or time is noisy and rounded (``_measure``), some pixels at depth steps are not read at all (``_drop``).
-A change of this code changes synthetic frames: raise
-``handpose.synthetic.generator.VERSION``.
+The errors are applied in the order in which they arise: near surfaces cover what is behind their edges (``_spread``),
+matching takes the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them
+(``_fly``), disparity or time is noisy and rounded (``_measure``), some pixels at depth steps have no reading
+(``_drop``). After a change of this code synthetic frames differ: increase ``handpose.synthetic.generator.VERSION``.
 """
 
 from __future__ import annotations
@@ -27,24 +26,24 @@ _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte
 
 @dataclass(frozen=True)
 class Sensor:
-    """By default a Kinect v1: it measures disparity (focal length x baseline / depth) by matching small windows.
+    """By default a Kinect v1, which measures disparity (focal length x baseline / depth) by matching small windows.
 
-    Without a baseline it is a time-of-flight camera, whose noise grows with the squared depth, as light gets weaker.
-    Of two numbers each frame draws its own between them, uniformly.
+    Without a baseline it is a time-of-flight camera, whose noise grows with the squared depth, because light gets
+    weaker. Where there are two numbers, each frame draws its own between them, uniformly.
     """
 
-    pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: a pixel looks so far beside itself (deviation)
+    pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: standard deviation of the shift of a pixel
     block_shift: tuple[float, float] = (0.2, 0.7)  # px of the crop: the same for 4 x 4 pixels together
     baseline: float = 75.0  # mm between projector and camera
     disparity_noise: tuple[float, float] = (0.0, 0.08)  # px of the image (deviation)
-    disparity_step: float = 0.125  # px of the image: disparity comes in multiples of it
+    disparity_step: float = 0.125  # px of the image: quantisation of the disparity
     depth_noise: tuple[float, float] = (0.0, 0.0)  # mm at 1 m, without a baseline (deviation)
-    depth_step: float = 1.0  # mm, without a baseline: depth comes in multiples of it
+    depth_step: float = 1.0  # mm: quantisation of the depth without a baseline
     flying: tuple[float, float] = (0.0, 0.0)  # fraction of the pixels at an edge that read a depth between both sides
     edge: float = 15.0  # mm between neighbours that make an edge
     dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
-    spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface covers what is behind its edges
+    spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface extends beyond its edges
 
     def settled(self, rng: np.random.Generator) -> Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
@@ -91,9 +90,9 @@ def sense(
     rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera,
     pixel: ArrayLike = 1.0,
 ) -> Floats:  # fmt: skip
-    """Depth (N, H, W) in mm as ``sensor`` would read it.
+    """Depth (N, H, W) in mm as ``sensor`` measures it.
 
-    far    (N,) mm, the background, and what is not read
+    far    (N,) mm, the background, also for missing readings
     pixel  size of a pixel of the camera's image in pixels of ``depth``, one or (N,)
     """
     if sensor.spread[1]:
@@ -125,10 +124,10 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]
 
 
 def _spread(rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDArray[np.float64]) -> Floats:
-    """Depth in which surfaces cover the pixels beside their edges: windows of matching and of filters do that."""
+    """Depth in which surfaces extend beyond their edges, as with matching windows and filters."""
     out = depth.copy()
     for n, radius in enumerate(rng.uniform(*sensor.spread, len(depth)) * pixel):
-        if radius >= 1:  # else no other pixel is as near
+        if radius >= 1:  # otherwise no other pixel is within reach
             steps = np.arange(-int(radius), int(radius) + 1)
             disc = (steps**2 + steps[:, None] ** 2 <= radius**2).astype(np.uint8)
             nearest = cv2.erode(depth[n], disc)
@@ -138,7 +137,7 @@ def _spread(rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDAr
 
 
 def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
-    """Each pixel takes the depth of one beside it: the ragged outline of block matching."""
+    """Each pixel takes the depth of a neighbour: the ragged outline of block matching."""
     N, H, W = depth.shape
     by_pixel = _draw(rng, sensor.pixel_shift, N) / np.float32(_BYTE_STD)
     by_block = _draw(rng, sensor.block_shift, N)
@@ -180,7 +179,7 @@ def _time(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
 
 
 def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -> None:
-    """Pixels at edges read a depth between their own and that of a neighbour, in place; behind ``far`` is nothing."""
+    """Pixels at edges get a depth between their own and that of a neighbour, in place; never behind ``far``."""
     _, H, W = depth.shape
     where = _at_edges(depth, sensor)
     frame, pixel = np.divmod(where, H * W)

@@ -181,7 +181,7 @@ def test_other_data_are_not_replaced(data, tmp_path, capsys, name):
         before = {path: path.read_bytes() for path in (tmp_path / "angles").iterdir()}
         capsys.readouterr()
         line = mistake(capsys, "data/train.txt", "--out", "angles")
-        assert re.match(rf"angles/{name}: .*is no companion of .*; move .* away, or choose another --out$", line)
+        assert re.match(rf"angles/{name}: .*is not a companion of .*; move .* away, or choose another --out$", line)
         assert {path: path.read_bytes() for path in (tmp_path / "angles").iterdir()} == before
 
 

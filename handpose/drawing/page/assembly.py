@@ -1,13 +1,13 @@
-"""The page as one file: its HTML, style and modules, and the data, in one text that needs no network.
+"""The page as one file: HTML, style, modules and data in one text that needs no network.
 
-The modules are ECMAScript modules as they stand. In the one file each becomes a function that is called once, in the
-order in which they import each other:
+The sources are ECMAScript modules. In the one file each becomes a function that is called once, in the order in which
+they import each other:
 
     import { parse } from "./prototxt.js";      const { parse } = modules.prototxt;
     export function read(tree) {                function read(tree) {   ...   return { read };
 
-A Content-Security-Policy lets only this script and this style run, by their hashes, and nothing be fetched. The data
-are JSON in which no character is left that HTML reads.
+A Content-Security-Policy allows only this script and this style, by their hashes, and no requests. The data are JSON
+with all characters escaped that are special in HTML.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script
 
 
 def escaped(data: Mapping[str, Any]) -> str:
-    """The data as JSON that may stand in HTML: no tag, no comment and no entity can begin in it."""
+    """The data as JSON that can be embedded in HTML: it cannot begin a tag, a comment or an entity."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def script_of(first: str, *folders: Path) -> str:
-    """A module and all that it imports, as one script. Modules are looked for in ``folders`` and then here."""
+    """A module and all its imports as one script. Modules are searched in ``folders``, then here."""
     parts: dict[str, str] = {}
     _add(first, parts, (), folders)
     return "\nconst modules = {};\n" + "\n".join(parts.values())
@@ -68,7 +68,7 @@ def _add(name: str, parts: dict[str, str], importers: tuple[str, ...], folders: 
 
 
 def _policy(script: str, style: str, connects: bool) -> str:
-    """What the browser lets the page do: run this script and this style, and nothing else; connect to its server."""
+    """The Content-Security-Policy: this script and this style only; with ``connects``, requests to its server."""
     hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (script, style)]
     rules = ["default-src 'none'", f"script-src 'sha256-{hashes[0]}'", f"style-src 'sha256-{hashes[1]}'"]
     rules += ["connect-src 'self'"] if connects else []

@@ -1,18 +1,18 @@
-"""What a page shows, as JSON values: a skeleton, cameras, named poses, and hands that were found with their depth.
+"""The data of a page as JSON values: a skeleton, cameras, named poses, and predicted hands with their depth.
 
 skeleton  source (a name), text (the prototxt)
-place     where the skeleton is: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
-cameras   those to choose from: name, fx, fy, u0, v0, width, height
+place     of the skeleton: unit_mm, camera, center_uvd (px, px, mm) and cube_mm of the crop
+cameras   to choose from: name, fx, fy, u0, v0, width, height
 poses     by name: inputs by DoF
 bodies    others to choose from: name, skeleton and place as above
-hands     those to choose from, all of this skeleton, shown instead of it:
-    name, words      of the frame; what is said of the hand
+hands     to choose from, all of this skeleton, shown instead of it:
+    name, words      of the frame; description of the hand
     place            as above
-    inputs           of the whole body, its flesh's own DoFs too; of a left hand those of its mirror image
-    size, girth      factors of bones, offsets and radii; of the radii alone
+    inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
+    size, girth      scale of bones, offsets and radii; of the radii alone
     side             "right" or "left"
-    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in steps of so many mm
-    crop             16-bit numbers in base64: what the camera saw, -1 to 1 in steps of 1/32767
+    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in units of step_mm
+    crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.proto import schema
 
-DISTANCE_MM = 700.0  # of a hand that nobody saw, on the camera's axis; of other bodies as many times their size
+DISTANCE_MM = (
+    700.0  # distance of a body without a frame, on the camera's axis; for other bodies in proportion to their size
+)
 FULL = 32767  # the largest 16-bit number
 
 Poses = Mapping[str, Mapping[str, float]]
@@ -43,7 +45,7 @@ def content(
     skeleton: Skeleton, hands: Sequence[Mapping[str, Any]] = (), poses: Poses | None = None,
     unit_mm: float = CUBE_MM / 2,
 ) -> dict[str, Any]:  # fmt: skip
-    """The data of a page: of a skeleton, and, instead of it, of the hands that were found."""
+    """The data of a page for a skeleton, and, instead of it, the predicted hands."""
     source = Path(schema.position_of(skeleton.param).source).name  # without its folder: a page is given away
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
     return {
@@ -64,9 +66,9 @@ def hand(
     name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
     cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, girth: float = 1.0, side: Side = "right",
 ) -> dict[str, Any]:  # fmt: skip
-    """A hand that was found in a crop (S, S) in [-1, 1], with the depth points of the crop.
+    """A hand predicted in a crop (S, S) in [-1, 1], with the depth points of the crop.
 
-    inputs  of the skeleton, or of the whole body; what is left out is 0
+    inputs  of the skeleton, or of the whole body; missing ones are 0
     """
     points = crop_points(crop, center_uvd, cube_mm, camera)
     step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
@@ -79,7 +81,7 @@ def hand(
 
 
 def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Array:
-    """What a crop (S, S) in [-1, 1] shows inside its cube, each pixel of the image once: (n, 3) mm from its centre."""
+    """The points of a crop (S, S) in [-1, 1] inside its cube, each image pixel once: (n, 3) mm from its centre."""
     uvd = np.asarray(center_uvd, dtype=np.float64)
     columns, rows = (pixels[0] for pixels in window(uvd[None], cube_mm, camera, SIZE))
     column, row = (np.unique(pixels, return_index=True)[1] for pixels in (columns, rows))

@@ -1,6 +1,6 @@
-"""The net of a network in a setting, by a recipe: its file with other data, and what the recipe changes.
+"""The net of a network in a setting, derived by a recipe: its file with other data, and the recipe's changes.
 
-The five files of the paper's networks stay what a reader compares; what is trained is derived from them here.
+The five files of the paper's networks stay comparable for readers; the trained nets are derived from them here.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ROBUST = "smooth_l1_loss_param { sigma: 10 }"
 
 
 def net_of(network: Network, setting: Setting, recipe: Recipe) -> Message:
-    """The tree of the net that is trained and tested; ``str`` of it is its file. Raises PrototxtError."""
+    """The tree of the net that is trained and tested; its ``str`` is a prototxt. Raises PrototxtError."""
     net = prototxt.parse_file(network.model)
     for layer in layers_of(net):
         kind = text(layer, "type")

@@ -1,4 +1,4 @@
-"""Solvers of experiments, which train many nets with one recipe: the same file with some fields of its own."""
+"""Solvers of experiments that train many nets with one recipe: the same file with some other fields."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from netlib.proto.prototxt import Message, Scalar
 
 
 def with_fields(solver: Message, own: Mapping[str, object]) -> Message:
-    """The tree of a solver with the fields ``own``, without its tests and snapshots; ``str`` of it is its file.
+    """The tree of a solver with the fields ``own``, without tests and snapshots; its ``str`` is a prototxt.
 
-    A value is a path, or stands as it is written: ``'"fixed"'`` is a string, ``"HDF5"`` a word. Raises PrototxtError.
+    A value is a path, or prototxt text: ``'"fixed"'`` is a string, ``"HDF5"`` a word. Raises PrototxtError.
     """
     kept = [f for f in solver.fields if not f.name.startswith(("test_", "snapshot")) and f.name not in own]
     written = {

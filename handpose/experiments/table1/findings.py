@@ -1,10 +1,10 @@
-"""What the paper concludes from its Table 1 (Sec. 4.1), and whether trainings here say so too.
+"""The conclusions of the paper from its Table 1 (Sec. 4.1), and whether the trainings here confirm them.
 
-Each finding is a difference whose sign says yes or no; where two networks are to be equally good, a little less passes.
-It is decided when two seeds at least were trained long enough, all have one sign, and the mean is larger than the
-spread between them. Where an error still falls at the longest length, the mean must keep its sign for some more halves
-of all the trainings it is made of, each of which changes it as much as the last did. The mean of all seeds, because a
-single one's change is mostly chance, and five times that would decide.
+Each finding is a difference whose sign decides; where two networks are to be equally good, a small deficit passes. It
+is decided when at least two seeds were trained long enough, all have the same sign, and the mean is larger than the
+spread between them. Where an error still falls at the longest length, the mean must keep its sign for some more
+increments of all trainings involved, each of which changes it as much as the last did. The mean of all seeds is used,
+because the change of a single one is mostly chance, and five times that would decide.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Finding(NamedTuple):
     """One conclusion.
 
     text        of the page
-    networks    whose figures it compares
-    difference  positive if it speaks for the conclusion
+    networks    that are compared
+    difference  positive if it supports the conclusion
     form        of the difference
-    allowed     how far below 0 the difference may be, and still pass
+    allowed     how far below 0 the difference may be and still pass
     """
 
     text: str
@@ -44,7 +44,7 @@ class Finding(NamedTuple):
     allowed: Figure = _none
 
     def margin(self, of: Values) -> float:
-        """The difference, and what is allowed: positive if the conclusion is true."""
+        """The difference plus the allowance: positive if the conclusion is true."""
         return self.difference(of) + self.allowed(of)
 
     @property
@@ -55,7 +55,7 @@ class Finding(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What the seeds say of a finding.
+    """The result of a finding over the seeds.
 
     word         confirmed, refuted or undecided
     differences  of each seed
@@ -106,7 +106,7 @@ FINDINGS = (
 
 
 def decide(finding: Finding, lines: Mapping[str, Line]) -> Decision:
-    """What the seeds that all its networks have say of a finding; ``lines`` are by network."""
+    """Decide a finding from the seeds that all its networks have; ``lines`` are by network."""
     chosen = {name: lines[name] for name in finding.networks if name in lines and lines[name].verdicts}
     if len(chosen) < len(finding.networks):
         return Decision("undecided", (), "not trained yet")

@@ -1,9 +1,9 @@
-"""The ledger of Table 1: one small JSON file for each length of a training that was scored.
+"""The results store of Table 1: one small JSON file for each scored length of a training.
 
     docs/results/table1/one_hand/ours_paper_seed1_4000.json
 
-It holds all that the page and the pictures need. What is in it is never trained again, wherever its snapshots are.
-``shown.json`` beside them has the frames that are drawn: their crops, and the true joints.
+It has everything that the page and the pictures need. Its trainings are never repeated, whether their snapshots exist
+or not. ``shown.json`` in the same folder has the frames that are drawn: their crops, and the true joints.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WHERE = "shown.json"
 
 @dataclass(frozen=True)
 class Figures:
-    """What a network reaches on the frames of one test subject; NaN where there is no such figure."""
+    """The scores of a network on the frames of one test subject; NaN for missing scores."""
 
     subject: str
     frames: int
@@ -46,11 +46,11 @@ class Figures:
     fitted_angle_deg: float  # the same against those of the hand fitted to the true joints
     out_of_limits: float  # fraction of the frames
     within_40_mm: float
-    own_bones_mm: float  # error_14_mm if the predicted angles pose the frame's own bones
+    own_bones_mm: float  # error_14_mm with the predicted angles on the frame's own bones
     scaled_mm: float  # ... or the hand's bones, made as large as the frame's by one factor
     joints_mm: Sequence[float]  # mean by joint
     success: Sequence[float]  # fraction of the frames whose worst of the 14 joints is within THRESHOLDS_MM
-    angles_deg: Sequence[float]  # mean by rotation, against the exact angles where they are known, else the fitted
+    angles_deg: Sequence[float]  # mean by rotation, against the exact angles if known, otherwise the fitted
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def _figures(of: Fields) -> Figures:
 
 
 def _text(values: Any) -> bytes:
-    """JSON, rounded; a list of numbers stands on one line, so that two runs can be compared line by line."""
+    """JSON, rounded; a list of numbers is on one line, so that two runs can be compared line by line."""
     plain = _plain(values)
     lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(value)}" for name, value in plain.items())
     return f"{{\n{lines}\n}}\n".encode()
@@ -182,7 +182,7 @@ def _plain(value: Any) -> Any:
 
 
 def _grey(crop: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A crop in [-1, 1] as 8 bits: enough to be looked at."""
+    """A crop in [-1, 1] in 8 bits, for display."""
     return np.round((crop + 1) * 127.5).astype(np.uint8)
 
 

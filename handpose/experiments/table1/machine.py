@@ -1,4 +1,4 @@
-"""Which machine it is, in words for a page."""
+"""A description of this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The networks that are compared: those of the paper's Table 1, and what was added to answer its questions."""
+"""The compared networks: those of the paper's Table 1, and further ones for open questions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PROTOTXT = ROOT / "prototxt"
 
 
 class Published(NamedTuple):
-    """What the paper's Table 1 says of a network on NYU, by the names of ``ledger.Figures``."""
+    """The paper's numbers for a network on NYU (Table 1), by the names of ``ledger.Figures``."""
 
     error_14_mm: float
     fitted_angle_deg: float
@@ -25,10 +25,9 @@ class Published(NamedTuple):
 class Network:
     """One line of the table.
 
-    labels  the angles that it learns from, if it does: those of a hand fitted to the joints, as the paper had them, or
-            the exact ones
-    limit   loss_weight and norm of its PhysLimit, where they are not those of its file
-    people  its input or output includes the size of the hand; only for hands that differ
+    labels  the angles that it learns from: those of a hand fitted to the joints, as in the paper, or the exact ones
+    limit   loss_weight and norm of its PhysLimit, if not those of its file
+    people  True if it gets or predicts the hand's size; only for settings in which hands differ
     """
 
     name: str
@@ -41,7 +40,7 @@ class Network:
     people: bool = False
 
     def is_for(self, setting: Setting) -> bool:
-        """Does the setting have what it needs?"""
+        """True if the setting has the data that it needs."""
         return (setting.has_exact_angles or self.labels != "exact") and (setting.has_many_people or not self.people)
 
 

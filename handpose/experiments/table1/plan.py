@@ -1,7 +1,7 @@
-"""What is trained next for Table 1, and when a training is long enough.
+"""The next training for Table 1, and the criterion for the end of a training.
 
-A training is done as soon as another half of it changes its error by less than 2%, or raises it: then the one before
-was long enough, and longer ones learn the training frames by heart. It also ends at the longest length of its recipe.
+A training is done as soon as another half of it changes its error by less than 2%, or increases it: then the previous
+length was sufficient, and longer ones overfit. It also ends at the longest length of its recipe.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ End = Literal["done", "rises", "falls", "not yet"]
 
 
 class Verdict(NamedTuple):
-    """How far a training has come.
+    """The convergence of a training.
 
-    entries  of its lengths, rising, up to the one that ended it
-    counts   the entry whose figures count; None if there is none yet
-    end      "done": another half changed less than 2%; "rises": it raised the error; "falls": the error still fell
-             where the lengths end; "not yet"
+    entries  of its lengths, ascending, up to the one that ended it
+    counts   the entry whose scores count; None if there is none yet
+    end      "done": another half changed less than 2%; "rises": the error increased; "falls": the error still decreased
+             at the longest length; "not yet"
     """
 
     entries: list[Entry]
@@ -36,13 +36,13 @@ class Verdict(NamedTuple):
 
     @property
     def before(self) -> Entry | None:
-        """What the figures were half a training before; those that count if there is none, or the error rose since."""
+        """The scores at the previous length; those that count if there is none, or if the error rose since."""
         return self.entries[-2] if self.counts is self.entries[-1] and len(self.entries) > 1 else self.counts
 
 
 @dataclass(frozen=True)
 class Job:
-    """A training that is wanted, until it is done, or of one length."""
+    """A training to be run, until it is done, or for one length."""
 
     setting: Setting
     network: Network
@@ -79,7 +79,7 @@ def of_job(ledger: Iterable[Entry], job: Job) -> list[Entry]:
 
 
 def next_length(ledger: Iterable[Entry], job: Job, longest: int | None = None) -> int | None:
-    """The length that is to be trained next; None if there is none."""
+    """The next length to be trained; None if there is none."""
     entries = of_job(ledger, job)
     if job.only:
         return None if any(entry.iterations == job.only for entry in entries) else job.only
@@ -91,10 +91,10 @@ def next_length(ledger: Iterable[Entry], job: Job, longest: int | None = None) -
 
 
 def is_asked(network: Network, setting: Setting, recipe: Recipe) -> bool:
-    """Does a question of the page hang on this training?
+    """True if a question of the page depends on this training.
 
-    Hands of many people are there for what the model costs, and what gives it back. Direct parameter on exact angles is
-    beyond the paper: our recipe, which takes less time, answers for both.
+    Hands of many people show the cost of the model and its remedies. Direct parameter on exact angles is not in the
+    paper: our recipe, which takes less time, answers both.
     """
     if setting.has_many_people:
         return network.name in ASKED_OF_MANY
@@ -108,10 +108,10 @@ def order(
     recipes: Sequence[Recipe] = tuple(RECIPES.values()),
     seeds: Sequence[int] = (1, 2),
 ) -> Iterator[Job]:
-    """All trainings in the order in which they answer most.
+    """All trainings, the most informative first.
 
-    Without ``networks`` those that are asked. The paper's setting comes first, then hands of many people: these by our
-    recipe alone.
+    By default those that a question depends on. The paper's setting comes first, then hands of many people, these with
+    our recipe alone.
     """
 
     def of(where: Setting, recipe: Recipe, seed: int) -> Iterator[Job]:
@@ -137,7 +137,7 @@ def lambdas(ledger: Sequence[Entry], setting: Setting, length: int | None = None
 def report(
     jobs: Sequence[Job], ledger_of: Callable[[Setting], Sequence[Entry]], longest: int | None = None
 ) -> list[list[str]]:
-    """A row for each training: how far it is, and about how many hours it still takes, by the rates in the ledger."""
+    """A row for each training: its state, and an estimate of the remaining hours from the rates in the store."""
     settings = {job.setting.name: job.setting for job in jobs}.values()
     every = [entry for setting in settings for entry in ledger_of(setting)]
     rows, total = [["training", "lengths", "error, mm", "state", "hours left"]], 0.0

@@ -1,12 +1,12 @@
-"""The two ways in which the networks of Table 1 are trained, each for any number of iterations.
+"""The two recipes for training the networks of Table 1, each for any number of iterations.
 
-A training of N iterations is a trunk of constant rate and an end, in which the rate falls:
+A training of N iterations is a trunk with a constant rate and an end with a decreasing rate:
 
     paper   the solver of nyu_solver.prototxt: a tenth of the rate for the last tenth
-    adam    that of synthetic_solver.prototxt: for the last 30% in a straight line to 0
+    adam    that of synthetic_solver.prototxt: linearly to 0 for the last 30%
 
-The trunk does not depend on N, so trainings of several lengths share it: it goes on where the last end branched off.
-Each length is the one before and half of it.
+The trunk does not depend on N, so trainings of several lengths share it: it continues where the last end branched off.
+Each length is 1.5 times the one before.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ GROWTH = Fraction(3, 2)  # of one length to the next
 
 @dataclass(frozen=True)
 class Recipe:
-    """A solver, and what it changes in a net.
+    """A solver, and its changes to a net.
 
     solver   its file
-    lengths  of the trainings, in iterations, rising
-    end      the fraction of the iterations in which the rate falls
+    lengths  of the trainings, in iterations, ascending
+    end      the fraction of the iterations with a decreasing rate
     batch    frames
     every    iterations from one snapshot to the next
-    robust   SmoothL1Loss, no dropout, FC2 filled by xavier: as synthetic_train_test.prototxt has them
+    robust   SmoothL1Loss, no dropout, FC2 filled by xavier, as in synthetic_train_test.prototxt
     """
 
     name: str
@@ -69,7 +69,7 @@ def lengths(base: int, count: int) -> tuple[int, ...]:
     return tuple(int(base * GROWTH**k) for k in range(count))
 
 
-# At the paper's rate errors fall for longer than anybody waits. The longest is beyond the 10,000 of the solver's file.
+# At the paper's rate errors fall for very long. The longest is beyond the 10,000 of the solver's file.
 PAPER = Recipe("paper", "the paper's solver", PROTOTXT / "nyu_solver.prototxt", lengths(4000, 4), Fraction(1, 10),
                batch=512, every=1000)  # fmt: skip
 ADAM = Recipe("adam", "our recipe", PROTOTXT / "synthetic_solver.prototxt", lengths(20000, 5), Fraction(3, 10),

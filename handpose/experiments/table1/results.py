@@ -1,4 +1,4 @@
-"""What a network of Table 1 reaches on the test frames of a setting: the figures of its entry in the ledger."""
+"""The scores of a network of Table 1 on the test frames of a setting, for its entry in the results store."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ CHOSEN = list(nyu.EVALUATION_JOINTS)
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known of the test frames beside their joints.
+    """The labels of the test frames, except for their joints.
 
     fitted  (N, D) inputs of the hand fitted to the joints
     exact   (N, D) inputs that posed the frames; None for real ones
-    bones   (N, K) signed lengths of the persons' bones in half-cubes; None where all have the skeleton's
+    bones   (N, K) signed lengths of the persons' bones in half-cubes; None if all have the skeleton's
     """
 
     fitted: Array
@@ -66,7 +66,7 @@ def angles_of(predictions: Predictions, skeleton: Skeleton, told: Callable[[int]
 
 
 def subjects_of(setting: Setting, half_cube: Array) -> dict[str, NDArray[np.bool_]]:
-    """Which test frames (N,) show each subject. Raises DataError for a frame of nobody."""
+    """The test frames (N,) of each subject. Raises DataError for a frame of an unknown subject."""
     found = {name: np.full(len(half_cube), True) if size is None else np.abs(half_cube - size) < NEAR
              for name, size in setting.subjects.items()}  # fmt: skip
     nobody = ~np.any(list(found.values()), axis=0)

@@ -1,8 +1,8 @@
-"""What the networks of Table 1 are trained and tested on: NYU itself, or its setting with synthetic hands.
+"""The data of the networks of Table 1: NYU itself, or its setting with synthetic hands.
 
-one_hand    train: one hand. test: the same hand, and a second, smaller one, in other blocks. As NYU is made
-many_hands  the same poses of hands of many people: what a model of fixed bones costs
-nyu         NYU itself, where tools/prepare_nyu.py has put it. Its exact angles are not known
+one_hand    train: one hand. test: the same hand, and a second, smaller one, in alternating blocks, like NYU
+many_hands  the same poses of hands of many people: the cost of a model with fixed bones
+nyu         NYU itself, prepared by tools/prepare_nyu.py. Its exact angles are unknown
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ NEAR = 1.0  # mm: a half-cube is that of a subject
 class Setting:
     """One data set.
 
-    name      in the ledger
+    name      in the results store
     title     on the page
-    folder    of the data; the fitted angles are in a folder beside it
-    recipe    of ``handpose.synthetic.recipes``; None where data must be there
-    subjects  of the test frames, by the half of their cube in mm; None: whoever they are
+    folder    of the data; the fitted angles are in a folder next to it
+    recipe    of ``handpose.synthetic.recipes``; None for existing data
+    subjects  of the test frames, by the half of their cube in mm; None: unknown
     """
 
     name: str
@@ -54,7 +54,7 @@ class Setting:
 
     @property
     def has_many_people(self) -> bool:
-        """Do hands differ from frame to frame, and do the rows tell their bones?"""
+        """True if hands differ from frame to frame, and the rows have their bones."""
         return None in self.subjects.values()
 
     def list_of(self, split: Split, fitted: bool = False) -> Path:

@@ -1,4 +1,4 @@
-"""How many frames per second the network of Table 1 takes here, beside the paper's 125."""
+"""The speed of the network of Table 1 on this machine in frames per second, compared with the paper's 125."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from netlib.net import Net
 
 DEPLOY = PROTOTXT / "nyu_deploy.prototxt"
 BATCH, ROUNDS = 64, 50
-WHERE = "speed.json"  # in the folder of the ledger
+WHERE = "speed.json"  # in the folder of the results store
 
 
 @dataclass(frozen=True)

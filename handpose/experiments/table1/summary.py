@@ -1,4 +1,4 @@
-"""What the seeds of a training say together: means and spreads of the figures that the page of Table 1 shows."""
+"""Means and spreads over the seeds of a training, for the page of Table 1."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Line:
     verdicts: dict[int, Verdict]
 
     def values(self, figure: str, subject: str | None = None, *, before: bool = False) -> dict[int, float]:
-        """A figure of each seed, of all test frames or of one subject's; without the seeds that do not have it.
+        """The values of a score for each seed, over all test frames or for one subject; seeds without it are left out.
 
-        before  what it was half a training before
+        before  the score at the previous length
         """
         entries = {seed: v.before if before else v.counts for seed, v in self.verdicts.items()}
         found = {seed: value_of(entry, figure, subject) for seed, entry in entries.items() if entry}
@@ -66,7 +66,7 @@ def curve_of(entries: Iterable[Entry], figure: str) -> list[float]:
 
 
 def line_of(entries: Sequence[Entry], setting: Setting, network: Network, recipe: Recipe) -> Line:
-    """The line of a network: of the seeds that were trained long enough, or else of those that have a length."""
+    """The line of a network: of the seeds that were trained long enough, otherwise of those that have a length."""
     key = (setting.name, network.name, recipe.name)
     seeds = sorted({entry.seed for entry in entries if entry.key[:3] == key})
     verdicts = {seed: verdict(of_job(entries, Job(setting, network, recipe, seed)), recipe.lengths) for seed in seeds}

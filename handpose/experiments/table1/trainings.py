@@ -1,12 +1,12 @@
-"""How the networks of Table 1 are trained: step by step, each of which goes on where the last one was stopped.
+"""Train the networks of Table 1 in resumable steps.
 
-A training is a network in a setting, by a recipe, from a seed. Its trunk goes to where a length branches off, then the
-end of that length is trained from there, with snapshots of its own; recipes.py says why. All of it lies in a folder:
+A training is a network in a setting, with a recipe and a seed. Its trunk runs to the iteration where a length branches
+off; then the end of that length is trained from there, with snapshots of its own (see recipes.py). Its files:
 
     ours_paper_seed1_net.prototxt           the net
     ours_paper_seed1_trunk_iter_3600...     the trunk's snapshots
     ours_paper_seed1_of4000_iter_4000...    the end of 4,000 iterations
-    ours_paper_seed1.times.json             seconds that were measured
+    ours_paper_seed1.times.json             measured seconds
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class Step:
     solver: Path
     log: Path
     prefix: Path  # of its snapshots
-    first: int  # the iteration where it goes on
+    first: int  # the iteration to resume at
     last: int  # and the one where it is done
-    snapshot: Path | None = None  # where it goes on
-    weights: Path | None = None  # what it starts from
+    snapshot: Path | None = None  # to resume from
+    weights: Path | None = None  # initial weights
 
     def __str__(self) -> str:
         options = {"snapshot": self.snapshot, "weights": self.weights}
@@ -72,7 +72,7 @@ class Training:
         return _at(self._end(iterations), iterations, WEIGHTS)
 
     def next_step(self, iterations: int, files: Sequence[Path]) -> Step | None:
-        """What is to be done next towards a length, with the files that it needs written; None if that is done.
+        """The next step towards a length, with its files written; None if the length is done.
 
         files  the training frames
         """
@@ -126,14 +126,14 @@ class Training:
     # ------------------------------------------------------------------------------------------ how long it took
 
     def add_time(self, step: Step, iterations: int, seconds: float) -> None:
-        """Note how long so many iterations of a step took."""
+        """Record the duration of some iterations of a step."""
         times = self._times()
         done, spent = times.get(step.prefix.name, (0, 0.0))
         times[step.prefix.name] = (done + iterations, spent + seconds)
         atomic.replace_text(self._clock, json.dumps(times))
 
     def seconds(self, iterations: int) -> float:
-        """How long a length takes, trunk and end, as measured; what was not measured has the rate of the other part."""
+        """The duration of a length, trunk and end, as measured; a part without a measurement has the other's rate."""
         times, branch = self._times(), self.recipe.branch(iterations)
         measured = [times.get(prefix.name, (0, 0.0)) for prefix in (self._trunk, self._end(iterations))]
         rates = [spent / done for done, spent in measured if done]
@@ -182,6 +182,6 @@ def _states(prefix: Path) -> list[Path]:
 
 
 def _remove(state: Path) -> None:
-    """Remove a snapshot: the state first, without which nobody asks for its weights."""
+    """Remove a snapshot, the state first, because the weights are useless without it."""
     state.unlink(missing_ok=True)
     state.with_name(state.name.replace(STATE, WEIGHTS)).unlink(missing_ok=True)

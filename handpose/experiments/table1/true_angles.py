@@ -1,4 +1,4 @@
-"""The angles that the networks of Table 1 are compared with: the hand fitted to all annotated joints."""
+"""The reference angles of the networks of Table 1: the hand fitted to all annotated joints."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from handpose.joint_fit import companions
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-RIDGE = 3e-4  # enough where 31 joints determine nearly all angles
-RECIPE = f"ridge{RIDGE:g}_v{companions.VERSION}"  # all that they depend on beside the joints
+RIDGE = 3e-4  # sufficient, because 31 joints determine nearly all angles
+RECIPE = f"ridge{RIDGE:g}_v{companions.VERSION}"  # everything else that they depend on
 
 
 def fit_true_angles(
@@ -22,7 +22,7 @@ def fit_true_angles(
 ) -> tuple[Array, Array]:
     """Fit the hand to the joints of a split, unless that is done already; the angles go to the folder ``out``.
 
-    Returns the inputs (N, D) and what the fit leaves of each joint, (N, K) mm. ``progress`` is told how many frames
-    more are done. Raises DataError.
+    Returns the inputs (N, D) and the remaining distance of each joint, (N, K) mm. ``progress`` is called with the
+    number of further frames. Raises DataError.
     """
     return companions.fit_list(files, out, f"{split}.txt", skeleton, ridge=RIDGE, progress=progress)

@@ -217,7 +217,7 @@ def test_companions_go_to_another_folder(source, tmp_path):
             companions.companions_of(files, folder)
     with pytest.raises(DataError, match="two files of the list have the same name"):
         companions.companions_of([source, tmp_path / "other" / "part.h5"], tmp_path / "out")
-    with pytest.raises(DataError, match=r"is not beside the folder of the data, .*; expected --out .*data_angles"):
+    with pytest.raises(DataError, match=r"is not next to the folder of the data, .*; expected --out .*data_angles"):
         companions.companions_of(files, tmp_path / "far" / "away")
 
 

@@ -192,7 +192,7 @@ def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
     """Lengths beyond the cube, a cube of 1 mm and a centre far away are told before frames are made of them."""
     tail.with_name("tail.prototxt").write_text(SKELETON.replace(old, new))
     tail.write_text(PRIOR.replace(old, new))
-    with pytest.raises(NetlibError, match=r"of the joints lie beside the crops.*expected lengths in half-cubes"):
+    with pytest.raises(NetlibError, match=r"of the joints lie outside the crops.*expected lengths in half-cubes"):
         check_in_view(recipe_of(tail), 0)
 
 
