@@ -191,7 +191,7 @@ def test_size_from_depth(tmp_path, monkeypatch, capsys):
     assert np.median(me.bones[me.bones != 0] / HAND.bones[HAND.bones != 0]) == pytest.approx(0.9, abs=0.03)
     assert "from the depth of 8 frames" in (tmp_path / "me.prototxt").read_text()
     assert calibrate_hand.main([*images[:3], *options, "--force"]) == 1
-    assert "3 frames to tell a hand's size from, expected 5 or more" in capsys.readouterr().err
+    assert "3 frames to estimate a hand's size from, expected 5 or more" in capsys.readouterr().err
     cv2.imwrite("empty.png", np.zeros((424, 512), np.uint16))
     assert calibrate_hand.main(["empty.png", *options, "--force"]) == 1
     assert "empty.png: no depth anywhere in the image" in capsys.readouterr().err

@@ -50,7 +50,7 @@ def test_sizes_that_are_tried(model: FleshModel, scene: Scene) -> None:
 
 def test_too_few_frames(model: FleshModel, scene: Scene) -> None:
     """Say nothing."""
-    with pytest.raises(DataError, match="4 frames to tell a hand's size from, expected 5 or more"):
+    with pytest.raises(DataError, match="4 frames to estimate a hand's size from, expected 5 or more"):
         calibrate_size(DepthFitter(model), scene.seen.take(slice(0, 4)), scene.truth[:4])
 
 
