@@ -242,8 +242,8 @@ def _lambdas(entries: Sequence[Entry], setting: Setting, recipe: Recipe) -> list
         "",
         f"## {setting.title}: the weight of PhysLimit, {recipe.title}",
         "",
-        f"The network 'ours' with {recipe.title}, {length:,} iterations, seed 1, with other weights λ and norms. The paper "
-        "uses λ = 1 and L1; the released layer is L2.",
+        f"Ours, {recipe.title}, {length:,} iterations, seed 1, with other weights λ and norms. The paper uses λ = 1 "
+        "and L1; the released layer is L2.",
         "",
         *rows,
         "",
