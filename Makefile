@@ -94,7 +94,7 @@ else
 endif
 
 # The files whose spelling and wording codespell checks (setup.cfg, docs/wording.txt).
-WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs models tests/caffe/README.md
+WORDED := README.md CHANGELOG.md CONTRIBUTING.md docs models prototxt tests/caffe/README.md
 lint: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
