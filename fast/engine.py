@@ -7,7 +7,7 @@ options that it cannot serve to the plain layer.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -24,7 +24,6 @@ from fast.kinematics import FastKinematics
 from fast.pooling import FastPooling
 from fast.relu import FastReLU
 from fast.tiles import FastBlob
-from fast.updates import RULES
 from layers.activation.relu import ReLU
 from layers.common.inner_product import InnerProduct
 from layers.data.hdf5_data import HDF5Data
@@ -37,7 +36,6 @@ from layers.vision.pooling import Pooling
 from netlib.blob import Array, Blob
 from netlib.engine.plain import Connection, Engine, Executor
 from netlib.system.memory import blocks
-from netlib.updates import Rule
 
 T = TypeVar("T")
 LARGE = 1 << 20  # bytes from which a copy takes longer than handing it out (some 0.1 ms)
@@ -60,7 +58,6 @@ class FastEngine(Engine):
     """Slices of the batch on several threads, twins of the layers that cost most."""
 
     name = "fast"
-    rules: Mapping[str, tuple[Rule, int]] = RULES
 
     def twin(self, cls: type[T]) -> type[T]:
         """The twin of ``cls``, if it has one."""

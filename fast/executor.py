@@ -21,7 +21,7 @@ import numpy as np
 
 from fast.plan import Run, plan, whole
 from fast.slices import SlicedStep
-from fast.tiles import FastBlob, LazilyCleared
+from fast.tiles import FastBlob
 from fast.twin import Twin
 from netlib.blob import Array, Blob
 from netlib.engine.plain import Connection, Executor, Passed, Step, guarded
@@ -125,14 +125,6 @@ class SlicedExecutor(Executor):
                 self.forget_last_pass()
                 self._plan()
         return changed
-
-    def clear_diffs(self, params: Iterable[Blob]) -> None:
-        """Set gradients of parameters to zero, or see to it that they read as zeros."""
-        for param in params:
-            if isinstance(param, LazilyCleared):
-                param.clear()
-            else:
-                param.diff.fill(0)
 
     @staticmethod
     def _is_part(first: int, last: int | None) -> bool:

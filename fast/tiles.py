@@ -1,4 +1,4 @@
-"""Blobs of the fast engine: stored as tiles, sparse, looked at, cleared lazily.
+"""Blobs of the fast engine: stored as tiles, sparse, looked at.
 
 A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then have the shape
 ``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and hold the value of row h, column w, channel c, image n at
@@ -13,15 +13,10 @@ all others hold one and the same value for each channel, as over the background 
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from numpy.typing import DTypeLike
-
 from netlib.blob import Array, Blob
-
-OURS = 2  # references to an array of a blob, while they are counted: the blob's, and the counter's
 
 
 @dataclass
@@ -97,56 +92,6 @@ class FastBlob(Blob):
         if data.shape != self._shape or data.dtype != self.dtype:
             raise ValueError(f"expected an array {self._shape} of {self.dtype}, not {data.shape} of {data.dtype}")
         self._data = data
-
-
-class LazilyCleared(Blob):
-    """A large parameter whose diff is set to zero only when somebody looks at it.
-
-    Who knows that can write it instead of adding to it (``to_add_to``): that spares filling a large gradient with
-    zeros, reading it again, and adding.
-    """
-
-    def __init__(self, shape: Iterable[int], dtype: DTypeLike, data: Array) -> None:
-        super().__init__(shape, dtype)
-        self._data = data
-        self._is_clear = False  # reads as zeros, but the memory still has to be filled with them
-
-    @property
-    def diff(self) -> Array:
-        """Gradient of the loss at the values."""
-        array = super().diff
-        if self._is_clear:
-            array.fill(0)
-            self._is_clear = False
-        return array
-
-    def clear(self) -> None:
-        """Set the diff to zero, for whoever looks."""
-        if self._diff_owner is None:
-            is_kept = self._diff is not None and sys.getrefcount(self._diff) > OURS
-            if self._diff is not None and is_kept:  # who keeps the array looks at it without asking this blob
-                self._diff.fill(0)
-            self._is_clear = not is_kept
-        elif isinstance(self._diff_owner, LazilyCleared):
-            self._diff_owner.clear()
-        else:
-            self._diff_owner.diff.fill(0)
-
-    def share(self, owner: Blob) -> None:
-        """Use the memory of ``owner``; what was said of the own diff is no longer true."""
-        super().share(owner)
-        if self._diff_owner is not None:
-            self._is_clear = False
-
-    def to_add_to(self) -> tuple[Array, bool]:
-        """The diff, and whether it is known to be zero: then its memory holds anything and must be written whole."""
-        if isinstance(self._diff_owner, LazilyCleared):
-            diff, clear = self._diff_owner.to_add_to()
-            return diff.reshape(self._shape), clear
-        if self._diff_owner is not None:
-            return self.diff, False
-        clear, self._is_clear = self._is_clear, False
-        return self.diff, clear
 
 
 def tile_of(blob: Blob) -> int | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -233,7 +234,7 @@ class Net:
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
-        self.executor.clear_diffs([param.blob for param in self.learnable])
+        self.engine.run([partial(param.blob.diff.fill, 0) for param in self.learnable])
 
     def first_not_finite(self) -> str | None:
         """Where in the net NaN or infinity first appears, in words; None if nowhere."""

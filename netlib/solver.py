@@ -32,7 +32,7 @@ from netlib.snapshots import snapshot, weights
 from netlib.snapshots.solver_state import SolverState
 from netlib.training import report, solver_parameter
 from netlib.training.resume import restore_state, state_of
-from netlib.updates import RULES, Update, learning_rate, steps_taken
+from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
 
@@ -69,8 +69,7 @@ class Solver:
         self.callbacks: list[tuple[Callable[[], Any], Callable[[], Any]]] = []
         name, net = solver_parameter.train_net(self.param, source)
         self.net = self._make_net(name, net, param.train_state, phase="TRAIN", number=0)
-        rule = {**RULES, **self.engine.rules}[self.param.type]
-        self.update = Update(self.param, self.net.learnable, rule, self.engine.run)
+        self.update = Update(self.param, self.net.learnable, self.engine.run)
         self.history = self.update.history
         self.smoothed: deque[float] = deque(maxlen=param.average_loss)
         self.test_nets = self._make_test_nets()

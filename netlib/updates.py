@@ -31,10 +31,12 @@ import scipy
 from netlib.blob import Array
 from netlib.errors import DivergenceError
 from netlib.params import Param
-from netlib.proto.messages import SolverParameter
+from netlib.proto.messages import ParamSpec, SolverParameter
 from netlib.system import memory
 
 log = logging.getLogger("netlib")
+
+BLOCK = 1 << 17  # values that are changed at a time: they stay in the cache between the operations of a rule
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 
@@ -97,36 +99,38 @@ class Update:
     rule       of the solver's type
     history    per parameter, the arrays of the rule
 
-    ``rule`` is given with the number of these arrays; ``run`` does independent jobs. Raises OutOfMemoryError if a
-    training cannot fit.
+    ``run`` does independent jobs. Raises OutOfMemoryError if a training cannot fit.
     """
 
     def __init__(
         self,
         param: SolverParameter,
         learnable: Sequence[Param],
-        rule: tuple[Rule, int],
         run: Callable[[Sequence[Callable[[], None]]], None],
     ) -> None:
         self.param, self.learnable, self._run = param, learnable, run
-        self.rule, count = rule
+        self.rule, count = RULES[param.type]
         self.history = _histories(learnable, count, param.type)
 
     def apply(self, rate: float, t: int) -> None:
         """The update number ``t``, counted from 1, at this learning rate; writes into weights, gradients, histories."""
         trained = [(param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0]
         scale = self._clip([param for param, _ in trained]) / self.param.iter_size
-        self._run([functools.partial(self._change, param, h, scale, rate, t) for param, h in trained])
+        jobs = []
+        for param, history in trained:
+            arrays = [a.reshape(-1) for a in (param.blob.data, param.blob.diff, *history)]
+            for block in memory.blocks(param.blob.count, BLOCK):
+                jobs.append(functools.partial(self._change, param.spec, scale, rate, t, *(a[block] for a in arrays)))
+        self._run(jobs)
 
-    def _change(self, param: Param, history: Sequence[Array], scale: float, rate: float, t: int) -> None:
-        p, w, g = self.param, param.blob.data, param.blob.diff
+    def _change(self, spec: ParamSpec, scale: float, rate: float, t: int, w: Array, g: Array, *history: Array) -> None:
+        p, decay = self.param, self.param.weight_decay * spec.decay_mult
         with np.errstate(all="ignore"):  # what overflows is found by the next loss
             if scale != 1:
                 g *= scale
-            decay = p.weight_decay * param.spec.decay_mult
             if decay:
                 g += decay * (w if p.regularization_type == "L2" else np.sign(w))
-            self.rule(p, w, g, rate * param.spec.lr_mult, history, t)
+            self.rule(p, w, g, rate * spec.lr_mult, history, t)
 
     def _clip(self, params: Sequence[Param]) -> float:
         """The factor that brings the norm of all gradients together down to clip_gradients."""

@@ -197,9 +197,6 @@ class _HookedExecutor(Executor):
     def hidden(self) -> list[Blob]:
         return self._inner.hidden()
 
-    def clear_diffs(self, params: Iterable[Blob]) -> None:
-        self._inner.clear_diffs(params)
-
     def _call(self, when: str, number: int) -> None:
         for hook in self._hooks.get(when, []):
             hook(number)

@@ -6,7 +6,7 @@ independent jobs are done. This is all of it; the fast engine (fast/engine.py) r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -153,17 +153,11 @@ class Executor:
         """Blobs that do not exist for the whole batch; here none."""
         return []
 
-    def clear_diffs(self, params: Iterable[Blob]) -> None:
-        """Set gradients of parameters to zero."""
-        for param in params:
-            param.diff[...] = 0
-
 
 class Engine:
     """How nets are computed."""
 
     name = "plain"
-    rules: Mapping[str, Any] = {}  # update rules of this engine's own, in place of those in netlib/updates.py
 
     def twin(self, cls: type[T]) -> type[T]:
         """The class that takes the place of ``cls``: computes the same, in this engine's way."""

@@ -37,7 +37,8 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
 def _time_backward(net: Net, piece: list[Connection], backward: dict[str, float], iterations: int) -> None:
     for at in reversed(piece):
         if at.needs_backward:
-            net.executor.clear_diffs(at.layer.blobs)
+            for param in at.layer.blobs:
+                param.diff.fill(0)
             begin = time.perf_counter()
             at.layer.backward(at.top, at.propagate_down, at.bottom)
             backward[at.layer.name] += (time.perf_counter() - begin) / iterations
