@@ -8,6 +8,9 @@ each pair is timed in turn, A B A B ..., and the median of each and the median o
 burst of calls of one of them, after one call that is not counted: so each works with caches and threads of its own, as
 it does where nothing else runs. Depth images are synthetic hands. Run it on a quiet machine: it warns if the machine is
 busy. Without the packages of the peers, --alone times this project alone.
+
+The ratios are compared with those stored for the same kind of machine (benchmarks/results), and what has become slower
+by more than its noise is named; the status is then 1. With --store, or where there are none yet, they are stored.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +40,14 @@ import cv2
 import numpy as np
 
 import netlib
+from benchmarks import stored
 from benchmarks.paper import WEIGHTS, Paper, add_batch, small
 from export.onnx.net import onnx_image
 from layers.hand.skeleton import load
 from netlib.errors import NetlibError
 from netlib.net import Net
 from tools.common.arguments import parser_of, positive, positive_number
-from tools.common.console import DONE, guarded
+from tools.common.console import DONE, FAILED, guarded
 
 try:
     import onnxruntime
@@ -68,6 +73,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="seconds of one timing; one call if that is longer (default: %(default)s)")  # fmt: skip
     add_batch(parser)
     parser.add_argument("--alone", action="store_true", help="no peers: time this project alone")
+    parser.add_argument("--store", action="store_true", help="store the ratios in the place of those stored before")
     parser.add_argument("--json", metavar="FILE", help="write the figures here as well")
     return guarded(run, parser.parse_args(argv))
 
@@ -86,12 +92,25 @@ def run(args: argparse.Namespace) -> int:
             bench.check()
         bench.run()
     print(bench.table())
+    peers = () if args.alone else (torch, onnxruntime, cv2)
+    versions = {peer.__name__: peer.__version__ for peer in (np, *peers)}
+    facts = {"kind": stored.kind(args.threads), "date": date.today().isoformat(), "load": load, **versions}
     if args.json:
-        peers = () if args.alone else (torch, onnxruntime, cv2)
-        versions = {peer.__name__: peer.__version__ for peer in (np, *peers)}
-        facts = {"blas": netlib.BLAS_NOTE, "threads": args.threads, "load": load, **versions}
         Path(args.json).write_text(json.dumps({**facts, "rows": bench.rows}, indent=2), encoding="utf-8")
-    return DONE
+    return DONE if args.alone else compare_with_stored(facts, bench.rows, args.store)
+
+
+def compare_with_stored(facts: dict[str, Any], rows: list[stored.Row], store: bool) -> int:
+    """Name what has become slower on this kind of machine; store the ratios if that is wanted or there are none."""
+    path = stored.path_of(facts["kind"])
+    before = None if store else stored.load(path)
+    if before is None:
+        stored.save(path, facts, rows)
+        print(f"stored in {path}")
+        return DONE
+    lines = stored.slower(rows, before["rows"])
+    print("\n".join(lines or ["nothing is slower"]) + f" than on {before['date']}, on {before['kind']}")
+    return FAILED if lines else DONE
 
 
 def set_threads(count: int, alone: bool) -> None:
@@ -178,9 +197,19 @@ class Bench:
         if not theirs:
             self.figure(what, float(np.median(times["ours"])) * 1e3, "ms", "")
         for (name, job_times), goal in zip([(n, times[n]) for n in theirs], goals):
-            ratio = float(np.median(np.array(job_times) / np.array(times["ours"])))
-            self.rows.append({"what": what, "peer": name, "ours_ms": float(np.median(times["ours"])) * 1e3,
-                              "peer_ms": float(np.median(job_times)) * 1e3, "ratio": ratio, "goal": goal})  # fmt: skip
+            ratios = np.array(job_times) / np.array(times["ours"])
+            low, ratio, high = (float(q) for q in np.quantile(ratios, (0.25, 0.5, 0.75)))
+            self.rows.append(
+                {
+                    "what": what,
+                    "peer": name,
+                    "ours_ms": float(np.median(times["ours"])) * 1e3,
+                    "peer_ms": float(np.median(job_times)) * 1e3,
+                    "ratio": ratio,
+                    "noise": (high - low) / ratio,
+                    "goal": goal,
+                }
+            )
         return float(np.median(times["ours"]))
 
     def _calls(self, job: Job) -> int:

@@ -37,12 +37,12 @@ import fast.kinematics
 import fast.plan
 import fast.row_tiles
 import netlib
+import netlib.updates
 from benchmarks.paper import Paper, add_batch, small
 from fast.engine import TWINS, FastEngine
 from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
-from netlib.updates import RULES
 from tools.common.arguments import parser_of, positive, positive_number
 from tools.common.console import DONE, guarded
 
@@ -81,12 +81,9 @@ PARTS: dict[str, Off] = {
     "ReLU after the pooling": patched(fast.plan, "_pool_first", lambda row, hidden: list(row)),
     "tiles between layers": patched(fast.plan, "_agree_on_tiles", lambda order, hidden: {}),
     "products without packing": patched(fast.row_tiles, "unpacked_parts", lambda rows, inner, columns: 1),
-    "gradients overwritten, not added": patched(
-        fast.inner_product.FastInnerProduct, "setup", fast.inner_product.InnerProduct.setup
-    ),
     "small batches one item at a time": patched(fast.inner_product, "FEW_ITEMS", 0),
     "blocked products": patched(fast.inner_product, "LARGEST_BLOCK", 1 << 30),
-    "updates without temporaries": patched(FastEngine, "rules", RULES),
+    "updates in blocks": patched(netlib.updates, "BLOCK", 1 << 40),
     "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
     "inputs copied on all threads": patched(fast.engine, "LARGE", 1 << 40),
     "reshape only where shapes change": patched(WholeStep, "_now", lambda step: object()),

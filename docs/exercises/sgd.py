@@ -26,7 +26,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from netlib.blob import Array
-from netlib.proto.messages import SolverParameter
+from netlib.proto.messages import ParamSpec, SolverParameter
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 

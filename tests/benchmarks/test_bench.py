@@ -7,15 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import bench
+import netlib
+from benchmarks import bench, stored
 
 SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "16"]
 
 
 @pytest.fixture(autouse=True)
-def quiet(keep_threads: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The machine is not busy, and the number of threads is as before afterwards."""
+def quiet(keep_threads: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine is not busy, nothing is stored yet, and the number of threads is as before afterwards."""
     monkeypatch.setattr(bench.os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(stored, "RESULTS", tmp_path / "results")
 
 
 @pytest.mark.parametrize("alone", [True, False], ids=["alone", "with the peers"])
@@ -43,10 +45,38 @@ def test_a_benchmark(alone: bool, tmp_path: Path, capsys: pytest.CaptureFixture[
         "data, log and bookkeeping",
         "peak memory, training at 16",
     ]
-    assert [row["what"] for row in rows] == [line[:38].rstrip() for line in out.splitlines()[1:-1]]
+    lines = out.splitlines()[1 : 1 + len(rows)]
+    assert [row["what"] for row in rows] == [line[:38].rstrip() for line in lines]
+    assert alone == (not stored.RESULTS.exists())  # what is stored are ratios
     assert alone == (not any("peer" in row for row in rows))
     assert all(value > 0 for row in rows for key in ("value", "ours_ms", "peer_ms", "ratio")
                if (value := row.get(key)) is not None and row["what"] != "data, log and bookkeeping")  # fmt: skip
+
+
+def test_what_is_slower_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """The first ratios are stored; later ones are compared with them, until others are stored in their place."""
+    facts = {"kind": "a processor; 2 threads; BLAS", "date": "2026-01-02"}
+    row = {"what": "training step", "peer": "PyTorch", "ratio": 2.0, "noise": 0.01, "ours_ms": 1.0, "peer_ms": 2.0}
+    slow = {**row, "ratio": 1.5}
+    assert bench.compare_with_stored(facts, [row, {"what": "sgemm peak", "value": 3.0}], store=False) == 0
+    assert bench.compare_with_stored(facts, [{**row, "ratio": 1.95}], store=False) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("nothing is slower than on 2026-01-02")
+    assert bench.compare_with_stored(facts, [slow], store=False) == 1
+    assert "training step, against PyTorch: 1.50x, was 2.00x (noise 3%)" in capsys.readouterr().out
+    assert bench.compare_with_stored(facts, [{**slow, "noise": 0.4}], store=False) == 0
+    assert bench.compare_with_stored({**facts, "kind": "another"}, [slow], store=False) == 0
+    assert bench.compare_with_stored(facts, [slow], store=True) == 0
+    assert bench.compare_with_stored(facts, [slow], store=False) == 0
+
+
+def test_a_damaged_store_is_one_line() -> None:
+    """It is named, and left as it is."""
+    path = stored.path_of("a kind")
+    path.parent.mkdir()
+    for content in ("", "[]", '{"rows": [{"what": "step"}]}'):
+        path.write_text(content, encoding="utf-8")
+        with pytest.raises(netlib.DataError, match=r"a_kind\.json"):
+            stored.load(path)
 
 
 def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""Blobs of the fast engine: in tiles, adopted, cleared lazily."""
+"""Blobs of the fast engine: in tiles, adopted."""
 
 from __future__ import annotations
 
@@ -7,50 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fast.tiles import FastBlob, LazilyCleared, tile_into, tiles_of
+from fast.tiles import FastBlob, tile_into, tiles_of
 from netlib.blob import Blob
 from tests.support.tiled import load, store, tiled
-
-
-def lazy(*shape: int) -> LazilyCleared:
-    """A parameter of ones."""
-    return LazilyCleared(shape, np.float32, np.ones(shape, np.float32))
-
-
-@pytest.mark.parametrize("links", [0, 1, 2])
-def test_a_lazily_cleared_diff_is_zero_for_whoever_looks(links: int) -> None:
-    """Though its memory is only filled then; who adds to it is told that writing will do, once. Also through shares."""
-    owner = blob = lazy(2, 3)
-    for _ in range(links):
-        blob, shared = lazy(6), blob
-        blob.share(shared)
-    blob.diff[...] = 5
-    blob.clear()
-    diff, is_zero = blob.to_add_to()
-    assert is_zero
-    diff[...] = 7
-    assert not blob.to_add_to()[1]
-    assert (owner.diff == 7).all()
-    blob.clear()
-    assert not owner.diff.any()
-    assert not blob.to_add_to()[1]
-    assert (owner.data == 1).all()
-
-
-def test_a_diff_that_somebody_keeps_is_cleared_at_once() -> None:
-    """And goes on to be the blob's."""
-    blob = lazy(2, 3)
-    kept = blob.diff
-    kept[...] = 5
-    blob.clear()
-    assert not kept.any()
-    diff, is_zero = blob.to_add_to()
-    diff += 2
-    assert kept.tolist() == [[2, 2, 2], [2, 2, 2]] and not is_zero
-    row = blob.diff[0]
-    del kept, diff
-    blob.clear()
-    assert not row.any()
 
 
 def test_adopt_takes_an_array_of_the_right_kind_only() -> None:

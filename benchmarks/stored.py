@@ -1,0 +1,72 @@
+"""Results of earlier benchmarks, one file for each kind of machine, and which ratios are worse now.
+
+Times on two machines cannot be compared, and times on one machine change with what else runs on its host. Ratios to
+other libraries, timed in turn with this project, change little. So the ratios are stored, and compared with those of
+the same kind of machine only.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import netlib
+from netlib.errors import DataError
+from netlib.files import atomic
+
+RESULTS = Path(__file__).parent / "results"
+SMALLEST_CHANGE = 0.03  # of a ratio: medians differ by as much from one run to the next
+
+Row = dict[str, Any]
+
+
+def kind(threads: int) -> str:
+    """The kind of this machine: its processor, the threads in use, and the kernels of BLAS."""
+    cpuinfo = Path("/proc/cpuinfo")
+    models = re.findall(r"^model name\s*:\s*(.+)$", cpuinfo.read_text(), re.MULTILINE) if cpuinfo.exists() else []
+    model = models[0] if models else platform.processor() or platform.machine()
+    return f"{model}; {threads} threads; {netlib.BLAS_NOTE.split(',')[0]}"
+
+
+def path_of(kind: str) -> Path:
+    """The file with the results of machines of this kind."""
+    return RESULTS / (re.sub(r"[^a-z0-9]+", "_", kind.lower()).strip("_") + ".json")
+
+
+def load(path: Path) -> dict[str, Any] | None:
+    """Stored results; None if there are none. Raises DataError for a file of anything else."""
+    if not path.exists():
+        return None
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if all({"what", "peer", "ratio", "noise"} <= row.keys() for row in found["rows"]):
+            return dict(found)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        pass
+    raise DataError(f"{path}: not the stored results of a benchmark; remove it, or store new ones by --store")
+
+
+def save(path: Path, facts: dict[str, Any], rows: Sequence[Row]) -> None:
+    """Store the rows that are ratios."""
+    ratios = [{key: row[key] for key in ("what", "peer", "ratio", "noise")} for row in rows if "ratio" in row]
+    path.parent.mkdir(exist_ok=True)
+    atomic.replace_text(path, json.dumps({**facts, "rows": ratios}, indent=1) + "\n")
+
+
+def slower(rows: Sequence[Row], before: Sequence[Row]) -> list[str]:
+    """A line for each ratio that has fallen by more than the noise of both measurements."""
+    stored = {(row["what"], row["peer"]): row for row in before}
+    lines = []
+    for row in rows:
+        old = stored.get((row["what"], row.get("peer", "")))
+        if old is None:
+            continue
+        noise = max(SMALLEST_CHANGE, (row["noise"] ** 2 + old["noise"] ** 2) ** 0.5)
+        if row["ratio"] < old["ratio"] * (1 - noise):
+            lines.append(f"slower: {row['what']}, against {row['peer']}: {row['ratio']:.2f}x, "
+                         f"was {old['ratio']:.2f}x (noise {noise:.0%})")  # fmt: skip
+    return lines
