@@ -8,7 +8,8 @@ whose rest is not there, and the end of a table lies well on one that leaves the
     moved        half the mean distance of the joints from the network's, which was trained on hands only
     outside      100 mm times the share of the joints outside the image, and of the missing visible area
     misfit       7 mm times its logarithm
-    size, girth  100 mm times the absolute logarithm of each: other objects fit only with a stretched hand
+    size         100 mm times the absolute logarithm of the size, relative to TYPICAL_SIZE; 0 if the size is known
+    girth        100 mm times its absolute logarithm: other objects fit only with a stretched hand
 
 No pixel's difference counts more than CAP_MM. The weights are rounded from a ranking by logistic regression on 90
 scenes (``handpose.synthetic.scenes``, seed 100).
@@ -29,10 +30,11 @@ from netlib.blob import Array
 CAP_MM = 40.0
 MIN_VISIBLE = 0.08  # minimum share of a crop that a hand fills; 10% of the hands fill less than 0.1
 MOVED, OUTSIDE_MM, MISFIT_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
+TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
 
 
-def rejection_score(model: FleshModel, fit: DepthFit, hands: HandCrops) -> Array:
-    """The scores (N,) in mm of fits to the crops of N places."""
+def rejection_score(model: FleshModel, fit: DepthFit, hands: HandCrops, *, known_size: bool = False) -> Array:
+    """The scores (N,) in mm of fits to the crops of N places; ``known_size`` if the fits had a given size."""
     crops, uvd, camera, mirror = hands.crops, hands.center_uvd, hands.camera, hands.mirror
     flesh = model.capsules(fit.x, hands.center_mm).mirrored(mirror)
     capsules = in_front(flesh, uvd[:, 2] - model.unit_mm)  # parts nearer to the camera are not in the crop
@@ -49,7 +51,9 @@ def rejection_score(model: FleshModel, fit: DepthFit, hands: HandCrops) -> Array
     unexplained = _mean(apart, known & ((crops < BACKGROUND) | (whole < BACKGROUND)))
     shown &= known
     few = 1 - np.minimum(shown.sum(axis=(1, 2)) / (MIN_VISIBLE * crops[0].size), 1)
-    stretched = np.abs(fit.x[:, [SIZE, GIRTH]]).sum(axis=1)
+    stretched = np.abs(fit.x[:, GIRTH])
+    if not known_size:
+        stretched = stretched + np.abs(fit.x[:, SIZE] - np.log(TYPICAL_SIZE))
     return np.asarray(
         unexplained
         + _mean(apart, shown)

@@ -144,7 +144,8 @@ class Looker:
     def rejection_score(self, sight: Sight) -> float:
         """The rejection score of the fit in mm: how unlike a hand the place is."""
         hand = self._hands([sight.aim], sight.crop[None])
-        return float(rejection_score(self.fitter.model, sight.fit, hand)[0])
+        known_size = sight.aim.size is not None
+        return float(rejection_score(self.fitter.model, sight.fit, hand, known_size=known_size)[0])
 
     def arm(self, sight: Sight) -> Array:
         """Places (A, 3) in mm, camera axes, along the axes of what only the flesh has: of a hand its forearm."""

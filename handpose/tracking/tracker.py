@@ -39,7 +39,9 @@ from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # beyond which a number of hands is a mistake
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
-STRANGE_NEW_MM, STRANGE_MM = 115.0, 135.0  # a new hand is no stranger than this, one that is followed than that
+# Limits of the rejection score: of a new hand, and of one that is followed. Of 190 hands in synthetic scenes before
+# three cameras 95% are below 109 mm, 99% below 127 mm.
+STRANGE_NEW_MM, STRANGE_MM = 110.0, 135.0
 CHECK, SUSPECT = 0.2, 0.08  # s between such looks, at what is sure and at what is not ...
 RETURN, RETURN_MM = 2.0, 300.0  # s and mm within which a hand that is found is one that was lost
 STRIKES = 2  # ... of which so many in a row end it

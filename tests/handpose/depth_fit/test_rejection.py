@@ -10,22 +10,32 @@ import pytest
 from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
-from handpose.depth_fit.rejection import CAP_MM, MISFIT_MM, MOVED, OUTSIDE_MM, STRETCHED_MM, rejection_score
+from handpose.depth_fit.rejection import (
+    CAP_MM,
+    MISFIT_MM,
+    MOVED,
+    OUTSIDE_MM,
+    STRETCHED_MM,
+    TYPICAL_SIZE,
+    rejection_score,
+)
 from handpose.facts.cameras import NYU
 from handpose.surface.render import normalise_depth, render_crop
+from handpose.synthetic.recipes import recipe
 
 UVD = np.array([[320.0, 240, 700]])
 
 
-def score(model: FleshModel, fit: DepthFit, crop: np.ndarray, uvd: np.ndarray = UVD) -> float:
+def score(model: FleshModel, fit: DepthFit, crop: np.ndarray, uvd: np.ndarray = UVD, known_size: bool = False) -> float:
     """The score of a right hand in NYU's cube."""
-    return float(rejection_score(model, fit, HandCrops.of_sides(crop, uvd, NYU, 300.0))[0])
+    return float(rejection_score(model, fit, HandCrops.of_sides(crop, uvd, NYU, 300.0), known_size=known_size)[0])
 
 
 @pytest.fixture
 def fit(model: FleshModel) -> DepthFit:
-    """A hand at rest, perfectly fitted."""
+    """A hand of typical size at rest, perfectly fitted."""
     x, one = np.zeros((1, model.variables)), np.ones(1)
+    x[0, SIZE] = np.log(TYPICAL_SIZE)
     joints = model.joints(x)
     return DepthFit(model.inputs_of(x), one, joints, joints, one, one, one, one, x, np.zeros((1, 5)), np.zeros(1, int))
 
@@ -54,8 +64,22 @@ def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None
     assert of(replace(fit, misfit=np.array([np.e**3]))) == pytest.approx(3 * MISFIT_MM + of())
     for variable in (SIZE, GIRTH):
         larger = fit.x.copy()
-        larger[0, variable] = -0.2
+        larger[0, variable] -= 0.2
         assert of(replace(fit, x=larger)) > 0.2 * STRETCHED_MM
+
+
+def test_a_known_size_is_not_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+    """A child's hand counts as much as a man's once a recording has determined its size."""
+    x = fit.x.copy()
+    x[0, SIZE] -= 0.2
+    smaller = replace(fit, x=x)
+    unknown, known = score(model, smaller, crop), score(model, smaller, crop, known_size=True)
+    assert unknown - known == pytest.approx(0.2 * STRETCHED_MM)
+
+
+def test_the_typical_size_is_that_of_the_training_frames() -> None:
+    """The recipe of the packaged weights draws sizes about it."""
+    assert recipe("people").prior.scale_mean == TYPICAL_SIZE
 
 
 def test_a_stick_on_one_finger_is_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
