@@ -202,10 +202,17 @@ class HandPipeline:
         for _, candidate in fast:
             best.setdefault(tuple(candidate.center_uvd), candidate)
         places = list(best.values())[: KEPT_PLACES if search else 1]
-        S = len(self.sides)
-        hands = self.predict([place._replace(side=side) for place in places for side in self.sides], camera, self.plan)
-        of_places = [min(hands[i : i + S], key=_uncertainty) for i in range(0, len(hands), S)]
+        hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
+        sides = [[place._replace(side=side) for side in self.sides] for place in places]
+        left = [candidate for both in sides for candidate in both if _key(candidate) not in hands]
+        hands |= zip(map(_key, left), self.predict(left, camera, self.plan))
+        of_places = [min((hands[_key(candidate)] for candidate in both), key=_uncertainty) for both in sides]
         return [hand for hand, _ in sorted(zip(of_places, places), key=_place_score)]
+
+
+def _key(candidate: Candidate) -> tuple[object, ...]:
+    """What tells the crops of one frame apart: centre and side."""
+    return (*candidate.center_uvd, candidate.side)
 
 
 def _place_score(found: tuple[Prediction, Candidate]) -> float:

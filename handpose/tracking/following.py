@@ -141,7 +141,8 @@ class Follower:
         best = _best([*first.values(), *second.values()])
         own = [best[side] for side in self.sides if side in best]
         if second and self.is_decided:
-            better = min((sight.badness for sight in best.values()), default=np.inf) < BETTER * before
+            # The accurate plan expects smaller errors of the same pose, so only another pose can be a better one.
+            better = any(not sight.goes_on and sight.badness < BETTER * before for sight in own)
             doubted = self._evidence > 0  # it may be the other hand
             self._pause = SOON if doubted else PAUSE if better else min(2 * self._pause, LONGEST_PAUSE)
         self._missed = not own or max(sight.confidence for sight in own) < ENOUGH

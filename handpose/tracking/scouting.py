@@ -81,20 +81,19 @@ class Scout:
         count = min(seconds, lasts) * min(self._a_second, most) if np.isfinite(seconds) else np.inf
         count = int(min(max(np.ceil(count), 1), len(self._left)))
         some, self._left = self._left[:count], self._left[count:]
-        some = some[_apart(some, followed, APART_MM)]
-        chance, middle = self.locator.at(depth, some, self.camera)
-        for _ in range(TIMES):
-            likely = chance > LIKELY
-            likeliest = middle[likely][np.argsort(-chance[likely])][:4]
-            chance, middle = self.locator.at(depth, likeliest, self.camera)
-        good = chance > LIKELY
-        if len(followed):
-            rejected = np.array([r.place for r in self._rejected if time < r.until]).reshape(-1, 3)
-            for places, apart in ((followed, APART_MM), (arms, ARM_MM), (rejected, REJECTED_MM)):
+        rejected = np.array([r.place for r in self._rejected if time < r.until and len(followed)]).reshape(-1, 3)
+        some = some[_apart(some, followed, APART_MM) & _apart(some, rejected, REJECTED_MM)]
+        known = ((followed, APART_MM), (arms, ARM_MM), (rejected, REJECTED_MM)) if len(followed) else ()
+        for _ in range(1 + TIMES):
+            chance, middle = self.locator.at(depth, some, self.camera)
+            good = chance > LIKELY
+            for places, apart in known:
                 good &= _apart(middle, places, apart)
-        if not good.any():
-            return None
-        return np.asarray(middle[good][np.argmax(odds_of(chance[good], middle[good]))])
+            if not good.any():
+                return None
+            chance, middle = chance[good], middle[good]
+            some = middle[np.argsort(-chance)][:4]
+        return np.asarray(middle[np.argmax(odds_of(chance, middle))])
 
     def _places(self, depth: NDArray[np.float32]) -> Array:
         """All places, the nearest first: a hand is held towards the camera."""
