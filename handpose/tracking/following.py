@@ -115,8 +115,8 @@ class Follower:
     def other_aims(self, depth: NDArray[np.float32], sights: Sequence[Sight | None], time: float) -> list[Aim]:
         """Where else to look, with all that a fit can try, if what was seen is not sure, or not which hand it is.
 
-        From where it was, and where the locator sees a hand, or else the network a palm; there also as the other hand:
-        who decided in bad light may be wrong.
+        Where the locator sees a hand, or else the network a palm, with the pose that was seen last as a further start;
+        there also as the other hand: who decided in bad light may be wrong. Where it was, if nothing was seen.
         """
         sure = max((sight.confidence for sight in sights if sight is not None), default=0.0)
         alarmed = min((sight.badness for sight in sights if sight is not None), default=np.inf) > ALARM * self._usual
@@ -124,13 +124,14 @@ class Follower:
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
         self._looked = time
-        aims = [self._aim(side, seen.sight.body) for side, seen in self.sides.items()]
-        for sight in sights:
-            if sight is not None:
-                center = self._looker.hand_near(depth, sight)
-                sides = SIDES if self.is_decided else (sight.aim.side,)
-                aims += [Aim(center, side, None, self._size) for side in sides if side in self._looker.sides]
-        return aims
+        aims = []
+        for side, sight in ((sight.aim.side, sight) for sight in sights if sight is not None):
+            center = self._looker.hand_near(depth, sight)
+            aims.append(Aim(center, side, self.sides[side].sight.body, self._size))
+            if self.is_decided:
+                others = (other for other in self._looker.sides if other != side)
+                aims += [Aim(center, other, None, self._size) for other in others]
+        return aims or [self._aim(side, seen.sight.body) for side, seen in self.sides.items()]
 
     def take(self, sights: Sequence[Sight | None], others: Sequence[Sight | None], time: float) -> bool:
         """What was seen of it, and seen elsewhere; is it the hand? Of each side the best of several sights counts."""
