@@ -14,6 +14,7 @@ from handpose.synthetic import recipes
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import SolverParameter
 from netlib.proto.net_parameter import load_parameter
+from tests.support.running import run_tool
 
 
 @pytest.mark.parametrize("name", ablation.STUDIES)
@@ -69,24 +70,19 @@ def test_a_training_of_another_recipe_is_not_taken_for_this_one(
     load_parameter(prototxt.parse(net.read_text(), "net"))
 
 
-def test_a_benchmark(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None) -> None:
     """A row for a study, with the error of each seed; a second run trains nothing."""
     monkeypatch.setattr(ablation, "HELD_OUT", 2)
     monkeypatch.setattr(ablation, "NET", re.sub(r"batch_size: \d+", "batch_size: 2", ablation.NET))
     options = ["--work", str(tmp_path), "--frames", "2", "--iterations", "1", "--seeds", "1", "--only", "plain"]
-    assert ablation.main(options) == 0
-    rows = capsys.readouterr().out.splitlines()[-3:]
+    rows = run_tool("benchmarks.ablation", *options).out.splitlines()[-3:]
     assert rows[:2] == ["| | 14 joints, mm | by seed |", "|---|---|---|"]
     assert rows[2].startswith("| no augmentation | ")
     monkeypatch.setattr(ablation.training, "train", lambda solver: 1 / 0)
-    assert ablation.main(options) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == rows[2]
+    assert run_tool("benchmarks.ablation", *options).out.splitlines()[-1] == rows[2]
 
 
-def test_a_study_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_that_does_not_exist() -> None:
     """Of this recipe: one line that says which there are."""
-    with pytest.raises(SystemExit, match="2"):
-        ablation.main(["--recipe", "cameras", "--only", "sgd"])
-    assert "--only sgd: expected some of recipe, nyu, no_sensor" in capsys.readouterr().err
+    done = run_tool("benchmarks.ablation", "--recipe", "cameras", "--only", "sgd", status=2)
+    assert "--only sgd: expected some of recipe, nyu, no_sensor" in done.err

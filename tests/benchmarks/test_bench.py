@@ -9,6 +9,7 @@ import pytest
 
 import netlib
 from benchmarks import bench, stored
+from tests.support.running import run_tool
 
 SMALLEST = ["--rounds", "1", "--burst", "1e-9", "--batch", "16"]
 
@@ -21,13 +22,12 @@ def quiet(keep_threads: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("alone", [True, False], ids=["alone", "with the peers"])
-def test_a_benchmark(alone: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_benchmark(alone: bool, tmp_path: Path) -> None:
     """The table has a row for every figure, and --json has the same."""
     if bench.MISSING and not alone:
         pytest.skip(f"the peers need {bench.MISSING}: pip install -e '.[bench]'")
     file = tmp_path / "speed.json"
-    assert bench.main([*SMALLEST, "--json", str(file), *(["--alone"] if alone else [])]) == 0
-    out, err = capsys.readouterr()
+    _, out, err = run_tool("benchmarks.bench", *SMALLEST, "--json", file, *(["--alone"] if alone else []))
     assert err == ""
     rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
     assert list(dict.fromkeys(row["what"] for row in rows)) == [
@@ -79,17 +79,15 @@ def test_a_damaged_store_is_one_line() -> None:
             stored.load(path)
 
 
-def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_peer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which says how to go on."""
     monkeypatch.setattr(bench, "MISSING", "torch")
-    assert bench.main(SMALLEST) == 1
+    done = run_tool("benchmarks.bench", *SMALLEST, status=1)
     error = "torch is missing: pip install -e '.[bench]', or time this project alone by --alone\n"
-    assert capsys.readouterr() == ("", error)
+    assert done[1:] == ("", error)
 
 
 @pytest.mark.parametrize("options", [["--rounds", "0"], ["--threads", "-1"], ["--burst", "0"]], ids=" ".join)
-def test_usage(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_usage(options: list[str]) -> None:
     """Wrong usage is argparse's own message, which names the option, and status 2."""
-    with pytest.raises(SystemExit, match="2"):
-        bench.main(options)
-    assert options[0] in capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in run_tool("benchmarks.bench", *options, status=2).err.splitlines()[-1]

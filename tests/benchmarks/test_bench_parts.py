@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.paper import Paper
+from tests.support.running import run_tool
 
 parts = pytest.importorskip("benchmarks.parts")  # without fast/ there is nothing to time
 
@@ -39,11 +40,10 @@ def test_without_a_part(part: str, paper: Paper, expected: list[np.ndarray], kee
         np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-5)
 
 
-def test_the_table(keep_threads: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table(keep_threads: None) -> None:
     """A row for a part that is named, with ms and a share for each job."""
     options = ["--rounds", "1", "--burst", "1e-9", "--batch", "2", "--only", "single poses"]
-    assert parts.main(options) == 0
-    head, *rows = capsys.readouterr().out.splitlines()
+    head, *rows = run_tool("benchmarks.parts", *options).out.splitlines()
     assert head.split()[3:] == ["step", "2", "forward", "2", "one", "image"]
     assert [row[:34].rstrip() for row in rows] == ["algorithm for single poses"]
     assert all(len(row[34:].split()) == 6 for row in rows)
@@ -52,8 +52,6 @@ def test_the_table(keep_threads: None, capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize(
     "options", [["--rounds", "0"], ["--threads", "-1"], ["--only", "slices", "nothing_such"]], ids=" ".join
 )
-def test_usage(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_usage(options: list[str]) -> None:
     """Wrong usage is argparse's own message, which names the option, and status 2."""
-    with pytest.raises(SystemExit, match="2"):
-        parts.main(options)
-    assert options[0] in capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in run_tool("benchmarks.parts", *options, status=2).err.splitlines()[-1]

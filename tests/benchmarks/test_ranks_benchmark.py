@@ -6,14 +6,14 @@ import pytest
 
 from benchmarks import ranks
 from tests.support.ranks_started import needs_mpi
+from tests.support.running import run_tool
 
 
 @needs_mpi
-def test_a_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
     """One process and two ranks on a machine with one processor; every network of the model has a row."""
     monkeypatch.setattr(ranks.engine, "available_cpus", lambda: 1)
-    assert ranks.main(["--steps", "2", "--batch", "2"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("benchmarks.ranks", "--steps", "2", "--batch", "2").out.splitlines()
     assert lines[1].startswith("batch 2, gradients 9.1 MB")
     assert [line[:5] for line in lines[3:5]] == ["1 x 1", "2 x 1"]
     assert [line.split("  ")[0] for line in lines[-3:]] == [network.name for network in ranks.NETWORKS]
@@ -29,8 +29,6 @@ def test_the_model() -> None:
 
 
 @pytest.mark.parametrize("options", [["--steps", "0"], ["--batch", "none"]], ids=" ".join)
-def test_usage(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_usage(options: list[str]) -> None:
     """Wrong usage is argparse's own message, which names the option, and status 2."""
-    with pytest.raises(SystemExit, match="2"):
-        ranks.main(options)
-    assert options[0] in capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in run_tool("benchmarks.ranks", *options, status=2).err.splitlines()[-1]

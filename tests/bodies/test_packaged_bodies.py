@@ -19,7 +19,7 @@ from handpose.synthetic.recipes import recipe_of
 from layers.hand import skeleton as skeletons
 from netlib.proto.messages import NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
-from tools import export_onnx, make_synthetic, predict, show_data, test, train
+from tests.support.running import run_tool
 
 BODY = Path(__file__).resolve().parents[2] / "prototxt" / "body"
 NAMES = ("person", "arm")
@@ -143,49 +143,44 @@ def test_nets_fit_their_bodies(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_tools(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames, two iterations, a score with each joint, and pictures: the commands of docs/bodies.md."""
     monkeypatch.chdir(tmp_path)
     prior = str(BODY / f"{name}_prior.prototxt")
-    assert make_synthetic.main(["--body", prior, "--train", "64", "--test", "20", "--workers", "1"]) == 0
-    assert f"data/{name}: 64 train and 20 test frames" in capsys.readouterr().out
+    done = run_tool("make_synthetic", "--body", prior, "--train", "64", "--test", "20", "--workers", "1")
+    assert f"data/{name}: 64 train and 20 test frames" in done.out
     for kind in ("train_test", "solver"):
         text = (BODY / f"{name}_{kind}.prototxt").read_text()
         text = text.replace("batch_size: 200", "batch_size: 20").replace("test_iter: 10", "test_iter: 1")
         text = text.replace(f"prototxt/body/{name}_train_test", f"{name}_train_test")
         text = text.replace(f'"{name}.prototxt"', f'"{BODY / name}.prototxt"')
         (tmp_path / f"{name}_{kind}.prototxt").write_text(text)
-    assert train.main([f"{name}_solver.prototxt", "--max-iter", "2"]) == 0
-    capsys.readouterr()
+    run_tool("train", f"{name}_solver.prototxt", "--max-iter", "2")
     model = ["--model", f"{name}_train_test.prototxt", f"snapshots/{name}_iter_2.caffemodel.h5"]
-    assert test.main([*model, "--picture", "found.png", "--joints", "--json"]) == 0
-    scored = json.loads(capsys.readouterr().out)
+    scored = json.loads(run_tool("test", *model, "--picture", "found.png", "--joints", "--json").out)
     (row,) = scored["snapshots"]
     assert "error_14_mm" not in row and 0 <= row["out_of_limits"] <= 1
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     assert list(scored["joints_mm"]) == skeleton.joint_names
-    assert test.main([*model, "--joints"]) == 0
-    said = capsys.readouterr().out
+    said = run_tool("test", *model, "--joints").out
     assert "out of limits" in said and "14 joints" not in said and all(joint in said for joint in skeleton.joint_names)
     deployed = netlib.Net(str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5", netlib.TEST)
     found = deployed.forward(depth=np.ones((1, 1, 128, 128), np.float32))
     assert found["pred"].shape == (1, 3 * len(skeleton.joint_names))
     shown = ["--skeleton", str(BODY / f"{name}.prototxt")]
-    assert show_data.main([f"data/{name}/test.txt", "--out", "frames.png", *shown]) == 0
+    run_tool("show_data", f"data/{name}/test.txt", "--out", "frames.png", *shown)
     assert cv2.imread("found.png") is not None
     picture = cv2.imread("frames.png")
     assert picture is not None and np.ptp(picture.astype(int), axis=2).max() > 100  # limbs in colours
-    assert test.main([*model, "--fit", "fast"]) == 1
-    assert f"its body is 'nyu', that of {name}_train_test.prototxt is '{name}'; expected" in capsys.readouterr().err
+    done = run_tool("test", *model, "--fit", "fast", status=1)
+    assert f"its body is 'nyu', that of {name}_train_test.prototxt is '{name}'; expected" in done.err
     net = [str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5"]
     cv2.imwrite("crop.png", np.full((128, 128), 128, np.uint8))
-    see = [predict.main, ["crop.png", "--model", net[0], "--weights", net[1], "--fit", "no"]]
-    for tool, arguments in (see, [export_onnx.main, [*net, "net.onnx"]]):
-        assert tool(arguments) == 1
-        assert f"skeleton '{name}' is not a hand: it has no joint 'palm'; expected the edge" in capsys.readouterr().err
-        assert tool([*arguments, "--cube", "1000"]) == 0
+    see = ["predict", "crop.png", "--model", net[0], "--weights", net[1], "--fit", "no"]
+    for command in (see, ["export_onnx", *net, "net.onnx"]):
+        done = run_tool(*command, status=1)
+        assert f"skeleton '{name}' is not a hand: it has no joint 'palm'; expected the edge" in done.err
+        run_tool(*command, "--cube", "1000")
     assert cv2.imread("crop_body.png") is not None
 
 
@@ -205,27 +200,20 @@ def test_a_page_of_a_person() -> None:
         (["--places"], "not allowed with argument"),
     ],
 )
-def test_what_is_not_for_a_body(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_not_for_a_body(arguments: list[str], message: str, tmp_path: Path) -> None:
     """Wrong usage, one line."""
     prior = str(BODY / "arm_prior.prototxt")
-    with pytest.raises(SystemExit) as stopped:
-        make_synthetic.main(["--body", prior, *arguments, "--out", str(tmp_path / "x")])
-    assert stopped.value.code == 2 and message in capsys.readouterr().err
+    assert message in run_tool("make_synthetic", "--body", prior, *arguments, "--out", tmp_path / "x", status=2).err
     assert not (tmp_path / "x").exists()
 
 
-def test_a_body_without_a_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_body_without_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Has no folder of its own; a skeleton is no prior."""
     monkeypatch.chdir(tmp_path)
     for name in ("arm", "arm_prior"):
         text = (BODY / f"{name}.prototxt").read_text().replace('name: "arm"', 'name: "../arm"', 1)
         (tmp_path / f"{name}.prototxt").write_text(text)
-    assert make_synthetic.main(["--body", "arm_prior.prototxt"]) == 1
+    done = run_tool("make_synthetic", "--body", "arm_prior.prototxt", status=1)
     message = "arm_prior.prototxt: its skeleton is named '../arm', which is no folder; give one with --out\n"
-    assert capsys.readouterr().err == message
-    assert make_synthetic.main(["--body", "arm.prototxt"]) == 1
-    assert "arm.prototxt:" in capsys.readouterr().err
+    assert done.err == message
+    assert "arm.prototxt:" in run_tool("make_synthetic", "--body", "arm.prototxt", status=1).err

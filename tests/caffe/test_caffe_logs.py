@@ -19,8 +19,8 @@ from netlib.errors import DataError
 from netlib.snapshots import binary_format, snapshot
 from netlib.updates import learning_rate
 from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
+from tests.support.running import run_tool
 from tools import plot_log
-from tools import time as time_tool
 
 pytestmark = pytest.mark.both_engines
 
@@ -110,10 +110,9 @@ def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCapt
     check_same_log([caplog.messages[-1].strip()], [f"Test net output #0: {theirs[-1]}"])
 
 
-def test_the_log_of_timing(solvers: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_log_of_timing(solvers: Path) -> None:
     """tools/time.py says what ``caffe time`` says, in its order; not what each single iteration took."""
-    assert time_tool.main(["net.prototxt", "--iterations", "3"]) == 0
-    mine = capsys.readouterr().out.splitlines()
+    mine = run_tool("time", "net.prototxt", "--iterations", "3").out.splitlines()
     theirs = [line for line in log_lines("time.log") if not line.startswith("Iteration: ")]
     theirs, mine = (lines[lines.index("*** Benchmark begins ***") :] for lines in (theirs, mine))
     assert len(theirs) == 3 + 2 * 8 + 5

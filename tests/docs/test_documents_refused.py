@@ -10,6 +10,7 @@ import pytest
 from docs.making import __main__ as making
 from docs.making import documents
 from netlib.files.paths import ROOT
+from tests.support.running import run_tool
 
 RELU = "<!-- code: layers/activation/relu.py ReLU.reshape -->\n"
 F = "```"
@@ -54,14 +55,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield tmp_path
 
 
-def test_a_document_that_is_no_text(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_document_that_is_no_text(folder: Path) -> None:
     """Its name, and the byte; it stays."""
     (folder / "x.md").write_bytes(b"caf\xe9\n" + RELU.encode())
-    assert making.main([]) == 1
-    assert capsys.readouterr().err == "error: x.md: cannot read: not UTF-8 (byte 3)\n"
+    assert run_tool("docs.making.__main__", status=1).err == "error: x.md: cannot read: not UTF-8 (byte 3)\n"
 
 
 def test_a_folder_that_is_called_as_a_document(folder: Path) -> None:
     """It is none."""
     (folder / "x.md").mkdir()
-    assert making.main([]) == 0
+    run_tool("docs.making.__main__")

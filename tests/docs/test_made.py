@@ -10,6 +10,7 @@ import pytest
 from docs.making import __main__ as making
 from docs.making.made import Made
 from netlib.files.paths import ROOT
+from tests.support.running import run_tool
 
 FILES = [made for piece in making.PIECES.values() for made in piece()]
 
@@ -20,7 +21,7 @@ def test_it_is_current(made: Made) -> None:
     assert made.is_current(), f"{made.path.relative_to(ROOT)} is not what the code makes of it: run make docs"
 
 
-def test_a_name_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """And the command fails."""
 
     def gone() -> bytes:
@@ -30,27 +31,23 @@ def test_a_name_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys
         yield Made(ROOT / "page.md", gone)
 
     monkeypatch.setattr(making, "PIECES", {"page": piece})
-    assert making.main([]) == 1
-    assert capsys.readouterr() == ("", "error: page.md: box.py has no Box\n")
+    assert run_tool("docs.making.__main__", status=1)[1:] == ("", "error: page.md: box.py has no Box\n")
 
 
-def test_what_is_not_current(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_not_current(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Is named and left alone by --check, and written without it; other parts are left alone."""
     page = tmp_path / "page.md"
     page.write_text("old")
     monkeypatch.setattr(making, "ROOT", tmp_path)
     monkeypatch.setattr(making, "PIECES", {"page": lambda: [Made(page, lambda: b"new")], "other": lambda: 1 / 0})
-    assert making.main(["--check", "page"]) == 1
-    assert (page.read_text(), capsys.readouterr().err) == ("old", "not current: page.md; run make docs\n")
-    assert making.main(["page"]) == 0
-    assert (page.read_text(), capsys.readouterr().out) == ("new", "wrote page.md\n")
-    assert making.main(["--check", "page"]) == 0
+    done = run_tool("docs.making.__main__", "--check", "page", status=1)
+    assert (page.read_text(), done.err) == ("old", "not current: page.md; run make docs\n")
+    done = run_tool("docs.making.__main__", "page")
+    assert (page.read_text(), done.out) == ("new", "wrote page.md\n")
+    run_tool("docs.making.__main__", "--check", "page")
 
 
-def test_a_part_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_part_that_does_not_exist() -> None:
     """Is wrong usage."""
-    with pytest.raises(SystemExit, match="2"):
-        making.main(["exercise"])
-    assert "no part exercise; expected some of documents, figures" in capsys.readouterr().err
+    done = run_tool("docs.making.__main__", "exercise", status=2)
+    assert "no part exercise; expected some of documents, figures" in done.err

@@ -11,8 +11,8 @@ from exercises.bugs import bugs
 from exercises.checking import steps
 from exercises.reading import ReadersFile
 from exercises.table import EXERCISES
+from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import exercise as command
 
 
 @pytest.fixture
@@ -22,72 +22,68 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_list(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list(work: Path) -> None:
     """Every exercise with its chapter, and how to begin."""
-    assert command.main([]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("exercise").out.splitlines()
     assert [line.split()[1] for line in lines[:-1]] == list(EXERCISES)  # no mark: none is begun
     assert lines[-1] == "Begin one: python tools/exercise.py relu --start"
 
 
 @pytest.mark.parametrize("name", EXERCISES)
-def test_start(name: str, work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_start(name: str, work: Path) -> None:
     """The stub of docs/exercises, in the working folder; somebody's work is never overwritten."""
-    assert command.main([name, "--start"]) == 0
+    done = run_tool("exercise", name, "--start")
     path = work / f"{name}.py"
     assert path.read_bytes() == (ROOT / "docs" / "exercises" / path.name).read_bytes()
-    assert capsys.readouterr().out.startswith(f"wrote {name}.py: ")
+    assert done.out.startswith(f"wrote {name}.py: ")
     path.write_text("mine")
-    assert command.main([name, "--start"]) == 1
-    assert capsys.readouterr().err == f"{name}.py: is there already, and stays as it is; remove it to begin anew\n"
+    done = run_tool("exercise", name, "--start", status=1)
+    assert done.err == f"{name}.py: is there already, and stays as it is; remove it to begin anew\n"
     assert path.read_text() == "mine"
 
 
-def test_a_solution(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_solution(work: Path) -> None:
     """A tick for each step, and where ours is."""
     (work / "split.py").write_text((ROOT / EXERCISES["split"].file).read_text(encoding="utf-8"))
-    assert command.main(["split", "--iterations", "2"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("exercise", "split", "--iterations", "2").out.splitlines()
     assert lines[0] == "Split: one blob for several readers (split.py)"
     assert [line[0] for line in lines[1:-1]] == ["✓"] * 5
     assert lines[-1] == "All of it is right. Ours, to compare: layers/common/split.py"
 
 
-def test_the_list_shows_progress(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_shows_progress(work: Path) -> None:
     """A tick where the file here has passed as it is, a point where one is begun or was changed since."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(text)
-    assert command.main(["relu", "--start"]) == command.main(["split", "--iterations", "0"]) == 0
+    run_tool("exercise", "relu", "--start")
+    run_tool("exercise", "split", "--iterations", "0")
     for after, mark in ((text, "✓"), (text + "# changed", "·")):
         (work / "split.py").write_text(after)
-        capsys.readouterr()
-        command.main([])
-        lines = capsys.readouterr().out.splitlines()
+        lines = run_tool("exercise").out.splitlines()
         assert [line[0] for line in lines[:5]] == ["·", " ", " ", " ", mark]
     (work / ".exercises.json").write_text("[")
-    assert command.main([]) == 0
+    run_tool("exercise")
 
 
 def test_bare(work: Path) -> None:
     """Blobs and signatures, and neither formulas nor hints."""
-    assert command.main(["relu", "--start", "--bare"]) == 0
+    run_tool("exercise", "relu", "--start", "--bare")
     text = (work / "relu.py").read_text(encoding="utf-8")
     assert "bottom[0]" in text and "dx =" not in text and "y = g x" not in text
     assert text.count("raise NotImplementedError") == 3 and "# Give" not in text
 
 
-def test_a_bug_to_find(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bug_to_find(work: Path) -> None:
     """A file that is checked like a solution, and is right when it is mended."""
-    assert command.main(["sgd", "--bug", "1"]) == 0
-    assert command.main(["sgd", "--bug", "1"]) == 1
+    run_tool("exercise", "sgd", "--bug", "1")
+    run_tool("exercise", "sgd", "--bug", "1", status=1)
     text = (work / "sgd_bug.py").read_text(encoding="utf-8")
-    assert command.main(["sgd", "--file", "sgd_bug.py"]) == 1
-    assert "The rate is applied when w is changed" in " ".join(capsys.readouterr().out.split())
+    done = run_tool("exercise", "sgd", "--file", "sgd_bug.py", status=1)
+    assert "The rate is applied when w is changed" in " ".join(done.out.split())
     mended = text.replace("h[...] = p.momentum * h + g", "h[...] = p.momentum * h + rate * g", 1)
     (work / "sgd_bug.py").write_text(mended.replace("w -= rate * h", "w -= h", 1))
-    assert command.main(["sgd", "--file", "sgd_bug.py", "--iterations", "0"]) == 0
-    assert command.main(["sgd", "--bug", "99"]) == 1
-    assert "bugs to find; there is no bug 99" in capsys.readouterr().err
+    run_tool("exercise", "sgd", "--file", "sgd_bug.py", "--iterations", "0")
+    assert "bugs to find; there is no bug 99" in run_tool("exercise", "sgd", "--bug", "99", status=1).err
 
 
 @pytest.mark.parametrize("name", EXERCISES)
@@ -105,12 +101,11 @@ def test_every_bug_is_one(name: str, work: Path) -> None:
     assert len(found) == len(bugs(exercise))
 
 
-def test_a_file_that_is_not_right(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_not_right(work: Path) -> None:
     """Status 1; the step that fails is the last, and its lines fit on a screen."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     Path("mine.py").write_text(text.replace("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"))
-    assert command.main(["split", "--file", "mine.py"]) == 1
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("exercise", "split", "--file", "mine.py", status=1).out.splitlines()
     failed = next(i for i, line in enumerate(lines) if line.startswith("✗"))
     assert lines[failed - 1].startswith("✓ values")
     rest = lines[failed + 1 :]
@@ -119,20 +114,18 @@ def test_a_file_that_is_not_right(work: Path, capsys: pytest.CaptureFixture[str]
     assert rest[-1].startswith("    Look at Split.backward, mine.py:")
 
 
-def test_the_file_here_comes_first(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_file_here_comes_first(work: Path) -> None:
     """Then that of docs/exercises; where neither is, it says how to get one."""
-    assert command.main(["relu"]) == 1
-    assert f"({ROOT / 'docs/exercises/relu.py'})" in capsys.readouterr().out
+    assert f"({ROOT / 'docs/exercises/relu.py'})" in run_tool("exercise", "relu", status=1).out
     (work / "relu.py").write_text("x = 1\n")
-    assert command.main(["relu"]) == 1
-    assert capsys.readouterr().err.startswith("relu.py: has no ReLU.setup")
+    assert run_tool("exercise", "relu", status=1).err.startswith("relu.py: has no ReLU.setup")
 
 
-def test_no_file_at_all(work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_file_at_all(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the tools are installed without docs/."""
     monkeypatch.setattr(solutions, "ROOT", work)
-    assert command.main(["relu"]) == 1
-    assert capsys.readouterr().err == "relu.py: is not there; python tools/exercise.py relu --start writes one\n"
+    done = run_tool("exercise", "relu", status=1)
+    assert done.err == "relu.py: is not there; python tools/exercise.py relu --start writes one\n"
 
 
 @pytest.mark.parametrize(
@@ -150,12 +143,9 @@ def test_no_file_at_all(work: Path, capsys: pytest.CaptureFixture[str], monkeypa
         (["relu", "--iterations", "-1"], "expected a whole number"),
     ],
 )
-def test_wrong_usage(argv: list[str], said: str, work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage(argv: list[str], said: str, work: Path) -> None:
     """Status 2, and the line that helps."""
-    with pytest.raises(SystemExit) as stopped:
-        command.main(argv)
-    assert stopped.value.code == 2
-    assert said in capsys.readouterr().err
+    assert said in run_tool("exercise", *argv, status=2).err
 
 
 @pytest.mark.parametrize(
@@ -169,9 +159,7 @@ def test_wrong_usage(argv: list[str], said: str, work: Path, capsys: pytest.Capt
     ],
 )
 @pytest.mark.parametrize("at", ["import", "forward"])
-def test_a_file_that_ends_its_process(
-    at: str, code: str, said: str, work: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_ends_its_process(at: str, code: str, said: str, work: Path) -> None:
     """Status 1 and one line, when it is loaded and when it is run."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     line = "y.data[...] = bottom[0].data"
@@ -179,25 +167,22 @@ def test_a_file_that_ends_its_process(
     indented = f"exec({code!r})"
     text = f"{text}\n{code}\n" if at == "import" else text.replace(line, indented)
     (work / "split.py").write_text(text)
-    assert command.main(["split", "--limit", "0.5"]) == 1
-    out, err = capsys.readouterr()
+    _, out, err = run_tool("exercise", "split", "--limit", "0.5", status=1)
     if "sys.exit" in code and at == "forward":  # it is caught where an error of this step would be
         assert said in out.splitlines()[-1] or said in out
         return
     assert err.startswith("split.py:") and said in err and err.count("\n") == 1
 
 
-def test_closed_streams_are_no_obstacle(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_closed_streams_are_no_obstacle(work: Path) -> None:
     """The reader's code may close its own."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(f"{text}\nimport sys\nsys.stdout.close()\nsys.stdin.close()\n")
-    assert command.main(["split", "--iterations", "0"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("All of it is right.")
+    assert run_tool("exercise", "split", "--iterations", "0").out.splitlines()[-1].startswith("All of it is right.")
 
 
-def test_ctrl_c_ends_a_loop_without_end(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_ends_a_loop_without_end(work: Path) -> None:
     """Status 130, in one word: what the reader's code does is the reader's."""
     text = (ROOT / EXERCISES["split"].file).read_text(encoding="utf-8")
     (work / "split.py").write_text(text.replace("y.data[...] = bottom[0].data", "raise KeyboardInterrupt"))
-    assert command.main(["split"]) == 130
-    assert capsys.readouterr().err == "interrupted\n"
+    assert run_tool("exercise", "split", status=130).err == "interrupted\n"

@@ -13,7 +13,7 @@ import pytest
 
 from netlib.snapshots import binary_format, snapshot
 from tests.caffe.recorded import COMPARED, check_same_log, log_lines, said, solver_text, texts
-from tools import caffe
+from tests.support.running import run_tool
 from tools.common import training
 
 FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = ")
@@ -38,12 +38,11 @@ def solver_of(tmp_path):
 
 
 @pytest.fixture
-def log_of(capsys):
+def log_of():
     """``log_of("train", "-solver", ...)``: the lines that this command writes, with their stamps."""
 
     def run(*argv: str, status: int = 0) -> list[str]:
-        assert caffe.main(list(argv)) == status
-        out, err = capsys.readouterr()
+        _, out, err = run_tool("caffe", *argv, status=status)
         assert out == ""
         return err.splitlines()
 
@@ -199,10 +198,9 @@ def test_device_query_and_gpu(log_of):
 # ---------------------------------------------------------------------------------------------- usage
 
 
-def test_without_a_command(capsys):
+def test_without_a_command():
     """The usage, and Caffe's status."""
-    assert caffe.main([]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
 
 
@@ -219,12 +217,9 @@ def test_without_a_command(capsys):
         (["test", "-iterations", "0"], "expected a whole number of at least 1, found '0'"),
     ],
 )
-def test_wrong_usage(capsys, argv, message):
+def test_wrong_usage(argv, message):
     """argparse's line, status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        caffe.main(argv)
-    assert stopped.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in run_tool("caffe", *argv, status=2).err
 
 
 @pytest.mark.parametrize(

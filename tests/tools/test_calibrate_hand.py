@@ -17,6 +17,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.support.running import run_tool
 from tools import calibrate_hand
 
 HAND = skeletons.load()
@@ -46,10 +47,9 @@ def write(path, joints, **more):
             file[name] = values
 
 
-def test_a_hand(work, frames, capsys):
+def test_a_hand(work, frames):
     """The file has the hand in the frames' unit, says where it is from, and fits the frames within its limits."""
-    assert calibrate_hand.main(["me.h5", "--out", "me.prototxt", "--percentile", "0"]) == 0
-    out, err = capsys.readouterr()
+    _, out, err = run_tool("calibrate_hand", "me.h5", "--out", "me.prototxt", "--percentile", "0")
     assert not err and "wrote me.prototxt in " in out
     hand = skeletons.load(work / "me.prototxt")
     thumb = HAND.joint_names.index("thumb_dip")
@@ -65,45 +65,43 @@ def test_a_hand(work, frames, capsys):
     assert [path.name for path in work.iterdir() if "tmp" in path.name] == []
 
 
-def test_the_same_frames_give_the_same_file(work, capsys):
+def test_the_same_frames_give_the_same_file(work):
     """To the last byte; another draw of frames another one. An existing file is replaced with --force only."""
     command = ["me.h5", "--out", "me.prototxt", "--frames", "30", "--joints", "14", "--half-cube", "150"]
-    assert calibrate_hand.main(command) == 0
+    done = run_tool("calibrate_hand", *command)
     first = (work / "me.prototxt").read_bytes()
     assert b"half-cubes of 150 mm" in first and b"little_tip, little_pip_a, ring_tip" in first
-    assert "not determined" in capsys.readouterr().out
-    assert calibrate_hand.main([*command, "--seed", "1"]) == 1
-    assert capsys.readouterr().err == (
+    assert "not determined" in done.out
+    assert run_tool("calibrate_hand", *command, "--seed", "1", status=1).err == (
         "me.prototxt: is there already; choose another --out, or use --force to replace it\n"
     )
     assert (work / "me.prototxt").read_bytes() == first
-    assert calibrate_hand.main([*command, "--force"]) == 0
+    run_tool("calibrate_hand", *command, "--force")
     assert (work / "me.prototxt").read_bytes() == first
-    assert calibrate_hand.main([*command, "--force", "--seed", "1"]) == 0
+    run_tool("calibrate_hand", *command, "--force", "--seed", "1")
     assert (work / "me.prototxt").read_bytes() != first
 
 
-def test_a_list_without_half_cube_and_an_own_template(work, frames, capsys):
+def test_a_list_without_half_cube_and_an_own_template(work, frames):
     """The files of a list make one set; the unit is NYU's. A result can be the next template."""
     write("a.h5", frames[:20])
     write("b.h5", frames[20:])
     (work / "train.txt").write_text("a.h5\nb.h5\n")
-    assert calibrate_hand.main(["train.txt", "--out", "one.prototxt"]) == 0
-    assert "is 150 mm" in capsys.readouterr().out
-    assert calibrate_hand.main(["train.txt", "--out", "two.prototxt", "--template", "one.prototxt"]) == 0
+    assert "is 150 mm" in run_tool("calibrate_hand", "train.txt", "--out", "one.prototxt").out
+    done = run_tool("calibrate_hand", "train.txt", "--out", "two.prototxt", "--template", "one.prototxt")
     one, two = (skeletons.load(work / f"{name}.prototxt") for name in ("one", "two"))
     assert np.allclose(one.bones, two.bones, atol=1e-4)
-    assert "size: 1.000 of the template" in capsys.readouterr().out
+    assert "size: 1.000 of the template" in done.out
 
 
-def test_people_who_differ_are_warned_of(work, capsys):
+def test_people_who_differ_are_warned_of(work):
     """No hand has the joints of noise."""
     rng = np.random.default_rng(0)
     write(
         "noise.h5", np.clip(kinematics_of(HAND).joints(np.zeros((20, 47))) + rng.normal(0, 0.1, (20, 31, 3)), -0.9, 0.9)
     )
-    assert calibrate_hand.main(["noise.h5", "--out", "noise.prototxt"]) == 0
-    assert "mm from the hand on average; are all frames of one person" in capsys.readouterr().err
+    done = run_tool("calibrate_hand", "noise.h5", "--out", "noise.prototxt")
+    assert "mm from the hand on average; are all frames of one person" in done.err
 
 
 @pytest.mark.parametrize(
@@ -120,7 +118,7 @@ def test_people_who_differ_are_warned_of(work, capsys):
         (["me.h5", "--template", "no.prototxt"], "no.prototxt: cannot read the prototxt: No such file or directory"),
     ],
 )
-def test_mistakes(work, frames, capsys, more, message):
+def test_mistakes(work, frames, more, message):
     """One line, exit status 1, no file."""
     write("few.h5", frames[:19])
     write("sixteen.h5", frames[:, :16])
@@ -129,8 +127,7 @@ def test_mistakes(work, frames, capsys, more, message):
     write("infinite.h5", infinite)
     with h5py.File("depth.h5", "w") as file:
         file["depth"] = np.zeros(3)
-    assert calibrate_hand.main(["--out", "x.prototxt", *more]) == 1
-    err = capsys.readouterr().err
+    err = run_tool("calibrate_hand", "--out", "x.prototxt", *more, status=1).err
     assert err.startswith(message) and err.count("\n") == 1
     assert not (work / "x.prototxt").exists()
 
@@ -153,24 +150,22 @@ def test_mistakes(work, frames, capsys, more, message):
         ["--from-depth", "--camera", "nyu", "--template", "nyu.prototxt"],
     ],
 )
-def test_wrong_usage(work, capsys, more):
+def test_wrong_usage(work, more):
     """Exit status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        calibrate_hand.main(["me.h5", "--out", "me.prototxt", *more])
-    assert stopped.value.code == 2
+    run_tool("calibrate_hand", "me.h5", "--out", "me.prototxt", *more, status=2)
 
 
 def test_the_frames_that_are_used_can_be_of_the_14_joints(work, frames):
     """A file of 42 numbers a row."""
     write("fourteen.h5", frames[:, EVALUATION_JOINTS])
-    assert calibrate_hand.main(["fourteen.h5", "--out", "me.prototxt"]) == 0
+    run_tool("calibrate_hand", "fourteen.h5", "--out", "me.prototxt")
     assert "14 of 31 joints" in (work / "me.prototxt").read_text().replace("\n# ", " ")
 
 
 # ------------------------------------------------------------------------------------------- from depth alone
 
 
-def test_size_from_depth(tmp_path, monkeypatch, capsys):
+def test_size_from_depth(tmp_path, monkeypatch):
     """Five whole frames, the fewest, of a hand 0.9 times as large: its size to 3%, in a file that reads back."""
     monkeypatch.chdir(tmp_path)
     sampler, rng = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)), np.random.default_rng(2)
@@ -182,22 +177,21 @@ def test_size_from_depth(tmp_path, monkeypatch, capsys):
         cv2.imwrite(f"{n}.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16))
     images = [f"{n}.png" for n in range(5)]
     options = ["--from-depth", "--camera", "kinect2", "--out", "me.prototxt"]
-    assert calibrate_hand.main([*images, *options]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("calibrate_hand", *images, *options).out
     assert re.match(
         r"A right hand of 0\.\d+ \+- 0\.\d+ times the size of people, its flesh \d\.\d+ times as thick", out
     )
     me = skeletons.load("me.prototxt")
     assert np.median(me.bones[me.bones != 0] / HAND.bones[HAND.bones != 0]) == pytest.approx(0.9, abs=0.03)
     assert "from the depth of 5 frames" in (tmp_path / "me.prototxt").read_text()
-    assert calibrate_hand.main([*images[:3], *options, "--force"]) == 1
-    assert "3 frames to estimate a hand's size from, expected 5 or more" in capsys.readouterr().err
+    done = run_tool("calibrate_hand", *images[:3], *options, "--force", status=1)
+    assert "3 frames to estimate a hand's size from, expected 5 or more" in done.err
     cv2.imwrite("empty.png", np.zeros((424, 512), np.uint16))
-    assert calibrate_hand.main(["empty.png", *options, "--force"]) == 1
-    assert "empty.png: no depth anywhere in the image" in capsys.readouterr().err
+    done = run_tool("calibrate_hand", "empty.png", *options, "--force", status=1)
+    assert "empty.png: no depth anywhere in the image" in done.err
 
 
-def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch, capsys):
+def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch):
     """Is told as such: the hand may be larger still."""
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.full((424, 512), 700, np.uint16))
@@ -206,9 +200,9 @@ def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch, capsys):
         found = HandSize(float(GRID[best]), 1.0, 0.0, GRID, misfits)
         monkeypatch.setattr(calibrate_hand, "hand_of", lambda *_, size=found: ("right", size))
         command = ["a.png", "--from-depth", "--camera", "kinect2", "--out", "me.prototxt", "--force"]
-        assert calibrate_hand.main(command) == 0
+        done = run_tool("calibrate_hand", *command)
         said = "warning: that is the end of what is tried, 0.74 to 1.35: the hand may lie beyond it"
-        assert (said in capsys.readouterr().err) == warned
+        assert (said in done.err) == warned
 
 
 @pytest.mark.parametrize(
@@ -219,8 +213,6 @@ def test_a_size_at_the_end_of_what_is_tried(tmp_path, monkeypatch, capsys):
         (["a.h5", "b.h5", "--out", "x"], "2 ANNOTATIONS; expected one file, or a list of files"),
     ],
 )
-def test_usage_with_depth(capsys, arguments, message):
+def test_usage_with_depth(arguments, message):
     """Status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        calibrate_hand.main(arguments)
-    assert stopped.value.code == 2 and message in capsys.readouterr().err
+    assert message in run_tool("calibrate_hand", *arguments, status=2).err

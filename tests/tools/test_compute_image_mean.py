@@ -10,8 +10,8 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.messages import Datum
+from tests.support.running import run_tool
 from tools.common.databases import write_databases
-from tools.compute_image_mean import main
 
 
 @pytest.fixture
@@ -31,21 +31,20 @@ def write(path, datums):
     assert write_databases([path], fill) == 0
 
 
-def test_the_mean(images, capsys):
+def test_the_mean(images):
     """(1, C, H, W) in float32; what Caffe prints, number for number."""
-    capsys.readouterr()
-    assert main(["-backend=lmdb", "db", "mean.binaryproto"]) == 0
+    done = run_tool("compute_image_mean", "-backend=lmdb", "db", "mean.binaryproto")
     mean = read_blob("mean.binaryproto")
     assert mean.shape == (1, 3, 4, 5) and mean.dtype == np.float32
     assert np.allclose(mean[0], images.mean(axis=0), rtol=1e-6)
-    lines = capsys.readouterr().out.splitlines()
+    lines = done.out.splitlines()
     assert lines[0] == "Number of channels: 3"
     assert lines[1:] == [f"mean_value channel [{c}]: {images[:, c].mean():.6g}" for c in range(3)]
 
 
 def test_a_net_that_subtracts_it_has_the_mean_zero(images):
     """Every value of the whole database, over the images."""
-    assert main(["db", "mean.binaryproto"]) == 0
+    run_tool("compute_image_mean", "db", "mean.binaryproto")
     net = netlib.Net(prototxt.parse("""layer { name: "d" type: "Data" top: "x"
         data_param { source: "db" batch_size: 7 backend: LMDB }
         transform_param { mean_file: "mean.binaryproto" } }"""), netlib.TEST)  # fmt: skip
@@ -58,30 +57,26 @@ def test_floats_and_pictures(tmp_path, images, rng):
     """What else a Datum may hold."""
     floats = rng.normal(size=(2, 1, 3, 4)).astype(np.float32)
     write(tmp_path / "floats", [Datum(1, 3, 4, float_data=one.ravel()) for one in floats])
-    assert main(["floats", "floats.binaryproto"]) == 0
+    run_tool("compute_image_mean", "floats", "floats.binaryproto")
     assert np.allclose(read_blob("floats.binaryproto")[0], floats.mean(axis=0), atol=1e-7)
     files = [cv2.imencode(".png", image.transpose(1, 2, 0))[1].tobytes() for image in images]
     write(tmp_path / "files", [Datum(data=content, encoded=True) for content in files])
-    assert main(["files", "files.binaryproto"]) == 0
+    run_tool("compute_image_mean", "files", "files.binaryproto")
     assert np.allclose(read_blob("files.binaryproto")[0], images.mean(axis=0), rtol=1e-6)
 
 
-def test_without_a_file(images, capsys, tmp_path):
+def test_without_a_file(images, tmp_path):
     """The numbers alone."""
-    capsys.readouterr()
-    assert main(["db"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == 4
+    assert len(run_tool("compute_image_mean", "db").out.splitlines()) == 4
     assert [path.name for path in tmp_path.iterdir()] == ["db"]
 
 
-def test_mistakes(tmp_path, images, capsys):
+def test_mistakes(tmp_path, images):
     """One line each; no mean is written."""
     write(tmp_path / "sizes", [Datum(1, 1, 2, b"ab"), Datum(1, 2, 1, b"ab")])
     write(tmp_path / "bad", [Datum(1, 1, 2, b"abc")])
-    capsys.readouterr()
-    for argv in (["sizes", "m"], ["bad", "m"], ["none", "m"], ["db", "db"]):
-        assert main(argv) == 1
-    assert capsys.readouterr().err.splitlines() == [
+    refused = (["sizes", "m"], ["bad", "m"], ["none", "m"], ["db", "db"])
+    assert "".join(run_tool("compute_image_mean", *argv, status=1).err for argv in refused).splitlines() == [
         "sizes: entry '00000001': an image (C, H, W) (1, 2, 1), but the first has (1, 1, 2); expected the same; "
         "convert_imageset.py can resize pictures",
         "bad: entry '00000000': a Datum of channels, height, width (1, 1, 2) with 3 values",
@@ -91,9 +86,7 @@ def test_mistakes(tmp_path, images, capsys):
     assert not (tmp_path / "m").exists()
 
 
-def test_wrong_usage(capsys):
+def test_wrong_usage():
     """argparse's line, status 2."""
     for argv in ([], ["db", "m", "more"], ["-backend", "leveldb", "db"]):
-        with pytest.raises(SystemExit) as stopped:
-            main(argv)
-        assert stopped.value.code == 2
+        run_tool("compute_image_mean", *argv, status=2)

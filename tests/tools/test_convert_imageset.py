@@ -9,9 +9,9 @@ import pytest
 import netlib
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import Datum
+from tests.support.running import run_tool
 from tools import convert_imageset
 from tools.common.databases import read_database
-from tools.convert_imageset import main
 
 NET = """layer {{ name: "d" type: "Data" top: "x" top: "t"
          data_param {{ source: "{0}" batch_size: {1} backend: LMDB }} transform_param {{ {2} }} }}"""
@@ -41,33 +41,33 @@ def entries(database="db"):
     return {what.split("'")[1]: schema.read(wire.decode(value, Datum), Datum) for what, value in found}
 
 
-def test_a_net_reads_the_same_pixels(pictures, capsys):
+def test_a_net_reads_the_same_pixels(pictures):
     """Blue, green, red, as OpenCV has them; keys are Caffe's."""
-    assert main(["p/", "list.txt", "db"]) == 0
+    done = run_tool("convert_imageset", "p/", "list.txt", "db")
     x, t = batch()
     assert np.array_equal(x, pictures.transpose(0, 3, 1, 2)) and t == [10, 9, 8, 7, 6]
     assert list(entries()) == [f"0000000{i}_im {i}.png" for i in range(5)]
-    assert capsys.readouterr() == ("db: 5 entries\n", "")
+    assert done[1:] == ("db: 5 entries\n", "")
 
 
 def test_gray(pictures):
     """One channel, as OpenCV reads it."""
-    assert main(["-gray", "p/", "list.txt", "db"]) == 0
+    run_tool("convert_imageset", "-gray", "p/", "list.txt", "db")
     wanted = [cv2.imread(f"p/im {i}.png", cv2.IMREAD_GRAYSCALE) for i in range(5)]
     assert np.array_equal(batch()[0][:, 0], wanted)
 
 
 def test_resize(pictures):
     """To any size, by linear interpolation."""
-    assert main(["-resize_height=3", "--resize_width", "12", "p/", "list.txt", "db"]) == 0
+    run_tool("convert_imageset", "-resize_height=3", "--resize_width", "12", "p/", "list.txt", "db")
     wanted = [cv2.resize(image, (12, 3)).transpose(2, 0, 1) for image in pictures]
     assert np.array_equal(batch()[0], wanted)
 
 
 def test_shuffle(pictures):
     """Another order, the same in every run; the number of the key is the place in it."""
-    assert main(["-shuffle", "p/", "list.txt", "a"]) == 0
-    assert main(["--shuffle=true", "p/", "list.txt", "b"]) == 0
+    run_tool("convert_imageset", "-shuffle", "p/", "list.txt", "a")
+    run_tool("convert_imageset", "--shuffle=true", "p/", "list.txt", "b")
     (x, t), again = batch("a"), batch("b")
     assert np.array_equal(x, again[0]) and t == again[1]
     assert sorted(t) == [6, 7, 8, 9, 10] and t != [10, 9, 8, 7, 6]
@@ -77,7 +77,7 @@ def test_shuffle(pictures):
 
 def test_encoded(pictures, tmp_path):
     """The files themselves; a net decodes them to the same pixels."""
-    assert main(["-encoded", "p/", "list.txt", "db"]) == 0
+    run_tool("convert_imageset", "-encoded", "p/", "list.txt", "db")
     found = list(entries().values())
     assert all(datum.encoded for datum in found)
     assert [datum.data for datum in found] == [(tmp_path / f"p/im {i}.png").read_bytes() for i in range(5)]
@@ -96,35 +96,34 @@ def test_encoded(pictures, tmp_path):
 )
 def test_encoded_anew(pictures, flags, magic, shape):
     """Where the file is not what is wanted. Caffe would store the coloured file of -gray."""
-    assert main([*flags, "p/", "list.txt", "db"]) == 0
+    run_tool("convert_imageset", *flags, "p/", "list.txt", "db")
     assert all(datum.data.startswith(magic) for datum in entries().values())
     assert batch()[0].shape == shape
 
 
-def test_pictures_that_cannot_be_read_are_left_out(pictures, capsys, tmp_path):
+def test_pictures_that_cannot_be_read_are_left_out(pictures, tmp_path):
     """They keep their numbers, as in Caffe, and are named."""
     (tmp_path / "p/im 1.png").write_text("no picture")
     (tmp_path / "p/im 3.png").unlink()
-    assert main(["p/", "list.txt", "db"]) == 0
+    done = run_tool("convert_imageset", "p/", "list.txt", "db")
     assert list(entries()) == [f"0000000{i}_im {i}.png" for i in (0, 2, 4)]
-    assert capsys.readouterr().err.splitlines() == [
+    assert done.err.splitlines() == [
         "p/im 1.png: not an image that OpenCV can decode (10 bytes); left out",
         "p/im 3.png: cannot read the image: No such file or directory; left out",
         "2 of 5 pictures left out",
     ]
 
 
-def test_sizes(pictures, capsys):
+def test_sizes(pictures):
     """Pictures may differ, unless -check_size is given or -resize makes them equal."""
     cv2.imwrite("p/im 3.png", pictures[0][:5])
-    assert main(["p/", "list.txt", "db"]) == 0
+    run_tool("convert_imageset", "p/", "list.txt", "db")
     assert [datum.height for datum in entries().values()] == [6, 6, 6, 5, 6]
-    assert main(["-check_size", "p/", "list.txt", "checked"]) == 1
-    assert capsys.readouterr().err == (
+    assert run_tool("convert_imageset", "-check_size", "p/", "list.txt", "checked", status=1).err == (
         "p/im 3.png: a picture (H, W, C) (5, 8, 3), but the first has (6, 8, 3); expected the same, as -check_size "
         "asks\n"
     )
-    assert main(["-check_size", "-resize_width=4", "-resize_height=4", "p/", "list.txt", "checked"]) == 0
+    run_tool("convert_imageset", "-check_size", "-resize_width=4", "-resize_height=4", "p/", "list.txt", "checked")
 
 
 @pytest.mark.parametrize(
@@ -140,11 +139,10 @@ def test_sizes(pictures, capsys):
                                                         "-encode_type png, for example"),
     ],
 )  # fmt: skip
-def test_mistakes(pictures, capsys, tmp_path, argv, message):
+def test_mistakes(pictures, tmp_path, argv, message):
     """One line, status 1, and no database."""
     before = sorted(tmp_path.rglob("*"))
-    assert main(argv) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == message
+    assert run_tool("convert_imageset", *argv, status=1).err.splitlines()[-1] == message
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -157,12 +155,9 @@ def test_mistakes(pictures, capsys, tmp_path, argv, message):
         (["-gray=perhaps", "p/", "list.txt", "db"], "ignored explicit argument 'perhaps'"),
     ],
 )  # fmt: skip
-def test_wrong_usage(capsys, argv, message):
+def test_wrong_usage(argv, message):
     """argparse's line, status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        main(argv)
-    assert stopped.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in run_tool("convert_imageset", *argv, status=2).err
 
 
 def test_progress(pictures, monkeypatch):
@@ -174,5 +169,5 @@ def test_progress(pictures, monkeypatch):
             counted.append((count, self.total))
 
     monkeypatch.setattr(convert_imageset, "ProgressBar", Bar)
-    assert main(["p/", "list.txt", "db"]) == 0
+    run_tool("convert_imageset", "p/", "list.txt", "db")
     assert counted == [(1, 5)] * 5

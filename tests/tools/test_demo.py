@@ -10,14 +10,13 @@ import numpy as np
 
 from handpose.data.images import read_frame
 from handpose.facts.cameras import NYU
-from tools import demo
+from tests.support.running import run_tool
 
 
-def test_demo(tmp_path, capsys, monkeypatch):
+def test_demo(tmp_path, monkeypatch):
     """Two depth frames that read back, a picture and the numbers of both, and a command that runs as it is printed."""
     monkeypatch.chdir(tmp_path)
-    assert demo.main(["--out", "my frames ö", "--frames", "2"]) == 0
-    first, second = capsys.readouterr().out.splitlines()
+    first, second = run_tool("demo", "--out", "my frames ö", "--frames", "2").out.splitlines()
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")
     assert shlex.split(command)[2:] == ["my frames ö/frame_0.png", "--camera", "nyu", "--out", "my frames ö"]
@@ -31,8 +30,7 @@ def test_demo(tmp_path, capsys, monkeypatch):
     assert len(hands) == 2 and all(hand["true_error_mm"] < 20 and "palm" in hand["joints_mm"] for hand in hands)
 
 
-def test_nowhere_to_write(tmp_path, capsys):
+def test_nowhere_to_write(tmp_path):
     """Is one line."""
     (tmp_path / "file").touch()
-    assert demo.main(["--out", str(tmp_path / "file" / "d")]) == 1
-    assert "expected a folder" in capsys.readouterr().err
+    assert "expected a folder" in run_tool("demo", "--out", tmp_path / "file" / "d", status=1).err

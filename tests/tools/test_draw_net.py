@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tools import draw_net
+from tests.support.running import run_tool
 
 NET = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"
 OLD = """
@@ -13,12 +13,11 @@ input: "x" input_dim: 1 input_dim: 2 input_dim: 1 input_dim: 1
 """
 
 
-def test_a_picture(tmp_path, capsys):
+def test_a_picture(tmp_path):
     """The layers of one phase, in the direction asked for."""
     pytest.importorskip("pydot")
     out = tmp_path / "net.raw"
-    assert draw_net.main([str(NET), str(out), "--phase", "TEST", "--rankdir", "TB", "--display_lrm"]) == 0
-    assert capsys.readouterr().out == f"wrote {out}\n"
+    assert run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm").out == f"wrote {out}\n"
     text = out.read_text()
     assert "rankdir=TB" in text and "HandModel" in text and text.count('"data (HDF5Data)" ->') == 2
     assert "lr mult: 1.0, " in text
@@ -28,19 +27,16 @@ def test_old_formats(tmp_path):
     """Layers of older prototxts are drawn as well; Caffe's own tool overlooks them."""
     pytest.importorskip("pydot")
     (tmp_path / "old.prototxt").write_text(OLD)
-    assert draw_net.main([str(tmp_path / "old.prototxt"), str(tmp_path / "old.raw")]) == 0
+    run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / "old.raw")
     assert '"ip\\n(InnerProduct)" -> ip [label=3];' in (tmp_path / "old.raw").read_text()
 
 
-def test_mistakes(tmp_path, capsys):
+def test_mistakes(tmp_path):
     """One line, and nothing written."""
     (tmp_path / "bad.prototxt").write_text('layer { nam: "x" }')
-    assert draw_net.main([str(tmp_path / "bad.prototxt"), str(tmp_path / "net.raw")]) == 1
-    error = capsys.readouterr().err
+    error = run_tool("draw_net", tmp_path / "bad.prototxt", tmp_path / "net.raw", status=1).err
     assert "bad.prototxt:1:9: error: unknown field 'nam' (did you mean 'name'?)" in error and error.count("\n") == 1
-    assert draw_net.main([str(tmp_path / "none.prototxt"), str(tmp_path / "net.raw")]) == 1
-    assert "none.prototxt: cannot read the prototxt" in capsys.readouterr().err
+    done = run_tool("draw_net", tmp_path / "none.prototxt", tmp_path / "net.raw", status=1)
+    assert "none.prototxt: cannot read the prototxt" in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.prototxt"]
-    with pytest.raises(SystemExit) as stopped:
-        draw_net.main([str(NET), "net.png", "--phase", "DEPLOY"])
-    assert stopped.value.code == 2
+    run_tool("draw_net", NET, "net.png", "--phase", "DEPLOY", status=2)

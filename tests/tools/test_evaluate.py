@@ -13,8 +13,8 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import evaluate
 
 FRAMES = 20
 
@@ -30,14 +30,13 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*arguments, dataset="icvl"):
-    return evaluate.main([dataset, "--groundtruth", "truth.txt", "--predictions", *arguments])
+def run(*arguments, dataset="icvl", status=0):
+    return run_tool("evaluate", dataset, "--groundtruth", "truth.txt", "--predictions", *arguments, status=status)
 
 
-def test_tables(files, capsys):
+def test_tables(files):
     """What the figures are, one line per method, then one line per joint."""
-    assert run("Near=near.txt", "Far hand=far.txt") == 0
-    out = capsys.readouterr().out.splitlines()
+    out = run("Near=near.txt", "Far hand=far.txt").out.splitlines()
     assert out[0] == (
         "ICVL, 20 frames of the test set's 1596, 16 joints: errors in mm between absolute positions in camera axes;"
     )
@@ -48,10 +47,9 @@ def test_tables(files, capsys):
     assert [line.split() for line in out[10:]][::16] == [["palm", "3.00", "30.00"], ["mean", "3.00", "30.00"]]
 
 
-def test_json(files, capsys):
+def test_json(files):
     """Everything, with both curves from 0 to 80 mm; --predictions may be given again."""
-    assert run("Near=near.txt", "--predictions", "Far=far.txt", "--json") == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads(run("Near=near.txt", "--predictions", "Far=far.txt", "--json").out)
     assert (report["dataset"], report["frames"], report["joints"]) == ("ICVL", FRAMES, 16)
     assert report["thresholds_mm"] == list(range(81))
     near, far = report["methods"]
@@ -61,32 +59,28 @@ def test_json(files, capsys):
         assert far[curve] == [0.0] * 30 + far[curve][30:31] + [1.0] * 50
 
 
-def test_formats(files, capsys):
+def test_formats(files):
     """Predictions and annotation may each be x y z or u v d."""
-    assert run("Far=far.txt") == run("Far=far_xyz.txt", "--format", "xyz") == 0
-    first, second = np.array_split(capsys.readouterr().out.splitlines(), 2)
-    assert list(first) == list(second)
-    assert run("A=far.txt", "--groundtruth", "far_xyz.txt", "--groundtruth-format", "xyz", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["methods"][0]["mean_mm"] == pytest.approx(0, abs=1e-4)
+    assert run("Far=far.txt").out == run("Far=far_xyz.txt", "--format", "xyz").out
+    done = run("A=far.txt", "--groundtruth", "far_xyz.txt", "--groundtruth-format", "xyz", "--json")
+    assert json.loads(done.out)["methods"][0]["mean_mm"] == pytest.approx(0, abs=1e-4)
 
 
-def test_wrong_format_is_noticed(files, capsys):
+def test_wrong_format_is_noticed(files):
     """Figures that no method has come with a question."""
-    assert run("Far=far_xyz.txt") == 0
-    err = capsys.readouterr().err
+    err = run("Far=far_xyz.txt").err
     assert err.startswith("warning: far_xyz.txt: a mean error of ") and err.count("\n") == 1
     assert err.endswith("; are these uvd, y up if xyz, of the same ICVL frames?\n")
 
 
-def test_pictures(files, capsys):
+def test_pictures(files):
     """Pictures of each format, with more methods than colours, and with names that matplotlib could misread."""
     pytest.importorskip("matplotlib")
-    assert run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json") == 0
-    captured = capsys.readouterr()
+    captured = run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json")
     assert captured.err == "wrote a.png\n" and json.loads(captured.out)
     assert cv2.imread("a.png").std() > 10
     for name, start in (("a.SVG", b"<?xml"), (".pdf", b"%PDF")):
-        assert run("Far=far.txt", "--plot", name) == 0
+        run("Far=far.txt", "--plot", name)
         assert (files / name).read_bytes().startswith(start)
     assert not list(files.glob(".*.tmp"))
 
@@ -103,12 +97,9 @@ def test_pictures(files, capsys):
         (["A=near.txt", "--angles"], "--angles is for nyu: the hand model's limits are those of its hand"),
     ],
 )
-def test_wrong_usage(files, capsys, arguments, message):
+def test_wrong_usage(files, arguments, message):
     """Arguments that make no sense end before any file is read."""
-    with pytest.raises(SystemExit) as stopped:
-        run(*arguments)
-    assert stopped.value.code == 2
-    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert message in run(*arguments, status=2).err.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
@@ -121,44 +112,41 @@ def test_wrong_usage(files, capsys, arguments, message):
         (["A=near.txt", "--plot", "folder.png"], "folder.png: cannot write the picture: Is a directory"),
     ],
 )
-def test_mistakes(files, capsys, arguments, message):
+def test_mistakes(files, arguments, message):
     """A file that cannot be used is one line on stderr, and nothing on stdout."""
     (files / "short.txt").write_text("".join((files / "near.txt").read_text().splitlines(keepends=True)[:-1]))
     (files / "folder.png").mkdir()
     if "--plot" in arguments:
         pytest.importorskip("matplotlib")
-    assert run(*arguments) == 1
-    assert capsys.readouterr() == ("", f"{message}\n")
+    assert run(*arguments, status=1)[1:] == ("", f"{message}\n")
     assert not list(files.glob(".*.tmp"))
 
 
 @pytest.mark.parametrize("plot", ["truth.png", "near.png"])
-def test_joints_are_not_drawn_over(files, capsys, plot):
+def test_joints_are_not_drawn_over(files, plot):
     """Neither the annotation nor predictions, whatever they are called."""
     for name in ("truth", "near"):
         (files / f"{name}.txt").rename(f"{name}.png")
     before = (files / plot).read_bytes()
     argv = ["icvl", "--groundtruth", "truth.png", "--predictions", "A=near.png", "--plot", plot]
-    assert evaluate.main(argv) == 1
-    assert capsys.readouterr() == ("", f"{plot}: is read in this run; write to another place\n")
+    assert run_tool("evaluate", *argv, status=1)[1:] == ("", f"{plot}: is read in this run; write to another place\n")
     assert (files / plot).read_bytes() == before
 
 
-def test_joints_of_another_data_set(files, capsys):
+def test_joints_of_another_data_set(files):
     """ICVL's 16 joints are not NYU's 14."""
-    assert run("A=near.txt", dataset="nyu") == 1
-    assert capsys.readouterr().err == "truth.txt:1: found 48 numbers, expected 42 = 14 joints x 3\n"
+    done = run("A=near.txt", dataset="nyu", status=1)
+    assert done.err == "truth.txt:1: found 48 numbers, expected 42 = 14 joints x 3\n"
 
 
-def test_without_matplotlib(files, monkeypatch, capsys):
+def test_without_matplotlib(files, monkeypatch):
     """One line says how to get it; tables do without."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert run("A=near.txt", "--plot", "a.png") == 1
-    assert capsys.readouterr().err == "matplotlib is missing: pip install matplotlib\n"
-    assert run("A=near.txt") == 0
+    assert run("A=near.txt", "--plot", "a.png", status=1).err == "matplotlib is missing: pip install matplotlib\n"
+    run("A=near.txt")
 
 
-def test_angles(tmp_path, monkeypatch, capsys):
+def test_angles(tmp_path, monkeypatch):
     """Predictions on the hand model have its angles, and one of three frames one beyond its limit; noise has none."""
     monkeypatch.chdir(tmp_path)
     skeleton, rng = skeletons.load(), np.random.default_rng(0)
@@ -172,18 +160,17 @@ def test_angles(tmp_path, monkeypatch, capsys):
     noise = truth + rng.normal(0, 5, truth.shape)
     for name, joints in (("truth", truth), ("bent", predicted), ("noise", noise)):
         np.savetxt(f"{name}.txt", NYU.project(joints).reshape(3, 42), fmt="%.6f")
-    assert run("Bent=bent.txt", "Noise=noise.txt", "--angles", "--json", dataset="nyu") == 0
-    bent, noise = (method["angles"] for method in json.loads(capsys.readouterr().out)["methods"])
+    done = run("Bent=bent.txt", "Noise=noise.txt", "--angles", "--json", dataset="nyu")
+    bent, noise = (method["angles"] for method in json.loads(done.out)["methods"])
     assert bent["out_of_limits"] == pytest.approx(1 / 3) and noise["out_of_limits"] is None
     assert bent["free_residual_mm"] < 0.01 < 0.1 < bent["residual_mm"]
     assert noise["free_residual_mm"] < noise["residual_mm"] < 8  # mm, the length of 5 mm of noise
     assert 0 < bent["error_deg"] < noise["error_deg"] < 60
-    assert run("Bent=bent.txt", "--angles", dataset="nyu") == 0
-    heads, cells = capsys.readouterr().out.splitlines()[-2:]
+    heads, cells = run("Bent=bent.txt", "--angles", dataset="nyu").out.splitlines()[-2:]
     assert heads.split()[:3] == ["method", "angle", "error"] and cells.endswith("33.33%")
 
 
-def test_published_predictions(capsys):
+def test_published_predictions():
     """The table of the methods that are published for NYU, both subjects apart."""
     folder = ROOT.parent / "shared" / "data" / "nyu"
     if not folder.is_dir():
@@ -191,8 +178,7 @@ def test_published_predictions(capsys):
     files = {"DeepModel": "IJCAI16_NYU_DeepModel", "Feedback": "ICCV15_NYU_Feedback"}
     named = [f"{name}={folder / 'predictions' / file}.txt" for name, file in files.items()]
     truth = str(folder / "test_groundtruth_uvd.txt")
-    assert evaluate.main(["nyu", "--groundtruth", truth, "--predictions", *named]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("evaluate", "nyu", "--groundtruth", truth, "--predictions", *named).out
     assert out.startswith("NYU, 8252 frames, 14 joints: errors in mm between absolute positions in camera axes;\n")
     assert "DeepModel  17.04      10.15      19.93          34.56         19.0%         58.2%" in out
     assert "Feedback   15.97 " in out

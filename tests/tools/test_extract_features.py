@@ -9,8 +9,8 @@ import netlib
 from layers.data.datum import decode_datum
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import Datum
+from tests.support.running import run_tool
 from tools.common.databases import read_database
-from tools.extract_features import main
 
 ENGINES = pytest.mark.parametrize("engine", ["plain", "fast"] if netlib.engine.has_fast() else ["plain"])
 
@@ -28,13 +28,12 @@ def features(path):
 
 
 @ENGINES
-def test_the_values_are_those_of_the_blobs(tmp_path, capsys, engine):
+def test_the_values_are_those_of_the_blobs(tmp_path, engine):
     """Of every batch, in order. Blobs of two and four axes, of a layer in place, and a loss, which has none."""
     blobs = ["conv", "pool", "ip1", "loss"]
     databases = ",".join(str(tmp_path / blob) for blob in blobs)
     argv = ["init.caffemodel", "net.prototxt", ",".join(blobs), databases, "3", "lmdb", "--engine", engine]
-    assert main(argv) == 0
-    assert capsys.readouterr().out.splitlines() == [
+    assert run_tool("extract_features", *argv).out.splitlines() == [
         f"{tmp_path}/{blob}: {count} entries" for blob, count in zip(blobs, (15, 15, 15, 3))
     ]
     net = netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST, engine=engine)
@@ -49,7 +48,7 @@ def test_the_values_are_those_of_the_blobs(tmp_path, capsys, engine):
 
 def test_an_entry(tmp_path):
     """Floats in a Datum, no bytes and no label."""
-    assert main(["init.caffemodel", "net.prototxt", "ip2", str(tmp_path / "f"), "1", "lmdb", "CPU"]) == 0
+    run_tool("extract_features", "init.caffemodel", "net.prototxt", "ip2", tmp_path / "f", "1", "lmdb", "CPU")
     _, entries = read_database(tmp_path / "f")
     datum = schema.read(wire.decode(next(entries)[1], Datum), Datum)
     assert (datum.channels, datum.height, datum.width, datum.data, datum.label) == (5, 1, 1, b"", 0)
@@ -58,7 +57,9 @@ def test_an_entry(tmp_path):
 
 def test_a_net_reads_them(tmp_path):
     """Features are data for the next net."""
-    assert main(["init.caffemodel", "net.prototxt", "ip1", str(tmp_path / "f"), "1", "lmdb", "GPU", "DEVICE_ID=0"]) == 0
+    run_tool(
+        "extract_features", "init.caffemodel", "net.prototxt", "ip1", tmp_path / "f", "1", "lmdb", "GPU", "DEVICE_ID=0"
+    )
     net = netlib.Net(prototxt.parse(f"""layer {{ name: "d" type: "Data" top: "x"
         data_param {{ source: "{tmp_path}/f" batch_size: 5 backend: LMDB }} }}"""), netlib.TEST)  # fmt: skip
     first = netlib.Net("net.prototxt", "init.caffemodel", netlib.TEST)
@@ -66,27 +67,26 @@ def test_a_net_reads_them(tmp_path):
     assert np.array_equal(net.forward()["x"].reshape(5, 16), first.blobs["ip1"].data)
 
 
-def test_gpu_is_noted(tmp_path, capsys):
+def test_gpu_is_noted(tmp_path):
     """Once."""
-    assert main(["init.caffemodel", "net.prototxt", "ip1", str(tmp_path / "f"), "1", "lmdb", "GPU"]) == 0
-    assert capsys.readouterr().err == "GPU is accepted, but this runs on the CPU\n"
+    done = run_tool("extract_features", "init.caffemodel", "net.prototxt", "ip1", tmp_path / "f", "1", "lmdb", "GPU")
+    assert done.err == "GPU is accepted, but this runs on the CPU\n"
 
 
-def test_mistakes(tmp_path, capsys):
+def test_mistakes(tmp_path):
     """One line each, and no database."""
     deep = tmp_path / "deep.prototxt"
     deep.write_text('layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 dim: 1 '
                     "dim: 1 dim: 1 } } }")  # fmt: skip
     a, b = str(tmp_path / "a"), str(tmp_path / "b")
-    for argv in (
+    refused = (
         ["init.caffemodel", "net.prototxt", "ip7,ip1", f"{a},{b}", "1", "lmdb"],
         ["init.caffemodel", "none.prototxt", "ip1", a, "1", "lmdb"],
         ["none.caffemodel", "net.prototxt", "ip1", a, "1", "lmdb"],
         ["init.caffemodel", str(deep), "x", a, "1", "lmdb"],
         ["init.caffemodel", "net.prototxt", "ip1,ip1", f"{a},{a}", "1", "lmdb"],
-    ):
-        assert main(argv) == 1
-    assert capsys.readouterr().err.splitlines() == [
+    )
+    assert "".join(run_tool("extract_features", *argv, status=1).err for argv in refused).splitlines() == [
         "net.prototxt: no blob 'ip7' in it (did you mean 'ip2'?)",
         "none.prototxt: cannot read the prototxt: No such file or directory",
         "none.caffemodel: cannot read weights: No such file or directory",
@@ -96,7 +96,7 @@ def test_mistakes(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["deep.prototxt"]
 
 
-def test_wrong_usage(capsys):
+def test_wrong_usage():
     """argparse's line, status 2."""
     for argv, message in (
         (["w", "n", "a,b", "d", "1", "lmdb"], "2 blobs need as many databases, found 1"),
@@ -104,7 +104,4 @@ def test_wrong_usage(capsys):
         (["w", "n", "a", "d", "1", "leveldb"], "leveldb is not supported"),
         (["w", "n", "a", "d", "1"], "the following arguments are required: lmdb"),
     ):
-        with pytest.raises(SystemExit) as stopped:
-            main(argv)
-        assert stopped.value.code == 2
-        assert message in capsys.readouterr().err
+        assert message in run_tool("extract_features", *argv, status=2).err

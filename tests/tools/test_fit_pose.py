@@ -15,7 +15,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.files.hdf5 import File
-from tools import fit_pose
+from tests.support.running import run_tool
 
 SKELETON = skeletons.load()
 FRAMES = 5
@@ -52,10 +52,9 @@ def data(inputs, tmp_path, monkeypatch):
     return rows
 
 
-def mistake(capsys, *arguments):
+def mistake(*arguments):
     """The one line that a mistake prints."""
-    assert fit_pose.main([*arguments]) == 1
-    lines = capsys.readouterr().err.splitlines()
+    lines = run_tool("fit_pose", *arguments, status=1).err.splitlines()
     assert len(lines) == 1, lines
     return lines[0]
 
@@ -71,74 +70,71 @@ def placed(path):
 
 
 @pytest.mark.parametrize("fmt", ["xyz", "uvd"])
-def test_the_joints_of_a_text_file(joints, capsys, fmt):
+def test_the_joints_of_a_text_file(joints, fmt):
     """The model, at the angles that are written, has its joints where they were given; a line says how nearly."""
-    assert fit_pose.main([f"{fmt}.txt", "--format", fmt, "--out", "new/angles.h5"]) == 0
+    done = run_tool("fit_pose", f"{fmt}.txt", "--format", fmt, "--out", "new/angles.h5")
     figures = (
         r"5 frames in \d+ s: residual 0.000\d mm \(mean over joints\), 0.000\d median frame, 0.000\d worst frame; "
         r"0.00% of the frames have an angle out of its limits\n"
     )
-    assert re.fullmatch(figures, capsys.readouterr().out)
+    assert re.fullmatch(figures, done.out)
     assert placed("new/angles.h5") == pytest.approx(joints, abs=0.01)
     with h5py.File("new/angles.h5") as file:
         assert (file["dof"].shape, file["residual_mm"].shape) == ((FRAMES, 47), (FRAMES, 14))
         assert file["index"][...].tolist() == [0, 1, 2, 3, 4]
 
 
-def test_without_out_only_the_figures_are_told(joints, tmp_path, capsys):
+def test_without_out_only_the_figures_are_told(joints, tmp_path):
     """Nothing is written."""
     before = sorted(tmp_path.iterdir())
-    assert fit_pose.main(["uvd.txt"]) == 0
-    assert capsys.readouterr().out.startswith("5 frames in ")
+    assert run_tool("fit_pose", "uvd.txt").out.startswith("5 frames in ")
     assert sorted(tmp_path.iterdir()) == before
 
 
 def test_some_of_the_frames(joints):
     """Spread evenly, the first and the last among them; the file says which they are."""
-    assert fit_pose.main(["uvd.txt", "--frames", "3", "--out", "angles.h5"]) == 0
+    run_tool("fit_pose", "uvd.txt", "--frames", "3", "--out", "angles.h5")
     with h5py.File("angles.h5") as file:
         assert file["index"][...].tolist() == [0, 2, 4]
     assert placed("angles.h5") == pytest.approx(joints[::2], abs=0.01)
 
 
-def test_the_swarm(joints, capsys):
+def test_the_swarm(joints):
     """The paper's way, with few particles: somewhere near, and within the limits."""
-    assert fit_pose.main(["uvd.txt", "--swarm", "--particles", "16", "--generations", "30", "--out", "angles.h5"]) == 0
-    out = capsys.readouterr().out
+    done = run_tool("fit_pose", "uvd.txt", "--swarm", "--particles", "16", "--generations", "30", "--out", "angles.h5")
+    out = done.out
     assert 5 < float(re.search(r"residual (\S+) mm", out)[1]) < 80
     assert "0.00% of the frames" in out
     assert np.abs(placed("angles.h5") - joints).mean() < 60
 
 
-def test_limits_and_ridge(joints, capsys):
+def test_limits_and_ridge(joints):
     """A hand a third larger than the model's needs angles out of their limits; a ridge costs residual."""
     large = joints.mean(axis=1, keepdims=True) + 1.3 * (joints - joints.mean(axis=1, keepdims=True))
     np.savetxt("large.txt", large.reshape(FRAMES, -1))
     residuals, broken = [], []
     for options in ([], ["--no-limits"], ["--ridge", "1"]):
-        assert fit_pose.main(["large.txt", "--format", "xyz", *options]) == 0
-        out = capsys.readouterr().out
+        out = run_tool("fit_pose", "large.txt", "--format", "xyz", *options).out
         residuals.append(float(re.search(r"residual (\S+) mm", out)[1]))
         broken.append(float(re.search(r"(\S+)% of the frames", out)[1]))
     assert broken[0] == broken[2] == 0 < broken[1]
     assert residuals[1] < residuals[0] < residuals[2]
 
 
-def test_another_hand(joints, tmp_path, capsys):
+def test_another_hand(joints, tmp_path):
     """--skeleton names a file like prototxt/hand/nyu.prototxt."""
     text = skeletons.NYU_HAND.read_text().replace("length: 0.307286", "length: 0.5")
     (tmp_path / "longer.prototxt").write_text(text)
-    assert fit_pose.main(["uvd.txt", "--skeleton", "longer.prototxt"]) == 0
-    assert float(re.search(r"residual (\S+) mm", capsys.readouterr().out)[1]) > 1
+    done = run_tool("fit_pose", "uvd.txt", "--skeleton", "longer.prototxt")
+    assert float(re.search(r"residual (\S+) mm", done.out)[1]) > 1
 
 
 # ------------------------------------------------------------------------------------------------ lists
 
 
-def test_the_files_of_a_list(data, tmp_path, capsys):
+def test_the_files_of_a_list(data, tmp_path):
     """Each gets its angles and the name of its data, and the list names them: a training set to be read."""
-    assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
-    captured = capsys.readouterr()
+    captured = run_tool("fit_pose", "data/train.txt", "--out", "angles")[1:]
     assert captured.out.startswith("5 frames in ")
     assert captured.err.splitlines()[1].startswith("2 of 2: angles/part_1.h5, 0.0")
     assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
@@ -151,36 +147,34 @@ def test_the_files_of_a_list(data, tmp_path, capsys):
     assert found[np.abs(data) < 1] == pytest.approx(data[np.abs(data) < 1], abs=1e-4)
 
 
-def test_a_second_run_keeps_what_is_there(data, tmp_path, capsys):
+def test_a_second_run_keeps_what_is_there(data, tmp_path):
     """And prints the same figures."""
     figures, made = [], []
     for _ in range(2):
-        assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
-        figures.append(capsys.readouterr().out.split(": ")[1])
+        figures.append(run_tool("fit_pose", "data/train.txt", "--out", "angles").out.split(": ")[1])
         made.append([(tmp_path / "angles" / name).stat().st_mtime_ns for name in FILES])
     assert figures[0] == figures[1] and made[0] == made[1]
 
 
-def test_the_data_are_not_written_over(data, tmp_path, capsys):
+def test_the_data_are_not_written_over(data, tmp_path):
     """By angles in the same folder."""
     before = (tmp_path / "data" / FILES[0]).read_bytes()
     shutil.copy("data/train.txt", "train.txt")
-    line = mistake(capsys, "train.txt", "--out", "data")
+    line = mistake("train.txt", "--out", "data")
     assert line == "data/part_0.h5: would replace the data themselves; choose another --out"
     assert (tmp_path / "data" / FILES[0]).read_bytes() == before
 
 
 @pytest.mark.parametrize("name", [*FILES, "train.txt"])
-def test_other_data_are_not_replaced(data, tmp_path, capsys, name):
+def test_other_data_are_not_replaced(data, tmp_path, name):
     """Neither another data set of the same names, nor its list, nor what is broken or anybody's."""
-    assert fit_pose.main(["data/train.txt", "--out", "angles"]) == 0
+    run_tool("fit_pose", "data/train.txt", "--out", "angles")
     place = tmp_path / "angles" / name
     contents = ["notes"] if name == "train.txt" else ["notes", (tmp_path / "data" / name).read_bytes()]
     for content in contents:
         place.write_bytes(content.encode() if isinstance(content, str) else content)
         before = {path: path.read_bytes() for path in (tmp_path / "angles").iterdir()}
-        capsys.readouterr()
-        line = mistake(capsys, "data/train.txt", "--out", "angles")
+        line = mistake("data/train.txt", "--out", "angles")
         assert re.match(rf"angles/{name}: .*is not a companion of .*; move .* away, or choose another --out$", line)
         assert {path: path.read_bytes() for path in (tmp_path / "angles").iterdir()} == before
 
@@ -213,7 +207,7 @@ def test_other_data_are_not_replaced(data, tmp_path, capsys, name):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_mistakes(joints, data, tmp_path, capsys, arguments, message):
+def test_mistakes(joints, data, tmp_path, arguments, message):
     """One line each."""
     for name, text in {
         "empty.txt": "",
@@ -228,7 +222,7 @@ def test_mistakes(joints, data, tmp_path, capsys, arguments, message):
     }.items():
         (tmp_path / name).write_text(text)
     np.savetxt("xyz.txt", -joints.reshape(FRAMES, -1))
-    assert mistake(capsys, *arguments).startswith(message)
+    assert mistake(*arguments).startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -250,6 +244,4 @@ def test_mistakes(joints, data, tmp_path, capsys, arguments, message):
 )
 def test_usage(options):
     """Wrong usage is argparse's own message and status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        fit_pose.main(["uvd.txt", *options])
-    assert stopped.value.code == 2
+    run_tool("fit_pose", "uvd.txt", *options, status=2)

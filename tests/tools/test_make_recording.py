@@ -17,7 +17,7 @@ from handpose.sequences.recordings import SyntheticRecording
 from handpose.sources.opening import open_recording
 from handpose.track_files.json_file import read_track
 from netlib.files import atomic
-from tools import make_recording
+from tests.support.running import run_tool
 
 SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]
 
@@ -29,11 +29,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", ["take.npz", "take", "new/folder/take"])
-def test_a_recording_and_its_truth(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_and_its_truth(name: str) -> None:
     """What is written is what the recording is, frame by frame, and the truth is read back; folders are made."""
     truth = Path(name).with_name("take.truth.json")
-    assert make_recording.main(["rest", *SHORT, "--seed", "5", "--out", name]) == 0
-    assert capsys.readouterr().out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; the truth is {truth}\n"
+    done = run_tool("make_recording", "rest", *SHORT, "--seed", "5", "--out", name)
+    assert done.out == f"wrote {name}: 4 frames of 0.4 s, unit 1 mm; the truth is {truth}\n"
     own = SyntheticRecording("rest", ICVL, seconds=0.4, rate=10, seed=5)
     with open_recording(name) as recording:
         for frame, expected in zip(recording, own, strict=True):
@@ -46,24 +46,22 @@ def test_a_recording_and_its_truth(name: str, capsys: pytest.CaptureFixture[str]
     assert scores.found == 1 and scores.hands[0].errors.mean < 0.01 and scores.hands[0].rest_frames == 0
 
 
-def test_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_options() -> None:
     """The other hand, no noise, nothing overwritten without --force."""
-    assert make_recording.main(["rest", *SHORT, "--hand", "left", "--clean", "--out", "a.npz"]) == 0
+    run_tool("make_recording", "rest", *SHORT, "--hand", "left", "--clean", "--out", "a.npz")
     assert read_track("a.truth.json").frames[0].hands[0].hand == "left"
     first, last = list(open_recording("a.npz"))[:: len(list(open_recording("a.npz"))) - 1]
     np.testing.assert_array_equal(first.depth, last.depth)
-    assert make_recording.main(["rest", *SHORT, "--out", "a.npz"]) == 1
-    assert "a.truth.json: is there already; name another --out or replace it by --force" in capsys.readouterr().err
+    done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1)
+    assert "a.truth.json: is there already; name another --out or replace it by --force" in done.err
     Path("a.truth.json").unlink()
-    assert make_recording.main(["rest", *SHORT, "--out", "a.npz"]) == 1
-    assert "a.npz: is there already" in capsys.readouterr().err and not Path("a.truth.json").exists()
-    assert make_recording.main(["rest", *SHORT, "--out", "a.npz", "--force"]) == 0
+    done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1)
+    assert "a.npz: is there already" in done.err and not Path("a.truth.json").exists()
+    run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", "--force")
     assert read_track("a.truth.json").frames[0].hands[0].hand == "right"
 
 
-def test_a_recording_that_is_stopped_keeps_whole_files(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the frames till then, in both."""
     frame = SyntheticRecording.frame
 
@@ -73,8 +71,8 @@ def test_a_recording_that_is_stopped_keeps_whole_files(
         return frame(self, number)
 
     monkeypatch.setattr(SyntheticRecording, "frame", interrupted)
-    assert make_recording.main(["rest", *SHORT, "--out", "a.npz"]) == 130
-    assert capsys.readouterr().err == "stopped; a.npz and a.truth.json keep 2 frames\n"
+    done = run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=130)
+    assert done.err == "stopped; a.npz and a.truth.json keep 2 frames\n"
     track = read_track("a.truth.json")
     assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
 
@@ -95,15 +93,13 @@ PLACES = {
 
 @pytest.mark.parametrize("is_there", [True, False], ids=["over an old one", "a new one"])
 @pytest.mark.parametrize("place", PLACES)
-def test_a_full_disk_leaves_the_old_pair_or_none(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], place: str, is_there: bool
-) -> None:
+def test_a_full_disk_leaves_the_old_pair_or_none(monkeypatch: pytest.MonkeyPatch, place: str, is_there: bool) -> None:
     """Wherever it strikes, the recording and its truth stay what they were."""
     name, where, at = PLACES[place]
     if name.endswith(".mkv"):
         pytest.importorskip("av")
     if is_there:
-        assert make_recording.main(["rest", *SHORT, "--seed", "1", "--out", name]) == 0
+        run_tool("make_recording", "rest", *SHORT, "--seed", "1", "--out", name)
     before, calls = contents(), iter(range(1, 100))
     module, _, method = where.rpartition(".")
     owner = pkgutil.resolve_name(f"{module.rpartition('.')[0]}:{module.rpartition('.')[2]}")
@@ -115,14 +111,14 @@ def test_a_full_disk_leaves_the_old_pair_or_none(
         return function(self, argument)
 
     monkeypatch.setattr(owner, method, failing)
-    assert make_recording.main(["rest", *SHORT, "--seed", "2", "--out", name, "--force"]) == 1
-    assert "No space left on device" in capsys.readouterr().err
+    done = run_tool("make_recording", "rest", *SHORT, "--seed", "2", "--out", name, "--force", status=1)
+    assert "No space left on device" in done.err
     assert contents() == before and Path(name).exists() == is_there
 
 
 def test_a_truth_that_cannot_take_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once the recording is a new one, the old truth does not stay beside it."""
-    assert make_recording.main(["rest", *SHORT, "--seed", "1", "--out", "a.npz"]) == 0
+    run_tool("make_recording", "rest", *SHORT, "--seed", "1", "--out", "a.npz")
     before, take_place = contents(), atomic.take_place
 
     def failing(fresh: Path, path: Path, sync: bool = True) -> None:
@@ -131,18 +127,18 @@ def test_a_truth_that_cannot_take_its_place(monkeypatch: pytest.MonkeyPatch) -> 
         take_place(fresh, path, sync)
 
     monkeypatch.setattr(atomic, "take_place", failing)
-    assert make_recording.main(["rest", *SHORT, "--seed", "2", "--out", "a.npz", "--force"]) == 1
+    run_tool("make_recording", "rest", *SHORT, "--seed", "2", "--out", "a.npz", "--force", status=1)
     assert list(contents()) == ["a.npz"] and contents()["a.npz"] != before["a.npz"]
 
 
-def test_a_truth_that_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_truth_that_cannot_be_written() -> None:
     """Is told before anything is."""
     Path("a.truth.json").mkdir()
-    assert make_recording.main(["rest", *SHORT, "--out", "a", "--force"]) == 1
-    assert capsys.readouterr().err == "a.truth.json: Is a directory\n" and not Path("a").exists()
+    done = run_tool("make_recording", "rest", *SHORT, "--out", "a", "--force", status=1)
+    assert done.err == "a.truth.json: Is a directory\n" and not Path("a").exists()
 
 
-def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage() -> None:
     """Ends with 2."""
     for words in (
         ["wave", "--out", "a"],
@@ -150,11 +146,9 @@ def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
         ["rest", "--out", "a", "--rate", "0"],
         ["rest", "--out", "a", "--rate", "20000"],
     ):
-        with pytest.raises(SystemExit) as ended:
-            make_recording.main(words)
-        assert ended.value.code == 2
-    assert make_recording.main(["rest", "--out", "a.bag"]) == 1
-    assert "expected a folder, FILE.npz or FILE.mkv" in capsys.readouterr().err
+        run_tool("make_recording", *words, status=2)
+    done = run_tool("make_recording", "rest", "--out", "a.bag", status=1)
+    assert "expected a folder, FILE.npz or FILE.mkv" in done.err
     for place in (".", "/", ""):
-        assert make_recording.main(["rest", "--out", place]) == 1
-        assert "expected the name of a new folder, FILE.npz or FILE.mkv" in capsys.readouterr().err
+        done = run_tool("make_recording", "rest", "--out", place, status=1)
+        assert "expected the name of a new folder, FILE.npz or FILE.mkv" in done.err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import resource
 import shutil
@@ -12,7 +11,6 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import cv2
 import h5py
@@ -25,33 +23,20 @@ from handpose.importers import nyu_files
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
-from tools import make_synthetic
+from tests.support.running import run_python, run_tool
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
 
-@pytest.fixture
-def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The tool as a module, with files of 100 frames."""
-    spec = importlib.util.spec_from_file_location("make_synthetic", TOOL)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "make_synthetic", module)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    spec.loader.exec_module(module)
+@pytest.fixture(autouse=True)
+def files_of_100_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that few frames make several files."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 100)
-    return module
 
 
 def arguments(out: Path, *more: str, train: int = 150) -> list[str]:
     """A small run in this process."""
     return ["--out", str(out), "--train", str(train), "--test", "10", "--workers", "1", *more]
-
-
-def run_tool(*argv: str, **options: object) -> subprocess.CompletedProcess[str]:
-    """The tool as a user runs it, from another folder."""
-    command = [sys.executable, str(TOOL), *argv]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, **options)  # type: ignore[call-overload,no-any-return]
 
 
 def names(folder: Path) -> list[str]:
@@ -65,14 +50,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(parts, "FRAMES_PER_FILE", 100)
-        assert make_synthetic.main(arguments(folder / "files")) == 0
-    assert make_synthetic.main(raw(folder / "raw", train=70)) == 0
+        run_tool("make_synthetic", *arguments(folder / "files"))
+    run_tool("make_synthetic", *raw(folder / "raw", train=70))
     return {"files": folder / "files", "raw": folder / "raw"}
 
 
-def test_files_and_lists(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_and_lists(tmp_path: Path) -> None:
     """Every frame is there once, in order, as the generator draws it; the lists name the files."""
-    assert tool.main(arguments(tmp_path)) == 0
+    done = run_tool("make_synthetic", *arguments(tmp_path))
     assert names(tmp_path) == ["test.txt", "test_000.h5", "train.txt", "train_000.h5", "train_001.h5"]
     assert (tmp_path / "train.txt").read_text() == f"{tmp_path}/train_000.h5\n{tmp_path}/train_001.h5\n"
     with h5py.File(tmp_path / "train_001.h5") as file:
@@ -82,13 +67,12 @@ def test_files_and_lists(tool: ModuleType, tmp_path: Path, capsys: pytest.Captur
         for name, array in expected.arrays().items():
             assert file[name].dtype == array.dtype
             np.testing.assert_array_equal(file[name][:28], array[36:])
-    out = capsys.readouterr()
-    assert "150 train and 10 test frames" in out.out and not out.err
+    assert "150 train and 10 test frames" in done.out and not done.err
 
 
-def test_depth_can_be_mapped(tool: ModuleType, tmp_path: Path) -> None:
+def test_depth_can_be_mapped(tmp_path: Path) -> None:
     """Frames lie in the file in one piece, neither chunked nor compressed, from a page border on."""
-    tool.main(arguments(tmp_path, train=10))
+    run_tool("make_synthetic", *arguments(tmp_path, train=10))
     with h5py.File(tmp_path / "train_000.h5") as file:
         depth = file["depth"]
         offset = depth.id.get_offset()
@@ -97,74 +81,64 @@ def test_depth_can_be_mapped(tool: ModuleType, tmp_path: Path) -> None:
         np.testing.assert_array_equal(mapped, depth[:])
 
 
-def test_second_run_keeps_everything(
-    tool: ModuleType, made: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_second_run_keeps_everything(made: dict[str, Path], tmp_path: Path) -> None:
     """A run that is already done touches nothing and says so."""
     shutil.copytree(made["files"], tmp_path, dirs_exist_ok=True)
-    assert tool.main(arguments(tmp_path)) == 0  # the lists name other paths now
+    run_tool("make_synthetic", *arguments(tmp_path))  # the lists name other paths now
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    capsys.readouterr()
-    assert tool.main(arguments(tmp_path)) == 0
-    assert "already there, kept" in capsys.readouterr().out
+    assert "already there, kept" in run_tool("make_synthetic", *arguments(tmp_path)).out
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_other_parameters_are_made_again(tool: ModuleType, made: dict[str, Path], tmp_path: Path) -> None:
+def test_other_parameters_are_made_again(made: dict[str, Path], tmp_path: Path) -> None:
     """Another seed replaces synthetic data; a larger number of frames keeps the files that do not change."""
     shutil.copytree(made["files"], tmp_path, dirs_exist_ok=True)
     first = (tmp_path / "train_000.h5").read_bytes()
-    assert tool.main(arguments(tmp_path, train=250)) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, train=250))
     assert (tmp_path / "train_000.h5").read_bytes() == first
     assert len((tmp_path / "train.txt").read_text().splitlines()) == 3
-    assert tool.main(arguments(tmp_path, "--seed", "5")) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, "--seed", "5"))
     assert (tmp_path / "train_000.h5").read_bytes() != first
 
 
-def test_workers_change_no_byte(tool: ModuleType, made: dict[str, Path], tmp_path: Path) -> None:
+def test_workers_change_no_byte(made: dict[str, Path], tmp_path: Path) -> None:
     """Files of two processes are equal to those of one, to the byte."""
-    tool.main([*arguments(tmp_path)[:-1], "2"])
+    run_tool("make_synthetic", *arguments(tmp_path)[:-1], "2")
     for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
         assert (tmp_path / name).read_bytes() == (made["files"] / name).read_bytes()
 
 
 @pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
-def test_real_data_is_left_alone(
-    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_real_data_is_left_alone(tmp_path: Path, name: str) -> None:
     """Data made from NYU, in the way or named by the list in the way, is not replaced without --force."""
     with h5py.File(tmp_path / name, "w") as file:
         file.attrs["made_from"] = "NYU"
     (tmp_path / "train.txt").write_text(f"{tmp_path / name}\n")
-    assert tool.main(arguments(tmp_path)) == 1
-    error = capsys.readouterr().err
+    error = run_tool("make_synthetic", *arguments(tmp_path), status=1).err
     assert error.count("\n") == 1 and "made from NYU" in error and "--force" in error
     assert names(tmp_path) == sorted([name, "train.txt"])
-    assert tool.main(arguments(tmp_path, "--force")) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, "--force"))
 
 
-def test_unknown_file_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_file_is_left_alone(tmp_path: Path) -> None:
     """Something that is no HDF5 file is not replaced either."""
     (tmp_path / "test_000.h5").write_text("my notes")
-    assert tool.main(arguments(tmp_path)) == 1
-    assert "not a readable HDF5 file" in capsys.readouterr().err
+    assert "not a readable HDF5 file" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
     assert (tmp_path / "test_000.h5").read_text() == "my notes"
 
 
-def test_a_list_of_others_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_list_of_others_is_left_alone(tmp_path: Path) -> None:
     """Also where what it names is not there from here; our own may be named from another folder."""
     (tmp_path / "train.txt").write_text("real/train_000.h5\n")
-    assert tool.main(arguments(tmp_path, train=5)) == 1
-    assert "train.txt: names 'real/train_000.h5', which is not there" in capsys.readouterr().err
+    done = run_tool("make_synthetic", *arguments(tmp_path, train=5), status=1)
+    assert "train.txt: names 'real/train_000.h5', which is not there" in done.err
     assert names(tmp_path) == ["train.txt"]
-    assert tool.main(arguments(tmp_path, "--force", train=5)) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, "--force", train=5))
     (tmp_path / "train.txt").write_text(f"{tmp_path.name}/train_000.h5\n")
-    assert tool.main(arguments(tmp_path, train=5)) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, train=5))
 
 
-def test_failure_leaves_no_half_file(
-    tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that fails in its second file keeps the first, and nothing else; the next run completes it."""
     whole = files.generate
 
@@ -175,22 +149,17 @@ def test_failure_leaves_no_half_file(
         yield from whole(count - 10, generator, workers, start + 10)
 
     monkeypatch.setattr(files, "generate", failing)
-    assert tool.main(arguments(tmp_path)) == 1
-    error = capsys.readouterr().err
+    error = run_tool("make_synthetic", *arguments(tmp_path), status=1).err
     assert error == f"{tmp_path}: No space left on device\n"
     assert names(tmp_path) == ["train_000.h5"]
     monkeypatch.setattr(files, "generate", whole)
-    assert tool.main(arguments(tmp_path)) == 0
-    assert "made 60 of them" in capsys.readouterr().out
+    assert "made 60 of them" in run_tool("make_synthetic", *arguments(tmp_path)).out
 
 
-def test_small_disk(
-    tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_small_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Too little room is found out before the work."""
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))  # type: ignore[attr-defined]
-    assert tool.main(arguments(tmp_path)) == 1
-    assert "needs 11 MB, 1 MB are free" in capsys.readouterr().err
+    assert "needs 11 MB, 1 MB are free" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
 
 
 def test_disk_that_fills(tmp_path: Path) -> None:
@@ -199,25 +168,24 @@ def test_disk_that_fills(tmp_path: Path) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
 
-    done = run_tool(*arguments(tmp_path / "out", train=200), preexec_fn=limit)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == f"{tmp_path / 'out'}: File too large\n"
+    command = [TOOL, *arguments(tmp_path / "out", train=200)]
+    done = run_python(*command, status=1, preexec_fn=limit)
+    assert done.out == ""
+    assert done.err == f"{tmp_path / 'out'}: File too large\n"
     assert names(tmp_path / "out") == []
 
 
-def test_folder_that_cannot_be(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_that_cannot_be(tmp_path: Path) -> None:
     """A file where the folder should be is one clear line."""
     (tmp_path / "file").write_text("")
-    assert tool.main(arguments(tmp_path / "file")) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+    assert run_tool("make_synthetic", *arguments(tmp_path / "file"), status=1).err.count("\n") == 1
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
-def test_read_only_folder(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_read_only_folder(tmp_path: Path) -> None:
     """A folder that may not be written to is one clear line."""
     tmp_path.chmod(0o555)
-    assert tool.main(arguments(tmp_path)) == 1
-    assert "Permission denied" in capsys.readouterr().err
+    assert "Permission denied" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -245,18 +213,14 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
 @pytest.mark.parametrize(
     "wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--seed", "4294967296"), ("--tset", "5")]
 )
-def test_usage(tool: ModuleType, capsys: pytest.CaptureFixture[str], wrong: tuple[str, str]) -> None:
+def test_usage(wrong: tuple[str, str]) -> None:
     """Wrong numbers and options exit 2 and are named."""
-    with pytest.raises(SystemExit) as exit_:
-        tool.main(list(wrong))
-    assert exit_.value.code == 2
-    assert wrong[0] in capsys.readouterr().err
+    assert wrong[0] in run_tool("make_synthetic", *wrong, status=2).err
 
 
-def test_help(tmp_path: Path) -> None:
+def test_help() -> None:
     """--help shows a command that can be copied."""
-    done = run_tool("--help", cwd=tmp_path)
-    assert done.returncode == 0 and "python tools/make_synthetic.py --out data/nyu" in done.stdout
+    assert "python tools/make_synthetic.py --out data/nyu" in run_tool("make_synthetic", "--help").out
 
 
 # ------------------------------------------------------------------------------------------ NYU's format
@@ -267,9 +231,9 @@ def raw(out: Path, *more: str, train: int = 5) -> list[str]:
     return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
 
 
-def test_raw_files(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_raw_files(tmp_path: Path) -> None:
     """One folder per split, with one image per frame and the labels of all 36 joints, not clipped to the cube."""
-    assert tool.main(raw(tmp_path, train=70)) == 0
+    done = run_tool("make_synthetic", *raw(tmp_path, train=70))
     images = [frame_name(i) for i in range(70)]
     assert names(tmp_path / "train") == [*images, "joint_data.mat", "synthetic.json"]
     labels = nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)
@@ -278,7 +242,7 @@ def test_raw_files(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert 150 < from_center.max() < 260
     depth = nyu_files.read_nyu_depth(tmp_path / "train" / frame_name(69))
     assert depth.shape == (480, 640) and (depth == 0).mean() > 0.5
-    assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in capsys.readouterr().out
+    assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in done.out
 
 
 def test_raw_images_are_solid(made: dict[str, Path]) -> None:
@@ -289,66 +253,59 @@ def test_raw_images_are_solid(made: dict[str, Path]) -> None:
         assert (closed > seen).sum() < 0.03 * seen.sum()
 
 
-def test_raw_keeps_what_is_there(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_raw_keeps_what_is_there(tmp_path: Path) -> None:
     """The same again is kept; fewer frames leave none of the others behind; without labels nothing is whole."""
-    tool.main(raw(tmp_path))
+    run_tool("make_synthetic", *raw(tmp_path))
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()}
-    assert tool.main(raw(tmp_path)) == 0
-    assert "kept" in capsys.readouterr().out
+    assert "kept" in run_tool("make_synthetic", *raw(tmp_path)).out
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()} == before
-    assert tool.main(raw(tmp_path, train=2)) == 0
+    run_tool("make_synthetic", *raw(tmp_path, train=2))
     assert len(names(tmp_path / "train")) == 4
     (tmp_path / "train" / nyu_files.ANNOTATION).unlink()
-    assert tool.main(raw(tmp_path, train=2)) == 0
+    run_tool("make_synthetic", *raw(tmp_path, train=2))
     assert len(nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)) == 2
 
 
-def test_raw_leaves_real_data_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
     """A folder that this tool did not make is not written to without --force."""
     (tmp_path / "train").mkdir()
     (tmp_path / "train" / frame_name(0)).write_text("a real frame")
-    assert tool.main(raw(tmp_path)) == 1
-    error = capsys.readouterr().err
+    error = run_tool("make_synthetic", *raw(tmp_path), status=1).err
     assert error.count("\n") == 1 and "did not make" in error
     assert (tmp_path / "train" / frame_name(0)).read_text() == "a real frame"
-    assert tool.main(raw(tmp_path, "--force")) == 0
+    run_tool("make_synthetic", *raw(tmp_path, "--force"))
 
 
 def test_raw_workers_change_no_byte(made: dict[str, Path], tmp_path: Path) -> None:
     """Images of two processes are equal to those of one, and so are the labels."""
-    done = run_tool(*raw(tmp_path, train=70)[:-1], "2")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert run_tool("make_synthetic", *raw(tmp_path, train=70)[:-1], "2").err == ""
     for name in (frame_name(0), frame_name(69)):
         assert (made["raw"] / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
     a, b = (nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION) for folder in (made["raw"], tmp_path))
     np.testing.assert_array_equal(a.xyz, b.xyz)
 
 
-def test_places(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_places(tmp_path: Path) -> None:
     """What a locator learns from, in files that a data layer reads; recipes are for hands."""
     out = str(tmp_path / "places")
-    assert tool.main(["--places", "--out", out, "--train", "5", "--test", "3", "--workers", "1"]) == 0
-    assert capsys.readouterr().out.startswith(
-        f"{out}: 5 train and 3 test places (synthetic, seed 0); made 8 of them in"
-    )
+    done = run_tool("make_synthetic", "--places", "--out", out, "--train", "5", "--test", "3", "--workers", "1")
+    assert done.out.startswith(f"{out}: 5 train and 3 test places (synthetic, seed 0); made 8 of them in")
     with h5py.File(f"{out}/train_000.h5") as file:
         assert {name: file[name].shape for name in file} == {
             "depth": (5, 1, 64, 64), "hand": (5,), "offset": (5, 3), "near": (5, 3), "index": (5,)
         }  # fmt: skip
-    with pytest.raises(SystemExit, match="2"):
-        tool.main(["--places", "--recipe", "cameras"])
-    assert "--recipe is for hands; places are seen by three cameras" in capsys.readouterr().err
+    done = run_tool("make_synthetic", "--places", "--recipe", "cameras", status=2)
+    assert "--recipe is for hands; places are seen by three cameras" in done.err
 
 
-def test_another_body_is_left_alone(tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_body_is_left_alone(tmp_path: Path) -> None:
     """Its frames are replaced with --force alone."""
     body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
-    assert tool.main(arguments(tmp_path, train=10)) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, train=10))
     before = (tmp_path / "train_000.h5").read_bytes()
-    capsys.readouterr()
-    assert tool.main(arguments(tmp_path, *body, train=10)) == 1
+    done = run_tool("make_synthetic", *arguments(tmp_path, *body, train=10), status=1)
     expected = "train_000.h5: holds frames of nyu.prototxt, expected frames of arm.prototxt; choose another folder"
-    assert expected in capsys.readouterr().err
+    assert expected in done.err
     assert (tmp_path / "train_000.h5").read_bytes() == before
-    assert tool.main(arguments(tmp_path, *body, "--force", train=10)) == 0
+    run_tool("make_synthetic", *arguments(tmp_path, *body, "--force", train=10))
     assert (tmp_path / "train_000.h5").read_bytes() != before

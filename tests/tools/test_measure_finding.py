@@ -4,36 +4,33 @@ import json
 
 from handpose.prediction.locator import Locator
 from netlib.errors import DataError
-from tools import measure_finding
+from tests.support.running import run_tool
 
 
-def test_a_table(capsys):
+def test_a_table():
     """A row for each kind of scene that was drawn, and one for all; most hands are found."""
-    assert measure_finding.main(["--scenes", "6", "--seed", "3", "--fit", "fast"]) == 0
-    first, names, *rows = capsys.readouterr().out.splitlines()
+    first, names, *rows = run_tool("measure_finding", "--scenes", "6", "--seed", "3", "--fit", "fast").out.splitlines()
     assert first.startswith("6 scenes, seed 3, fast fit, ")
     assert names.split() == ["scenes", "count", "found", "right", "located", "mean", "median"]
     assert [row.split()[:2] for row in rows] == [["forearm", "2"], ["body", "2"], ["clutter", "2"], ["all", "6"]]
     assert float(rows[-1].split()[2].rstrip("%")) > 60
 
 
-def test_where_nothing_is_found(capsys, monkeypatch):
+def test_where_nothing_is_found(monkeypatch):
     """The scene counts as one that is not found; it has no error."""
 
     def nothing(self, depth, camera):
         raise DataError("what may be a hand is out of sight")
 
     monkeypatch.setattr(Locator, "hands", nothing)
-    assert measure_finding.main(["--scenes", "1", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = json.loads(run_tool("measure_finding", "--scenes", "1", "--json").out)
     (forearm, every) = said["rows"]
     assert said["ms"] > 0 and forearm | {"scenes": "all"} == every
     assert (every["count"], every["found"], every["right"], every["mean"], every["located"]) == (1, 0, 0, None, None)
 
 
-def test_json(capsys):
+def test_json():
     """The same figures."""
-    assert measure_finding.main(["--scenes", "2", "--fit", "fast", "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads(run_tool("measure_finding", "--scenes", "2", "--fit", "fast", "--json").out)
     assert [row["scenes"] for row in report["rows"]] == ["forearm", "body", "all"]
     assert all(0 <= row["found"] <= 1 and row["mean"] > 0 for row in report["rows"]) and report["ms"] > 0

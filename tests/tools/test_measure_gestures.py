@@ -6,21 +6,20 @@ import json
 
 import pytest
 
-from tools import measure_gestures
+from tests.support.running import run_tool
 
 
 @pytest.mark.parametrize("options", [[], ["--left"]])
-def test_true_joints_are_read_as_shown(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_true_joints_are_read_as_shown(options: list[str]) -> None:
     """The first gestures of a recording, from its truth, with nothing taken for another one."""
-    assert measure_gestures.main(["--truth", "--seconds", "8", "--seeds", "1", "--json", *options]) == 0
-    found = json.loads(capsys.readouterr().out)
+    done = run_tool("measure_gestures", "--truth", "--seconds", "8", "--seeds", "1", "--json", *options)
+    found = json.loads(done.out)
     judged = {name: row for name, row in found["frames"].items() if any(row.values())}
     assert len(judged) >= 2 and found["right"] > 0.95 and found["delay_s"] < 0.2
     assert all(row[name] > 0.9 * sum(row.values()) for name, row in judged.items())
 
 
-def test_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table() -> None:
     """A row for each gesture, tracked; in frames that are too few to judge there is nothing to divide by."""
-    assert measure_gestures.main(["--seconds", "0.2", "--cameras", "icvl"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("measure_gestures", "--seconds", "0.2", "--cameras", "icvl").out.splitlines()
     assert len(lines) == 1 + 8 + 1 and "of 0 frames" in lines[-1]

@@ -12,18 +12,17 @@ from handpose.depth_fit.network_errors import read_errors
 from handpose.experiments.model_file import rounded
 from handpose.prediction.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card
 from layers.hand import skeleton
-from tools import measure_fit, package_model
+from tests.support.running import run_tool
 
 DEPLOY = str(SYNTHETIC_HAND / "deploy.prototxt")
 
 
-def test_packaging(tmp_path, monkeypatch, capsys):
+def test_packaging(tmp_path, monkeypatch):
     """A file that nets read, with tables of both plans, whose checksum is printed."""
     monkeypatch.chdir(tmp_path)
     netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save("big.caffemodel.h5")
     arguments = ["big.caffemodel.h5", "--model", DEPLOY, "--out", "small.caffemodel.h5", "--bits", "6"]
-    assert package_model.main([*arguments, "--frames", "48"]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("package_model", *arguments, "--frames", "48").out
     assert "48 frames of the recipe people: network " in out and "with 6 bits " in out
     small = (tmp_path / "small.caffemodel.h5").read_bytes()
     assert hashlib.sha256(small).hexdigest() in out
@@ -31,36 +30,34 @@ def test_packaging(tmp_path, monkeypatch, capsys):
     errors = read_errors("small.caffemodel.h5", FleshModel(skeleton.load(), 150.0))
     assert set(errors.tables) == {"fast", "accurate"}
     own = ["--weights", "small.caffemodel.h5", "--model", DEPLOY]
-    assert measure_fit.main([*own, "--frames", "3", "--recipes", "nyu"]) == 0
+    run_tool("measure_fit", *own, "--frames", "3", "--recipes", "nyu")
 
 
-def test_a_net_without_a_hand(tmp_path, capsys):
+def test_a_net_without_a_hand(tmp_path):
     """Is rounded and compressed, and that is all."""
     net = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST, seed=1)
     net.save(tmp_path / "big.caffemodel.h5")
     deploy, out = str(HAND_LOCATOR / "deploy.prototxt"), tmp_path / "small.caffemodel.h5"
-    assert package_model.main([str(tmp_path / "big.caffemodel.h5"), "--model", deploy, "--out", str(out)]) == 0
-    assert capsys.readouterr().out.startswith(f"wrote {out}: 0.")
+    done = run_tool("package_model", tmp_path / "big.caffemodel.h5", "--model", deploy, "--out", out)
+    assert done.out.startswith(f"wrote {out}: 0.")
     again = netlib.Net(deploy, out, netlib.TEST)
     for name, blobs in net.params.items():
         np.testing.assert_array_equal(again.params[name][0].data, rounded(blobs[0].data, 10))
 
 
-def test_figures_as_json(capsys):
+def test_figures_as_json():
     """The network and each plan, in every range of the roll; the mirror image where it was asked for."""
     arguments = ["--frames", "20", "--recipes", "any_roll", "--plans", "fast", "--hands", "--roll", "--json"]
-    assert measure_fit.main(arguments) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads(run_tool("measure_fit", *arguments).out)
     network, fast = report["rows"][:2]
     assert (network["plan"], fast["plan"], fast["frames"]) == ("network", "fast", 20)
     assert fast["median"] < network["median"] and 0 <= fast["right"] <= 1
     assert sum(row["frames"] for row in report["rows"][2:] if row["plan"] == "fast") == 20
 
 
-def test_terms(capsys):
+def test_terms():
     """A table with a line for each term that is left out."""
-    assert measure_fit.main(["--frames", "4", "--recipes", "nyu", "--plans", "fast", "--terms"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("measure_fit", "--frames", "4", "--recipes", "nyu", "--plans", "fast", "--terms").out.splitlines()
     assert lines[0].startswith("4 frames of each recipe, seed 0")
     assert [line for line in lines if " silhouette " in line] and [line for line in lines if " girth " in line]
 
@@ -68,40 +65,37 @@ def test_terms(capsys):
 @pytest.mark.parametrize(
     ("tool", "arguments", "message"),
     [
-        (package_model, ["a", "--model", "b", "--out", "c", "--bits", "24"], "--bits must be at most 23, found 24"),
-        (package_model, ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
-        (measure_fit, ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
-        (measure_fit, ["--weights", "a"], "--weights and --model belong together"),
+        ("package_model", ["a", "--model", "b", "--out", "c", "--bits", "24"], "--bits must be at most 23, found 24"),
+        ("package_model", ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
+        ("measure_fit", ["--seed", "4294967296"], "--seed: expected a whole number of at most 4294967295"),
+        ("measure_fit", ["--weights", "a"], "--weights and --model belong together"),
     ],
 )
-def test_usage(capsys, tool, arguments, message):
+def test_usage(tool, arguments, message):
     """Status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        tool.main(arguments)
-    assert stopped.value.code == 2 and message in capsys.readouterr().err
+    assert message in run_tool(tool, *arguments, status=2).err
 
 
-def test_no_folder(tmp_path, capsys):
+def test_no_folder(tmp_path):
     """Is told before the work."""
     out = tmp_path / "nowhere" / "x.h5"
-    assert package_model.main(["a.h5", "--model", DEPLOY, "--out", str(out)]) == 1
-    assert f"{out}: no folder {out.parent}" in capsys.readouterr().err
+    done = run_tool("package_model", "a.h5", "--model", DEPLOY, "--out", out, status=1)
+    assert f"{out}: no folder {out.parent}" in done.err
 
 
 @pytest.mark.parametrize("place", ["", ".", "/"])
-def test_a_place_that_is_a_folder(tmp_path, monkeypatch, capsys, place):
+def test_a_place_that_is_a_folder(tmp_path, monkeypatch, place):
     """Is told before the work."""
     monkeypatch.chdir(tmp_path)
-    assert package_model.main(["a.h5", "--model", DEPLOY, "--out", place]) == 1
-    assert capsys.readouterr().err == f"{place or '.'}: Is a directory\n"
+    done = run_tool("package_model", "a.h5", "--model", DEPLOY, "--out", place, status=1)
+    assert done.err == f"{place or '.'}: Is a directory\n"
 
 
 @pytest.mark.parametrize("frames", ["1", "4", "16", "20"])
-def test_too_few_frames(tmp_path, capsys, frames):
+def test_too_few_frames(tmp_path, frames):
     """For a covariance that has an inverse; the line says how many are enough."""
     weights, out = str(read_card(SYNTHETIC_HAND).weights), str(tmp_path / "x.h5")
-    assert package_model.main([weights, "--model", DEPLOY, "--out", out, "--frames", frames]) == 1
-    assert capsys.readouterr().err == (
+    assert run_tool("package_model", weights, "--model", DEPLOY, "--out", out, "--frames", frames, status=1).err == (
         f"--frames {frames}: the covariance of the errors of 20 inputs of limbs takes --frames 21 or more\n"
     )
     assert list(tmp_path.iterdir()) == []
@@ -110,5 +104,5 @@ def test_too_few_frames(tmp_path, capsys, frames):
 def test_just_enough_frames(tmp_path):
     """A file that can be read."""
     weights, out = str(read_card(SYNTHETIC_HAND).weights), tmp_path / "x.h5"
-    assert package_model.main([weights, "--model", DEPLOY, "--out", str(out), "--frames", "21"]) == 0
+    run_tool("package_model", weights, "--model", DEPLOY, "--out", out, "--frames", "21")
     assert len(read_errors(out, FleshModel(skeleton.load(), 150.0)).limbs) == 20

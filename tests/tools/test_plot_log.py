@@ -7,6 +7,7 @@ import cv2
 import pytest
 
 from netlib.errors import DataError
+from tests.support.running import run_tool
 from tools import plot_log
 
 LOG = """I20261121 01:57:02.9 1 solver.cpp:347] Iteration 0, Testing net (#0)
@@ -27,12 +28,12 @@ def test_curves(tmp_path):
     assert log.test == {"loss": [(0, 2.5)]} and log.train == {"loss": [(0, 2.4)]}
 
 
-def test_picture(tmp_path, capsys):
+def test_picture(tmp_path):
     """Two logs make one picture."""
     for name in ("a", "b"):
         (tmp_path / f"{name}.log").write_text(LOG)
     out = tmp_path / "log.png"
-    assert plot_log.main([str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--out", str(out)]) == 0
+    run_tool("plot_log", tmp_path / "a.log", tmp_path / "b.log", "--out", out)
     assert cv2.imread(str(out)) is not None
 
 
@@ -44,7 +45,7 @@ def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
         (tmp_path / name).mkdir()
         (tmp_path / name / "train.log").write_text(LOG)
     logs = [str(tmp_path / name / "train.log") for name in ("one", "two")]
-    assert plot_log.main([*logs, "--out", "log.png"]) == 0
+    run_tool("plot_log", *logs, "--out", "log.png")
     assert [line.get_label() for line in shown[0].axes[0].lines] == ["one/train: train", "two/train: train"]
 
 
@@ -68,7 +69,7 @@ def test_many_test_outputs(tmp_path, figures):
         lines = [f"Test net output #{i}: out{i} = {i}\nTest net output #{i}: out{i} = {i / 2}" for i in range(400)]
         (tmp_path / f"{name}.log").write_text(f"Iteration 0, loss = 1\n{chr(10).join(lines)}\n")
     out = tmp_path / "log.png"
-    assert plot_log.main([str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--out", str(out)]) == 0
+    run_tool("plot_log", tmp_path / "a.log", tmp_path / "b.log", "--out", out)
     titles = [axis.get_title() for axis in figures[0].axes]
     assert titles == ["training loss", *(f"test out{i}" for i in range(393, 400)), "393 more test outputs"]
     assert [len(axis.lines) for axis in figures[0].axes] == [2] * 9
@@ -79,7 +80,7 @@ def test_as_many_outputs_as_panels(tmp_path, figures):
     """None shares one."""
     lines = [f"Test net output #{i}: out{i} = {i}" for i in range(plot_log.MAX_PANELS)]
     (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
-    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.png")]) == 0
+    run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     assert [axis.get_title() for axis in figures[0].axes[1:]] == [f"test out{i}" for i in range(plot_log.MAX_PANELS)]
 
 
@@ -88,7 +89,7 @@ def test_many_logs(tmp_path, figures):
     logs = [tmp_path / f"{i:03d}.log" for i in range(40)]
     for log in logs:
         log.write_text("Iteration 0, loss = 1\nIteration 5, loss = 0.5\n")
-    assert plot_log.main([*map(str, logs), "--out", str(tmp_path / "log.png")]) == 0
+    run_tool("plot_log", *map(str, logs), "--out", tmp_path / "log.png")
     legend = figures[0].axes[0].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == [f"{i:03d}: train" for i in range(12)]
     assert legend.get_title().get_text() == "28 more without a label"
@@ -98,12 +99,12 @@ def test_long_names_and_formulas(tmp_path, figures):
     """A name is shortened, and no part of it is typeset."""
     name = "begin" + r"$\wrong{$" + "x" * 60000 + "end"
     (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\nTest net output #0: {name} = 2\n")
-    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.png")]) == 0
+    run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     title = figures[0].axes[1].get_title()
     assert title.startswith(r"test begin\$\wrong{\$x") and title.endswith("…xxxxxxxxxxxend") and len(title) < 60
 
 
-def test_a_picture_that_cannot_be_written(tmp_path, capsys, monkeypatch):
+def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
     """A write that fails half way leaves the old picture whole, and nothing beside it."""
 
     def half(figure, file, **how):
@@ -113,28 +114,27 @@ def test_a_picture_that_cannot_be_written(tmp_path, capsys, monkeypatch):
     (tmp_path / "a.log").write_text(LOG)
     (tmp_path / "log.png").write_bytes(b"the old picture")
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", half)
-    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.png")]) == 1
+    done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png", status=1)
     expected = f"{tmp_path}/log.png: cannot write the picture: No space left on device\n"
-    assert capsys.readouterr() == ("", expected)
+    assert done[1:] == ("", expected)
     assert (tmp_path / "log.png").read_bytes() == b"the old picture"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "log.png"]
 
 
-def test_a_format_that_is_not_known(tmp_path, capsys):
+def test_a_format_that_is_not_known(tmp_path):
     """One line names those that are."""
     (tmp_path / "a.log").write_text(LOG)
-    assert plot_log.main([str(tmp_path / "a.log"), "--out", str(tmp_path / "log.xyz")]) == 1
-    error = capsys.readouterr().err
+    error = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.xyz", status=1).err
     assert error.startswith(f"{tmp_path}/log.xyz: cannot write the picture: ") and "png" in error
     assert error.count("\n") == 1 and [path.name for path in tmp_path.iterdir()] == ["a.log"]
 
 
-def test_a_log_is_not_drawn_over(tmp_path, capsys):
+def test_a_log_is_not_drawn_over(tmp_path):
     """Whatever it is called, and by whatever name."""
     (tmp_path / "a.svg").write_text(LOG)
     (tmp_path / "folder").mkdir()
-    assert plot_log.main([str(tmp_path / "a.svg"), "--out", f"{tmp_path}/folder/../a.svg"]) == 1
-    assert "is read in this run; write to another place" in capsys.readouterr().err
+    done = run_tool("plot_log", tmp_path / "a.svg", "--out", f"{tmp_path}/folder/../a.svg", status=1)
+    assert "is read in this run; write to another place" in done.err
     assert (tmp_path / "a.svg").read_text() == LOG
 
 
@@ -150,4 +150,4 @@ def test_mistakes(tmp_path):
     (tmp_path / "no.log").write_text("hello")
     with pytest.raises(DataError, match="expected a training log"):
         plot_log.read_log(tmp_path / "no.log")
-    assert plot_log.main([str(tmp_path / "missing.log")]) == 1
+    run_tool("plot_log", tmp_path / "missing.log", status=1)

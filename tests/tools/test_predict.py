@@ -25,8 +25,8 @@ from layers.hand.skeleton_file import SkeletonParameter
 from netlib import engine
 from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import predict
 
 OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # a network of one's own, alone
 
@@ -40,18 +40,16 @@ def snapshot(tmp_path, monkeypatch):
     return "net.caffemodel.h5"
 
 
-def test_joints_and_picture(snapshot, capsys):
+def test_joints_and_picture(snapshot):
     """JSON has 31 joints in mm, scaled by the cube; the picture is written beside."""
-    assert predict.main([*OWN, "crop.png", "--out", "p", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)[0]
+    found = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json").out)[0]
     assert cv2.imread(found["picture"]) is not None and found["picture"] == "p/crop_hand.png"
     assert len(found["joints_mm"]) == 31
-    assert predict.main([*OWN, "crop.png", "--out", "p", "--json", "--cube", "261"]) == 0
-    smaller = json.loads(capsys.readouterr().out)[0]
+    smaller = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "--cube", "261").out)[0]
     assert smaller["joints_mm"]["palm"] == pytest.approx(np.array(found["joints_mm"]["palm"]) * 0.87, abs=0.02)
 
 
-def test_engine(snapshot, capsys, monkeypatch):
+def test_engine(snapshot, monkeypatch):
     """--engine says what computes; the joints are the same, to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
 
@@ -62,14 +60,11 @@ def test_engine(snapshot, capsys, monkeypatch):
     monkeypatch.setattr(nets_of_hands, "Net", built)
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
     for chosen in ([], *(["--engine", name] for name in names)):
-        assert predict.main([*OWN, "crop.png", "--out", "p", "--json", *chosen]) == 0
-        found.append(np.array(list(json.loads(capsys.readouterr().out)[0]["joints_mm"].values())))
+        done = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", *chosen)
+        found.append(np.array(list(json.loads(done.out)[0]["joints_mm"].values())))
     assert [net.engine.name for net in nets] == ["plain", *names]  # crops need no locator
     assert all(np.allclose(joints, found[0], atol=0.02) for joints in found)  # mm
-    with pytest.raises(SystemExit) as stopped:
-        predict.main([*OWN, "crop.png", "--engine", "plane"])
-    assert stopped.value.code == 2
-    assert "invalid choice: 'plane'" in capsys.readouterr().err
+    assert "invalid choice: 'plane'" in run_tool("predict", *OWN, "crop.png", "--engine", "plane", status=2).err
 
 
 def test_crop_is_normalised(snapshot):
@@ -88,34 +83,32 @@ def test_crop_is_normalised(snapshot):
         (np.zeros((128, 128), np.uint16), "found uint16 (128, 128); expected an 8-bit grey picture"),
     ],
 )
-def test_mistakes(snapshot, capsys, image, message):
+def test_mistakes(snapshot, image, message):
     """A picture that is not a crop is one line."""
     if image is not None:
         cv2.imwrite("bad.png", image)
-    assert predict.main([*OWN, "bad.png"]) == 1
-    assert message in capsys.readouterr().err
+    assert message in run_tool("predict", *OWN, "bad.png", status=1).err
 
 
-def test_no_picture_is_written_over(snapshot, tmp_path, capsys):
+def test_no_picture_is_written_over(snapshot, tmp_path):
     """Two crops of one name, or a crop that has the name of a picture to be."""
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         cv2.imwrite(f"{folder}/x.png", np.zeros((128, 128), np.uint8))
     cv2.imwrite("x_hand.png", np.zeros((128, 128), np.uint8))
     before = (tmp_path / "x_hand.png").read_bytes()
-    assert predict.main([*OWN, "a/x.png", "b/x.png", "--out", "o"]) == 1
-    assert "b/x.png: its picture o/x_hand.png would overwrite another's" in capsys.readouterr().err
-    assert predict.main([*OWN, "a/x.png", "x_hand.png"]) == 1
-    assert "x_hand.png: is read in this run; write to another place" in capsys.readouterr().err
+    done = run_tool("predict", *OWN, "a/x.png", "b/x.png", "--out", "o", status=1)
+    assert "b/x.png: its picture o/x_hand.png would overwrite another's" in done.err
+    done = run_tool("predict", *OWN, "a/x.png", "x_hand.png", status=1)
+    assert "x_hand.png: is read in this run; write to another place" in done.err
     assert (tmp_path / "x_hand.png").read_bytes() == before
 
 
-def test_weights_that_lack_a_layer(snapshot, capsys):
+def test_weights_that_lack_a_layer(snapshot):
     """A hand from half the weights would look like an answer."""
     with h5py.File(snapshot, "a") as file:
         del file["data/FC2"]
-    assert predict.main([*OWN, "crop.png"]) == 1
-    assert "no weights for layer 'FC2' of net 'DeepModel'" in capsys.readouterr().err
+    assert "no weights for layer 'FC2' of net 'DeepModel'" in run_tool("predict", *OWN, "crop.png", status=1).err
 
 
 # ------------------------------------------------------------------------------------------- whole frames
@@ -140,23 +133,21 @@ def hand_before(camera):
     return np.where(np.isfinite(depth), depth, 0).astype(np.uint16)
 
 
-def predicted(capsys, *arguments):
+def predicted(*arguments):
     """What the tool says as JSON of each image."""
-    assert predict.main([*OWN, "--out", "p", "--json", *arguments]) == 0
-    return json.loads(capsys.readouterr().out)
+    return json.loads(run_tool("predict", *OWN, "--out", "p", "--json", *arguments).out)
 
 
-def mistake(capsys, *arguments):
+def mistake(*arguments):
     """The one line that a mistake prints."""
-    assert predict.main([*OWN, *arguments]) == 1
-    lines = capsys.readouterr().err.splitlines()
+    lines = run_tool("predict", *OWN, *arguments, status=1).err.splitlines()
     assert len(lines) == 1, lines
     return lines[0]
 
 
-def test_a_whole_frame(frame, capsys):
+def test_a_whole_frame(frame):
     """The likeliest place is cut out as a cube; its joints are as of any crop, and the centre is told in both ways."""
-    (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "0")
+    (found,) = predicted("frame.png", "--camera", "kinect2", "--refine", "0")
     center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
     assert found["center_mm"] == pytest.approx(KINECT2.unproject(center), abs=0.01)
@@ -167,10 +158,10 @@ def test_a_whole_frame(frame, capsys):
     assert cv2.imread("p/frame_hand.png") is not None
 
 
-def test_the_table_says_where_the_hand_is(frame, capsys):
+def test_the_table_says_where_the_hand_is(frame):
     """In mm before the camera."""
-    assert predict.main([*OWN, "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700"]) == 0
-    first, *joints = capsys.readouterr().out.splitlines()
+    done = run_tool("predict", *OWN, "frame.png", "--camera", "kinect2", "--center", "255.4,206.3,700")
+    first, *joints = done.out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
     assert re.fullmatch(
         f"frame.png: right hand; joints in mm from the crop's centre {place}, cube 300 mm; picture .*", first
@@ -179,116 +170,113 @@ def test_the_table_says_where_the_hand_is(frame, capsys):
 
 
 @pytest.mark.parametrize("name", ["mediapipe", "openxr", "mano", "nyu"])
-def test_joints_of_another_format(frame, capsys, name):
+def test_joints_of_another_format(frame, name):
     """--joints: JSON has them beside ours; the table has a line for each of its joints and angles instead."""
     count = {"mediapipe": 21, "openxr": 26, "mano": 21, "nyu": 14}[name]
     options = [*OWN, "frame.png", "--camera", "kinect2", "--out", "p", "--joints", name]
-    assert predict.main([*options, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)[0]
+    found = json.loads(run_tool("predict", *options, "--json").out)[0]
     assert len(found["joints_mm"]) == 31 and len(found["anatomical_deg"]) == 20
     assert {len(values) for key, values in found[name].items() if key != "center_m"} == {count}
     if name == "nyu":
         palm = np.array(found["joints_mm"]["palm"]) + found["center_mm"]
         assert found["nyu"]["positions_mm"][-1] == pytest.approx(palm, abs=0.02)
-    assert predict.main(options) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("predict", *options).out.splitlines()
     assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
 
 
-def test_another_format_of_a_crop(snapshot, capsys):
+def test_another_format_of_a_crop(snapshot):
     """Landmarks are in the crop, metric joints from its centre."""
-    assert predict.main([*OWN, "crop.png", "--out", "p", "--json", "--joints", "mediapipe"]) == 0
-    found = json.loads(capsys.readouterr().out)[0]
+    found = json.loads(run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "--joints", "mediapipe").out)[0]
     x, y, _ = found["mediapipe"]["landmarks"][4]
     tip = found["joints_mm"]["thumb_tip"]
     assert (x, y) == pytest.approx((0.5 + tip[0] / 300, 0.5 - tip[1] / 300), abs=1e-4)
 
 
-def test_a_camera_by_its_numbers(frame, capsys):
+def test_a_camera_by_its_numbers(frame):
     """Instead of its name; the size is that of the image."""
-    assert predicted(capsys, "frame.png", "--camera", "363.9,363.9,255.4,206.3") == predicted(
-        capsys, "frame.png", "--camera", "kinect2"
+    assert predicted("frame.png", "--camera", "363.9,363.9,255.4,206.3") == predicted(
+        "frame.png", "--camera", "kinect2"
     )
 
 
-def test_the_unit_of_a_pixel(frame, capsys):
+def test_the_unit_of_a_pixel(frame):
     """--unit tells how many mm a value stands for; the camera SR305 writes eighths of them."""
     cv2.imwrite("frame.png", frame * 4)
-    (quarters,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--unit", "0.25")
+    (quarters,) = predicted("frame.png", "--camera", "kinect2", "--unit", "0.25")
     cv2.imwrite("frame.png", frame)
-    assert [quarters] == predicted(capsys, "frame.png", "--camera", "kinect2")
+    assert [quarters] == predicted("frame.png", "--camera", "kinect2")
     cv2.imwrite("eighths.png", np.full((480, 640), 8000, np.uint16))
     assert (read_frame("eighths.png", SR305, None) == 1000).all()
     assert (read_frame("eighths.png", SR305, 0.1) == 800).all()
 
 
-def test_centers(frame, capsys):
+def test_centers(frame):
     """U,V,D is taken as it is; with U,V the depth is what is seen there; each image may have its own."""
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
     whole = ["--camera", "kinect2", "--refine", "0"]
-    (found,) = predicted(capsys, "frame.png", *whole, "--center", "250,200,690")
+    (found,) = predicted("frame.png", *whole, "--center", "250,200,690")
     assert found["center_uvd"] == [250, 200, 690]
-    (found,) = predicted(capsys, "frame.png", *whole, "--center", f"{u},{v}")
+    (found,) = predicted("frame.png", *whole, "--center", f"{u},{v}")
     assert found["center_uvd"] == pytest.approx(finding.depth_around(frame, u, v), abs=0.01)
     shutil.copy("frame.png", "again.png")
     centers = [[250, 200, 690], [260, 210, 700]]
     for given in (centers[:1], centers):
         options = [f"--center={u},{v},{d}" for u, v, d in given]
-        both = predicted(capsys, "frame.png", "again.png", *whole, *options)
+        both = predicted("frame.png", "again.png", *whole, *options)
         assert [found["center_uvd"] for found in both] == [given[0], given[-1]]
 
 
-def test_the_hands_of_one_frame_have_pictures_of_their_own(frame, capsys):
+def test_the_hands_of_one_frame_have_pictures_of_their_own(frame):
     """The second is numbered; a frame of that name does not lose its own."""
     options = ["--camera", "kinect2", "--refine", "0", "--center=250,200,690", "--center=300,200,690"]
-    found = predicted(capsys, "frame.png", "frame.png", *options)
+    found = predicted("frame.png", "frame.png", *options)
     assert [hand["picture"] for hand in found] == ["p/frame_hand.png", "p/frame_2_hand.png"]
     assert not np.array_equal(*(cv2.imread(hand["picture"]) for hand in found))
     shutil.copy("frame.png", "frame_2.png")
-    error = mistake(capsys, "frame.png", "frame.png", "frame_2.png", "--camera", "kinect2")
+    error = mistake("frame.png", "frame.png", "frame_2.png", "--camera", "kinect2")
     assert error == "frame_2.png: its picture frame_2_hand.png would overwrite another's; run once per folder"
 
 
 @pytest.mark.parametrize(("times", "moved"), [("0", 0), ("1", 5), ("3", 15)])
-def test_the_crop_is_moved_to_the_palm(frame, capsys, monkeypatch, times, moved):
+def test_the_crop_is_moved_to_the_palm(frame, monkeypatch, times, moved):
     """As often as --refine says, each time to where the last prediction has it."""
     monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: center + (5, 0, 0))
-    (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--center", "250,200,700", "--refine", times)
+    (found,) = predicted("frame.png", "--camera", "kinect2", "--center", "250,200,700", "--refine", times)
     assert found["center_uvd"] == [250 + moved, 200, 700]
 
 
 @pytest.mark.parametrize("astray", [(0, 0, -600), (5000, 0, 0)])
-def test_a_crop_is_not_moved_out_of_sight(frame, capsys, monkeypatch, astray):
+def test_a_crop_is_not_moved_out_of_sight(frame, monkeypatch, astray):
     """By a prediction that puts the palm at the camera, or beside the image."""
     monkeypatch.setattr(finding, "recenter", lambda joints, skeleton, center, *rest: center + astray)
-    (found,) = predicted(capsys, "frame.png", "--camera", "kinect2", "--center", "250,200,700")
+    (found,) = predicted("frame.png", "--camera", "kinect2", "--center", "250,200,700")
     assert found["center_uvd"] == [250, 200, 700]
 
 
-def test_nyus_colour_packing(snapshot, capsys):
+def test_nyus_colour_packing(snapshot):
     """Frames of the NYU data set as published say the same as grey ones."""
     depth = hand_before(NYU)
     cv2.imwrite("grey.png", depth)
     cv2.imwrite("packed.png", pack_depth(depth))
-    grey, packed = predicted(capsys, "grey.png", "packed.png", "--camera", "nyu")
+    grey, packed = predicted("grey.png", "packed.png", "--camera", "nyu")
     assert grey["joints_mm"] == packed["joints_mm"] and grey["center_uvd"] == packed["center_uvd"]
 
 
-def test_the_other_hand(snapshot, capsys):
+def test_the_other_hand(snapshot):
     """--hand left gives the mirror image of what is predicted of the mirrored crop, exactly."""
     cv2.imwrite("mirrored.png", cv2.imread("crop.png", cv2.IMREAD_UNCHANGED)[:, ::-1])
-    (left,) = predicted(capsys, "crop.png", "--hand", "left")
-    (right,) = predicted(capsys, "mirrored.png")
+    (left,) = predicted("crop.png", "--hand", "left")
+    (right,) = predicted("mirrored.png")
     for name, (x, y, z) in right["joints_mm"].items():
         assert left["joints_mm"][name] == [-x, y, z]
 
 
-def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypatch):
+def test_the_crop_of_the_other_hand_moves_the_other_way(frame, monkeypatch):
     """The hand is the mirror image of the skeleton's, and recenter is told so."""
     told = []
     monkeypatch.setattr(finding, "recenter", lambda *arguments: told.append(arguments[-1]) or arguments[2])
-    predicted(capsys, "frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
-    predicted(capsys, "frame.png", "--camera", "kinect2", "--refine", "1")
+    predicted("frame.png", "--camera", "kinect2", "--hand", "left", "--refine", "1")
+    predicted("frame.png", "--camera", "kinect2", "--refine", "1")
     assert told == ["left", "right"]
 
 
@@ -335,28 +323,28 @@ def test_the_crop_of_the_other_hand_moves_the_other_way(frame, capsys, monkeypat
         "no picture",
     ],
 )
-def test_frames_with_something_wrong(snapshot, capsys, image, options, message):
+def test_frames_with_something_wrong(snapshot, image, options, message):
     """One line names the image."""
     if image is None:
         np.zeros(3).tofile("bad.png")
     else:
         cv2.imwrite("bad.png", image)
-    assert re.match(f"bad.png: {message}", mistake(capsys, "bad.png", "--camera", "kinect2", *options))
+    assert re.match(f"bad.png: {message}", mistake("bad.png", "--camera", "kinect2", *options))
 
 
-def test_a_camera_that_is_likely_wrong(frame, capsys):
+def test_a_camera_that_is_likely_wrong(frame):
     """Is one warning, as in a first look at a recording; a good one is none."""
     for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
-        predicted(capsys, "frame.png", "--camera", camera, "--center", "260,210,700")
-        predict.main([*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"])
-        lines = capsys.readouterr().err.splitlines()
+        predicted("frame.png", "--camera", camera, "--center", "260,210,700")
+        argv = [*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"]
+        lines = run_tool("predict", *argv).err.splitlines()
         assert len(lines) >= count and all(line.startswith("warning: frame.png: ") for line in lines)
         assert sum("check fx and fy" in line for line in lines) == count
 
 
-def test_a_frame_without_its_camera(frame, capsys):
+def test_a_frame_without_its_camera(frame):
     """Is no crop; the line says what to do."""
-    assert mistake(capsys, "frame.png").endswith("(for a whole depth frame name its --camera)")
+    assert mistake("frame.png").endswith("(for a whole depth frame name its --camera)")
 
 
 @pytest.mark.parametrize(
@@ -385,19 +373,15 @@ def test_a_frame_without_its_camera(frame, capsys):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_usage(capsys, options, message):
+def test_usage(options, message):
     """Wrong usage is argparse's own message and status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        predict.main([*OWN, "a.png", "b.png", *options])
-    assert stopped.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in run_tool("predict", *OWN, "a.png", "b.png", *options, status=2).err
 
 
-def test_a_net_without_its_weights(capsys):
+def test_a_net_without_its_weights():
     """Would be given the packaged ones."""
-    with pytest.raises(SystemExit):
-        predict.main(["a.png", "--model", "net.prototxt"])
-    assert "--model needs the --weights of that net" in capsys.readouterr().err
+    done = run_tool("predict", "a.png", "--model", "net.prototxt", status=2)
+    assert "--model needs the --weights of that net" in done.err
 
 
 # ------------------------------------------------------------------------------------- a page for the browser
@@ -416,11 +400,11 @@ def hands_in(page):
     return hands
 
 
-def test_a_page_of_crops(snapshot, capsys):
+def test_a_page_of_crops(snapshot):
     """One for all images; the inputs of the net make the joints that are printed, also of a left hand and its cube."""
     cv2.imwrite("b.png", np.random.default_rng(1).integers(0, 256, (128, 128), dtype=np.uint8))
     for side, cube in (("right", 300), ("left", 250)):
-        printed = predicted(capsys, "crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube))
+        printed = predicted("crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube))
         shown = hands_in("page.html")
         assert [hand["name"] for hand in shown] == ["crop.png", "b.png"]
         for found, hand in zip(printed, shown):
@@ -428,10 +412,10 @@ def test_a_page_of_crops(snapshot, capsys):
             np.testing.assert_allclose(hand["joints"], list(found["joints_mm"].values()), atol=0.02)
 
 
-def test_a_page_of_a_frame(frame, capsys):
+def test_a_page_of_a_frame(frame):
     """Its camera, where the crop was, and what the camera saw there."""
     whole = ["--camera", "363.9,363.9,255.4,206.3", "--center", "250,200,700", "--html", "page.html"]
-    (found,) = predicted(capsys, "frame.png", *whole)
+    (found,) = predicted("frame.png", *whole)
     (hand,) = hands_in("page.html")
     assert hand["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
     camera = Camera(**hand["place"]["camera"])
@@ -451,16 +435,16 @@ def test_a_page_of_a_frame(frame, capsys):
         (".", ".: Is a directory"),
     ],
 )
-def test_a_page_that_cannot_be_written(snapshot, capsys, place, message):
+def test_a_page_that_cannot_be_written(snapshot, place, message):
     """Is refused before anything is predicted, in one line."""
-    assert mistake(capsys, "crop.png", "--html", place) == message
+    assert mistake("crop.png", "--html", place) == message
     assert not Path("p").exists() or not list(Path("p").iterdir())
 
 
 # ------------------------------------------------------------------------------------- the packaged weights
 
 
-def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch, capsys):
+def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     """Fitted, told from a left one, with its error expected; within 2 cm of the truth (14 joints)."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
@@ -471,8 +455,7 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch, capsys):
     cv2.imwrite("mirrored.png", np.where(np.isfinite(depth), depth, 0).astype(np.uint16)[:, ::-1])
     at, mirrored = ([f"--center={u},{v},700"] for u, v in ((271, 217), (240, 217)))
     arguments = ["frame.png", *at, "--camera", "kinect2", "--out", "p", "--html", "page.html", "--json"]
-    assert predict.main(arguments) == 0
-    (found,) = json.loads(capsys.readouterr().out)
+    (found,) = json.loads(run_tool("predict", *arguments).out)
     assert found["hand"] == "right" and found["expected_error_mm"] < 15 and found["confidence"] > 0.9
     joints = np.array(list(found["joints_mm"].values())) + found["center_mm"]
     truth = hand.joints[0] * 150 + (30, -20, 700)
@@ -483,8 +466,6 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch, capsys):
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["girth"] != 1
     picture = cv2.imread("p/frame_hand.png")
     assert picture.shape[1] > 3 * 512  # skeleton, flesh, space
-    assert predict.main(["mirrored.png", *mirrored, *arguments[2:]]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["hand"] == "left"
-    assert predict.main([*arguments[:-1], "--fit", "fast", "--hand", "right"]) == 0
-    first = capsys.readouterr().out.splitlines()[0]
+    assert json.loads(run_tool("predict", "mirrored.png", *mirrored, *arguments[2:]).out)[0]["hand"] == "left"
+    first = run_tool("predict", *arguments[:-1], "--fit", "fast", "--hand", "right").out.splitlines()[0]
     assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; joints in mm from", first)

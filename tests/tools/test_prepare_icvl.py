@@ -15,7 +15,7 @@ from handpose.data.crops import crop
 from handpose.facts.cameras import ICVL
 from handpose.importers import icvl_files
 from netlib.proto import prototxt
-from tools import prepare_icvl
+from tests.support.running import Done, run_tool
 
 ROOT = Path(__file__).parents[2]
 FRAMES = {"Training/labels.txt": 20, "Testing/test_seq_1.txt": 5, "Testing/test_seq_2.txt": 7}
@@ -42,13 +42,13 @@ def root(tmp_path) -> Path:
     return tmp_path / "icvl"
 
 
-def prepare(root: Path, *more: str) -> int:
-    return prepare_icvl.main([str(root), "--out", str(root.parent / "out"), *more])
+def prepare(root: Path, *more: object, status: int = 0) -> Done:
+    return run_tool("prepare_icvl", root, "--out", root.parent / "out", *more, status=status)
 
 
-def test_frames(root, capsys):
+def test_frames(root):
     """Crops about the palm in the 250 mm cube, 16 joints in half-cubes, the two test sequences one after the other."""
-    assert prepare(root) == 0
+    out = prepare(root).out
     labels = icvl_files.read_annotation([root / name for name in icvl_files.ANNOTATION["test"]])
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         assert file.attrs["made_from"] == "ICVL"
@@ -62,7 +62,6 @@ def test_frames(root, capsys):
         np.testing.assert_array_equal(file["joint"][:, :3], 0)  # the palm is the centre
         depth = cv2.imread(str(labels.files[7]), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(file["depth"][7, 0], crop(depth, labels.uvd[7, 0], 250, ICVL))
-    out = capsys.readouterr().out
     assert "test: 12 frames (ICVL), none bad" in out and "(annotated palm), cube 250 mm" in out
 
 
@@ -99,7 +98,7 @@ def test_shipped_net_finds_its_hand(tmp_path, monkeypatch, root):
     assert nyu is not None and net.params["DoF"][0].shape == (47, 1024)  # the shapes of NYU's net
 
 
-def test_bad_frames(root, capsys):
+def test_bad_frames(root):
     """A missing, a truncated and an 8-bit frame, one of another size, and one without a hand are left out."""
     depth = root / "Training" / "Depth" / "labels"
     (depth / "image_0001.png").unlink()
@@ -107,43 +106,41 @@ def test_bad_frames(root, capsys):
     cv2.imwrite(str(depth / "image_0003.png"), np.full((240, 320), 200, np.uint8))
     cv2.imwrite(str(depth / "image_0004.png"), np.full((480, 640), 300, np.uint16))
     cv2.imwrite(str(depth / "image_0005.png"), np.full((240, 320), 32001, np.uint16))
-    assert prepare(root, "--splits", "train") == 0
-    out, err = capsys.readouterr()
+    _, out, err = prepare(root, "--splits", "train")
     told = "1 no depth around the hand, 1 no such file, 1 truncated, damaged or no PNG, 2 wrong size or type of image"
     assert f"train: 15 frames (ICVL), 5 bad frames left out: {told}" in out
     for i in range(1, 6):
         assert f"train frame {i}: {depth}/image_000{i}.png: " in err
     shutil.rmtree(root.parent / "out")
-    assert prepare(root, "--splits", "train", "--strict") == 1
-    assert "image_0001.png: no such file" in capsys.readouterr().err
+    assert "image_0001.png: no such file" in prepare(root, "--splits", "train", "--strict", status=1).err
     assert [path.name for path in (root.parent / "out").iterdir()] == []
 
 
-def check(root, capsys, *more):
-    status = prepare_icvl.main([str(root), "--check", "--out", str(root / "out"), *more])
-    lines = capsys.readouterr().err.splitlines()
-    assert status == (1 if lines else 0) and not (root / "out").exists()
+def check(root, *more):
+    done = run_tool("prepare_icvl", root, "--check", "--out", root / "out", *more, status=None)
+    lines = done.err.splitlines()
+    assert done.status == (1 if lines else 0) and not (root / "out").exists()
     return lines
 
 
-def test_check(root, capsys):
+def test_check(root):
     """What is short of the whole is said; a sequence, labels, frames, or a split may be missing."""
-    train, test = check(root, capsys)
+    train, test = check(root)
     assert "20 labelled frames, the whole training set with its turned copies has over 300,000" in train
     assert "12 labelled frames, the whole test set has 702 + 894" in test
     (root / "Testing" / "Depth" / "test_seq_1" / "image_0003.png").unlink()
-    assert "1 of 12 depth frames are missing, the first is" in check(root, capsys, "--splits", "test")[1]
+    assert "1 of 12 depth frames are missing, the first is" in check(root, "--splits", "test")[1]
     (root / "Testing" / "test_seq_2.txt").unlink()
-    assert "one of the two sequences" in check(root, capsys, "--splits", "test")[0]
+    assert "one of the two sequences" in check(root, "--splits", "test")[0]
     shutil.rmtree(root / "Testing" / "Depth")
-    assert any("5 of 5 depth frames are missing" in line for line in check(root, capsys, "--splits", "test"))
-    assert prepare(root, "--splits", "test") == 1 and not (root.parent / "out").exists()
-    capsys.readouterr()
+    assert any("5 of 5 depth frames are missing" in line for line in check(root, "--splits", "test"))
+    prepare(root, "--splits", "test", status=1)
+    assert not (root.parent / "out").exists()
     (root / "Training" / "labels.txt").unlink()
-    assert "labels.txt: no such file; it holds the joints" in check(root, capsys, "--splits", "train")[0]
+    assert "labels.txt: no such file; it holds the joints" in check(root, "--splits", "train")[0]
     shutil.rmtree(root / "Testing")
-    assert "no folder 'Testing'; the data set has" in check(root, capsys, "--splits", "test")[0]
-    assert "is itself a split" in check(root / "Training", capsys, "--splits", "test")[0]
+    assert "no folder 'Testing'; the data set has" in check(root, "--splits", "test")[0]
+    assert "is itself a split" in check(root / "Training", "--splits", "test")[0]
 
 
 @pytest.mark.parametrize(
@@ -151,9 +148,9 @@ def test_check(root, capsys):
     [("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"), ("P0/1/joint.txt", "MSRA15"),
      ("test_groundtruth_uvd.txt", "only text files"), ("Training.tar.gz", "not unpacked")],
 )  # fmt: skip
-def test_check_wrong_archive(tmp_path, capsys, name, told):
+def test_check_wrong_archive(tmp_path, name, told):
     """Other data sets are recognised."""
     (tmp_path / "root" / name).parent.mkdir(parents=True)
     (tmp_path / "root" / name).touch()
-    lines = check(tmp_path / "root", capsys)
+    lines = check(tmp_path / "root")
     assert len(lines) == 2 and all(told in line for line in lines)

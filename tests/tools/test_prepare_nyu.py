@@ -24,7 +24,7 @@ from handpose.data.images import pack_depth
 from handpose.facts.cameras import NYU
 from handpose.facts.nyu import ANNOTATION_OF_JOINT, frame_name
 from handpose.importers import matlab_file, matlab_worker, nyu_files
-from tools import make_synthetic, prepare_nyu
+from tests.support.running import Done, run_tool
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "nyu"
@@ -47,7 +47,7 @@ def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
 def raw(tmp_path_factory) -> Path:
     """30 training and 20 test frames in NYU's format."""
     out = tmp_path_factory.mktemp("raw")
-    assert make_synthetic.main(["--raw", "--out", str(out), "--train", "30", "--test", "20", "--workers", "1"]) == 0
+    run_tool("make_synthetic", "--raw", "--out", out, "--train", "30", "--test", "20", "--workers", "1")
     return out
 
 
@@ -64,8 +64,8 @@ def small(monkeypatch) -> None:
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 12)
 
 
-def prepare(root: Path, *more: str) -> int:
-    return prepare_nyu.main([str(root), "--out", str(root.parent / "out"), "--workers", "2", *more])
+def prepare(root: Path, *more: object, status: int = 0) -> Done:
+    return run_tool("prepare_nyu", root, "--out", root.parent / "out", "--workers", "2", *more, status=status)
 
 
 def names(folder: Path) -> list[str]:
@@ -91,12 +91,12 @@ def write_frame(path: Path, depth: np.ndarray) -> None:
 # ------------------------------------------------------------------------------------------- what it makes
 
 
-def test_raw_equals_direct(tmp_path, capsys):
+def test_raw_equals_direct(tmp_path):
     """Frames that went through NYU's format equal those written directly: depth to half a mm, all else exactly."""
     count = ["--train", "150", "--test", "70", "--workers", "1"]
-    make_synthetic.main(["--raw", "--out", str(tmp_path / "root"), *count])
-    make_synthetic.main(["--out", str(tmp_path / "direct"), *count])
-    assert prepare(tmp_path / "root") == 0
+    run_tool("make_synthetic", "--raw", "--out", tmp_path / "root", *count)
+    run_tool("make_synthetic", "--out", tmp_path / "direct", *count)
+    out = prepare(tmp_path / "root").out
     for split, frames in (("train", 150), ("test", 70)):
         with (
             h5py.File(tmp_path / "direct" / f"{split}_000.h5") as a,
@@ -113,7 +113,6 @@ def test_raw_equals_direct(tmp_path, capsys):
             difference = np.abs(a["depth"][:] - b["depth"][:]) * 150
             assert difference[inside].max() <= 0.5 + 1e-4  # mm: the images hold whole ones
             assert 0.1 < difference[(np.abs(a["depth"][:]) < 1) & inside].mean() < 0.4
-    out = capsys.readouterr().out
     assert "train: 150 frames (synthetic), none bad" in out
     assert "mm from the centre (annotated joint 34), cube 300 mm" in out
 
@@ -125,7 +124,7 @@ def test_the_published_crop(tmp_path):
     uvd = np.load(SHARED / "test_joint_uvd.npz")["joint_uvd"][:1].astype(float)
     write_labels(folder, uvd)
     shutil.copy(SHARED / "depth_1_0000001.png", folder)
-    assert prepare(tmp_path / "root", "--splits", "test", "--strict") == 0
+    prepare(tmp_path / "root", "--splits", "test", "--strict")
     published = cv2.imread(str(SHARED / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
     with h5py.File(tmp_path / "out" / "test_000.h5") as file:
         assert file.attrs["made_from"] == "NYU"
@@ -149,7 +148,7 @@ def test_second_subject(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["txt", "npy", "npz"])
-def test_other_centres(root, kind, capsys):
+def test_other_centres(root, kind):
     """--center FILE crops about the centres of a file, and says so."""
     centers = np.tile([300.0, 200.0, 700.0], (20, 1)) + np.arange(20)[:, None]
     path = root.parent / f"centers_test.{kind}"
@@ -160,7 +159,7 @@ def test_other_centres(root, kind, capsys):
     else:
         np.savez(path, center_uvd=centers)
     centre = ["--center", str(path).replace("test.", "{split}.")]
-    assert prepare(root, "--splits", "test", *centre) in (0, 1)
+    done = prepare(root, "--splits", "test", *centre, status=None)
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         some = file["index"][:]
         np.testing.assert_allclose(file["center_uvd"][:], centers[some])
@@ -169,24 +168,22 @@ def test_other_centres(root, kind, capsys):
         labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION).xyz[some][:, list(ANNOTATION_OF_JOINT)]
         expected = (labels - NYU.unproject(centers[some])[:, None]) / 150
         np.testing.assert_allclose(file["joint"][:].reshape(-1, 31, 3), np.clip(expected, -1, 1), atol=1e-5)
-    assert f"centres of centers_test.{kind}" in capsys.readouterr().out
+    assert f"centres of centers_test.{kind}" in done.out
 
 
 # ------------------------------------------------------------------------------------------------ the run
 
 
-def test_resume(root, small, capsys):
+def test_resume(root, small):
     """A second run keeps all; a frame that changed has its file, and no other, made again."""
-    assert prepare(root) == 0
+    done = prepare(root)
     out = root.parent / "out"
     times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
     assert len(times) == 5 and (out / "train.txt").read_text().count("\n") == 3
-    capsys.readouterr()
-    assert prepare(root) == 0
-    assert "all kept" in capsys.readouterr().out
+    done[1:]
+    assert "all kept" in prepare(root).out
     write_frame(root / "train" / frame_name(13), np.full((480, 640), 800))
-    assert prepare(root) == 0
-    assert "made 12 frames" in capsys.readouterr().out
+    assert "made 12 frames" in prepare(root).out
     changed = {path.name for path in out.glob("*.h5") if path.stat().st_mtime_ns != times[path.name]}
     assert changed == {"train_001.h5"}
 
@@ -194,7 +191,7 @@ def test_resume(root, small, capsys):
 def test_workers_change_no_byte(root):
     """Files of one thread and of three are equal to the byte."""
     for workers in "13":
-        prepare_nyu.main([str(root), "--out", str(root.parent / workers), "--workers", workers])
+        run_tool("prepare_nyu", root, "--out", root.parent / workers, "--workers", workers)
     assert (root.parent / "1" / "train_000.h5").read_bytes() == (root.parent / "3" / "train_000.h5").read_bytes()
 
 
@@ -212,12 +209,11 @@ def break_frames(root: Path) -> None:
 KINDS = ("no such file", "truncated, damaged or no PNG", "wrong size", "found uint16", "no depth around the hand")
 
 
-def test_bad_frames(root, small, capsys):
+def test_bad_frames(root, small):
     """Bad frames are named, counted and left out, in the next run too; the rest is whole."""
     break_frames(root)
     for made in ("made 44 frames", "all kept"):
-        assert prepare(root) == 0
-        out, err = capsys.readouterr()
+        out, err = prepare(root)[1:]
         assert made in out and "train: 24 frames (synthetic), 6 bad frames left out: 1 no depth" in out
         assert "2 truncated" in out and "2 wrong size" in out
         assert "warning: " in err and "1 of 30 depth frames are missing, the first is depth_1_0000003.png" in err
@@ -233,33 +229,31 @@ def test_bad_frames(root, small, capsys):
     assert not [name for name in names(folder) if name.endswith(".tmp")]
 
 
-def test_mended_frames_are_taken_in(root, raw, small, capsys):
+def test_mended_frames_are_taken_in(root, raw, small):
     """When a missing frame has come, the next run makes that file again."""
     break_frames(root)
     prepare(root)
     shutil.copy(raw / "train" / frame_name(2), root / "train")
-    assert prepare(root) == 0
-    assert "train: 25 frames" in capsys.readouterr().out
+    assert "train: 25 frames" in prepare(root).out
 
 
 @pytest.mark.parametrize("frame", range(2, 8))
-def test_strict(root, raw, small, capsys, frame):
+def test_strict(root, raw, small, frame):
     """--strict stops at the first bad frame with one line about it, and keeps only whole files."""
     break_frames(root)
     for i in range(2, frame):
         shutil.copy(raw / "train" / frame_name(i), root / "train")
-    assert prepare(root, "--strict", "--splits", "test", "train") == 1
-    error = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    done = prepare(root, "--strict", "--splits", "test", "train", status=1)
+    error = [line for line in done.err.splitlines() if not line.startswith("warning: ")]
     assert len(error) == 1 and frame_name(frame) in error[0] and any(kind in error[0] for kind in KINDS)
     assert "train_000.h5" not in names(root.parent / "out") and "train.txt" not in names(root.parent / "out")
 
 
-def test_nothing_usable(root, small, capsys):
+def test_nothing_usable(root, small):
     """A split without any good frame is an error, and gets no list."""
     for i in range(20):
         write_frame(root / "test" / frame_name(i), np.zeros((480, 640)))
-    assert prepare(root, "--splits", "test") == 1
-    error = capsys.readouterr().err
+    error = prepare(root, "--splits", "test", status=1).err
     assert "none of the 20 test frames can be used" in error and "10 more bad frames, see" in error
     assert "test.txt" not in names(root.parent / "out")
 
@@ -269,18 +263,17 @@ def test_file_without_good_frames_is_not_listed(root, small):
     for i in range(12):
         (root / "train" / frame_name(i)).write_bytes(b"")
     for _ in range(2):
-        assert prepare(root, "--splits", "train") == 0
+        prepare(root, "--splits", "train")
         listed = (root.parent / "out" / "train.txt").read_text().splitlines()
         assert [Path(line).name for line in listed] == ["train_001.h5", "train_002.h5"]
 
 
-def test_labels_that_are_no_numbers(root, capsys):
+def test_labels_that_are_no_numbers(root):
     """A frame whose annotation is NaN is a bad frame."""
     labels = nyu_files.read_annotation(root / "test" / nyu_files.ANNOTATION)
     labels.xyz[4, 0] = np.nan
     nyu_files.write_annotation(root / "test" / nyu_files.ANNOTATION, labels.xyz, "synthetic")
-    assert prepare(root, "--splits", "test") == 0
-    assert "test frame 4: " in capsys.readouterr().err
+    assert "test frame 4: " in prepare(root, "--splits", "test").err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
@@ -306,67 +299,66 @@ def test_interrupted(root):
     assert set(names(out)) <= {"test_000.h5"}
 
 
-def test_leaves_foreign_files_alone(root, capsys):
+def test_leaves_foreign_files_alone(root):
     """Data of another origin is not replaced without --force."""
     out = root.parent / "out"
     out.mkdir()
     with h5py.File(out / "test_000.h5", "w") as file:
         file.attrs["made_from"] = "my camera"
-    assert prepare(root) == 1
-    assert "made from my camera" in capsys.readouterr().err and names(out) == ["test_000.h5"]
+    assert "made from my camera" in prepare(root, status=1).err and names(out) == ["test_000.h5"]
     (out / "test_000.h5").unlink()
     (out / "train.txt").write_text("precious\n")
-    assert prepare(root) == 1
-    assert "train.txt: names 'precious', which is not there" in capsys.readouterr().err and names(out) == ["train.txt"]
+    done = prepare(root, status=1)
+    assert "train.txt: names 'precious', which is not there" in done.err and names(out) == ["train.txt"]
     (out / "test_000.h5").mkdir()
-    assert prepare(root, "--force") == 1
-    assert "test_000.h5: is no file" in capsys.readouterr().err and (out / "train.txt").read_text() == "precious\n"
+    done = prepare(root, "--force", status=1)
+    assert "test_000.h5: is no file" in done.err and (out / "train.txt").read_text() == "precious\n"
     (out / "test_000.h5").rmdir()
-    assert prepare(root, "--force") == 0
+    prepare(root, "--force")
 
 
 # ---------------------------------------------------------------------------------------------- --check
 
 
-def check(root: Path, capsys: pytest.CaptureFixture[str], *more: str) -> list[str]:
+def check(root: Path, *more: str) -> list[str]:
     """The lines of complaint of --check, which exits 1 if there are any; the run itself makes nothing then."""
-    status = prepare_nyu.main([str(root), "--check", "--out", str(root / "out"), *more])
-    lines = capsys.readouterr().err.splitlines()
-    assert status == (1 if lines else 0) and not (root / "out").exists()
+    done = run_tool("prepare_nyu", root, "--check", "--out", root / "out", *more, status=None)
+    lines = done.err.splitlines()
+    assert done.status == (1 if lines else 0) and not (root / "out").exists()
     return lines
 
 
-def refused(root: Path, out: Path, capsys: pytest.CaptureFixture[str], *more: str) -> None:
+def refused(root: Path, out: Path, *more: str) -> None:
     """The run itself gives up, with the same lines, before it makes anything."""
-    lines = check(root, capsys, *more)
-    assert prepare_nyu.main([str(root), "--out", str(out), *more]) == 1
-    told = [line.removeprefix("warning: ") for line in capsys.readouterr().err.splitlines()]
+    lines = check(root, *more)
+    done = run_tool("prepare_nyu", root, "--out", out, *more, status=1)
+    told = [line.removeprefix("warning: ") for line in done.err.splitlines()]
     assert told == lines and not out.exists()
 
 
-def test_check_whole(raw, capsys):
+def test_check_whole(raw):
     """A whole directory has nothing wrong."""
-    assert check(raw, capsys) == []
+    assert check(raw) == []
 
 
-def test_check_counts(tmp_path, capsys):
+def test_check_counts(tmp_path):
     """What is short of the whole data set is said; the second test subject alone cannot be prepared."""
     for count, told in ((2440, "the first of the two test subjects only"), (5812, "the second test subject only"),
                         (100, "100 labelled frames, the whole test set has 8252")):  # fmt: skip
         write_labels(tmp_path / "test", hand(count))
         write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
-        lines = check(tmp_path, capsys, "--splits", "test")
+        lines = check(tmp_path, "--splits", "test")
         assert told in lines[0] and f"{count - 1} of {count} depth frames are missing" in lines[1]
     write_labels(tmp_path / "test", hand(5812))
-    refused(tmp_path, tmp_path / "out", capsys, "--splits", "test")
+    refused(tmp_path, tmp_path / "out", "--splits", "test")
 
 
-def test_check_missing_subject(tmp_path, capsys):
+def test_check_missing_subject(tmp_path):
     """All labels, but the frames of one subject only."""
     write_labels(tmp_path / "test", hand(8252))
     for i in range(2440):
         (tmp_path / "test" / frame_name(i)).touch()
-    (line,) = check(tmp_path, capsys, "--splits", "test")
+    (line,) = check(tmp_path, "--splits", "test")
     assert "5812 of 8252 depth frames are missing, the first is depth_1_0002441.png" in line
     assert "all of the second test subject's are" in line
 
@@ -383,36 +375,36 @@ def test_check_missing_subject(tmp_path, capsys):
         ([], "looks like nothing"),
     ],
 )  # fmt: skip
-def test_check_wrong_archive(tmp_path, capsys, files, told):
+def test_check_wrong_archive(tmp_path, files, told):
     """Other data sets are recognised."""
     for name in files:
         path = tmp_path / "root" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
     (tmp_path / "root").mkdir(exist_ok=True)
-    refused(tmp_path / "root", tmp_path / "out", capsys)
-    lines = check(tmp_path / "root", capsys)
+    refused(tmp_path / "root", tmp_path / "out")
+    lines = check(tmp_path / "root")
     assert len(lines) == 2 and all(told in line for line in lines)
 
 
 @pytest.mark.parametrize(("prefix", "told"), [("synthdepth_1_", "rendered depth"), ("rgb_1_", "colour images"),
                                               ("depth_2_", "camera 2")])  # fmt: skip
-def test_check_wrong_images(root, capsys, prefix, told):
+def test_check_wrong_images(root, prefix, told):
     """Rendered depth, colour, or another camera's frames are told from the real depth."""
     for path in list((root / "test").glob("depth_1_*.png")):
         path.rename(path.with_name(prefix + path.name.removeprefix("depth_1_")))
-    refused(root, root.parent / "out", capsys)
-    (line,) = check(root, capsys)
+    refused(root, root.parent / "out")
+    (line,) = check(root)
     assert told in line and "no depth frames such as depth_1_0000001.png" in line
 
 
-def test_check_places(root, capsys):
+def test_check_places(root):
     """A split in the root's place, a missing split, and no root at all."""
-    assert all("is itself a split" in line for line in check(root / "train", capsys))
+    assert all("is itself a split" in line for line in check(root / "train"))
     shutil.rmtree(root / "test")
-    (line,) = check(root, capsys)
+    (line,) = check(root)
     assert "no folder 'test'; the data set has train and test" in line
-    (line,) = check(root.parent / "no", capsys)
+    (line,) = check(root.parent / "no")
     assert "no such folder" in line
 
 
@@ -447,15 +439,15 @@ def damage_labels(path: Path, how: str) -> None:
         ("y down", "its y axis points down, expected up"),
     ],
 )
-def test_check_labels(root, capsys, how, told):
+def test_check_labels(root, how, told):
     """Every way in which joint_data.mat can be wrong is one line, and stops the run."""
     damage_labels(root / "test" / nyu_files.ANNOTATION, how)
-    refused(root, root.parent / "out", capsys)
-    (line,) = check(root, capsys)
+    refused(root, root.parent / "out")
+    (line,) = check(root)
     assert told in line and str(root / "test" / nyu_files.ANNOTATION) in line
 
 
-def test_labels_of_version_73(root, capsys):
+def test_labels_of_version_73(root):
     """MATLAB's version 7.3 is HDF5 with the axes in reverse order; of three cameras the first is taken."""
     path = root / "test" / nyu_files.ANNOTATION
     labels = nyu_files.read_annotation(path)
@@ -466,7 +458,7 @@ def test_labels_of_version_73(root, capsys):
     again = nyu_files.read_annotation(path)
     np.testing.assert_array_equal(again.uvd, labels.uvd)
     np.testing.assert_array_equal(again.xyz, labels.xyz)
-    assert check(root, capsys) == []
+    assert check(root) == []
 
 
 @pytest.mark.parametrize(
@@ -474,19 +466,16 @@ def test_labels_of_version_73(root, capsys):
     [("1 2\n" * 20, "centers.txt:1: expected 3 numbers, found '1 2'"), ("1 2 3\n" * 19, "expected (20, 3)"),
      ("u v d\n", "centers.txt:1: expected 3 numbers"), (None, "No such file")],
 )  # fmt: skip
-def test_wrong_centres(root, capsys, text, told):
+def test_wrong_centres(root, text, told):
     """A file of centres that does not fit is one line."""
     path = root.parent / "centers.txt"
     if text is not None:
         path.write_text(text)
-    assert prepare(root, "--splits", "test", "--center", str(path)) == 1
-    error = capsys.readouterr().err
+    error = prepare(root, "--splits", "test", "--center", str(path), status=1).err
     assert told in error and error.count("\n") == 1
 
 
-def test_usage(root, capsys):
+def test_usage(root):
     """One file of centres cannot serve two splits; numbers and splits are checked."""
     for wrong in (["--center", "c.txt"], ["--workers", "0"], ["--splits", "val"]):
-        with pytest.raises(SystemExit) as exit_:
-            prepare(root, *wrong)
-        assert exit_.value.code == 2 and wrong[0] in capsys.readouterr().err
+        assert wrong[0] in prepare(root, *wrong, status=2).err

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.sources.opening import open_recording
+from tests.support.running import run_tool
 from tools import record
 
 CAMERA = ["--camera", "60,60,31.5,23.5"]
@@ -26,16 +27,14 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("frames")
 
 
-def test_convert_and_replay(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_and_replay(frames: Path) -> None:
     """Into each form, and from it; what is assumed is said."""
-    assert record.main(["frames", *CAMERA, "--out", "a"]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("record", "frames", *CAMERA, "--out", "a").out
     assert "frames: 4 frames, 64 x 48 pixels, 30 frames/s\n" in out
     assert "a value of 1 is taken for 1 mm" in out and "30 frames per second assumed" in out
     assert out.endswith("wrote a: 4 frames of 0.1 s, unit 1 mm\n")
-    assert record.main(["a", "--out", "b.npz"]) == 0
-    assert record.main(["b.npz", "--out", "c"]) == 0
-    assert "assumed" not in capsys.readouterr().out
+    run_tool("record", "a", "--out", "b.npz")
+    assert "assumed" not in run_tool("record", "b.npz", "--out", "c").out
     assert {path.name: path.read_bytes() for path in Path("a").iterdir()} == {
         path.name: path.read_bytes() for path in Path("c").iterdir()
     }
@@ -43,8 +42,8 @@ def test_convert_and_replay(frames: Path, capsys: pytest.CaptureFixture[str]) ->
 
 def test_a_part(frames: Path) -> None:
     """By frames or by seconds."""
-    assert record.main(["frames", *CAMERA, "--rate", "10", "--out", "a", "--frames", "3"]) == 0
-    assert record.main(["frames", *CAMERA, "--rate", "10", "--out", "b", "--seconds", "0.2"]) == 0
+    run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "a", "--frames", "3")
+    run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "b", "--seconds", "0.2")
     assert (open_recording("a").count, open_recording("b").count) == (3, 2)
 
 
@@ -52,45 +51,40 @@ def test_sources_in_metres_keep_their_fractions(frames: Path) -> None:
     """Written in millimetres, or finer."""
     np.save("take.npy", np.full((2, 48, 64), 0.50025) + [[[0]], [[0.25]]])
     for unit, expected in (("1", 500), ("0.25", 500.25)):
-        assert record.main(["take.npy", *CAMERA, "--unit", "1000", "--out", f"{unit}.npz", "--out-unit", unit]) == 0
+        run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", f"{unit}.npz", "--out-unit", unit)
         assert next(iter(open_recording(f"{unit}.npz"))).depth[0, 0] == expected
-    assert record.main(["take.npy", *CAMERA, "--unit", "1000", "--out", "own.npz"]) == 0
+    run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", "own.npz")
     assert open_recording("own.npz").unit_mm == 1
 
 
-def test_what_was_found_on_the_way(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_found_on_the_way(frames: Path) -> None:
     """Damaged frames, a source that ends too early, a unit that is likely wrong."""
     Path("frames/2.png").write_bytes(b"")
-    assert record.main(["frames", *CAMERA, "--unit", "20", "--out", "a"]) == 0
-    told = capsys.readouterr()
+    told = run_tool("record", "frames", *CAMERA, "--unit", "20", "--out", "a")[1:]
     assert "the nearest thing is 10 m away" in told.err and "with --unit 1 it would be 0.50 m away" in told.err
     assert "1 damaged frames are left out, the first: frames/2.png" in told.out + told.err
     np.save("take.npy", np.arange(3 * 48 * 64, dtype=np.uint16).reshape(3, 48, 64))
     Path("take.npy").write_bytes(Path("take.npy").read_bytes()[:-1])
-    assert record.main(["take.npy", *CAMERA, "--out", "b"]) == 0
-    assert "warning: take.npy: ends after 2 whole frames, its header announces 3" in capsys.readouterr().err
+    done = run_tool("record", "take.npy", *CAMERA, "--out", "b")
+    assert "warning: take.npy: ends after 2 whole frames, its header announces 3" in done.err
 
 
-def test_a_failure_keeps_what_was_done(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failure_keeps_what_was_done(frames: Path) -> None:
     """And says so."""
     cv2.imwrite("frames/11.png", np.zeros((5, 6), np.uint16))
     for i in range(4, 11):
         Path(f"frames/{i}.png").write_bytes(Path("frames/3.png").read_bytes())
-    assert record.main(["frames", *CAMERA, "--out", "a.npz"]) == 1
     assert "frames/11.png: 6 x 5 pixels; the camera has 64 x 48; a.npz keeps the 11 frames before it" in (
-        capsys.readouterr().err
+        run_tool("record", "frames", *CAMERA, "--out", "a.npz", status=1).err
     )
     assert open_recording("a.npz").count == 11
 
 
-def test_ctrl_c_keeps_what_was_done(
-    frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the status of the signal."""
     checks = iter([0, 0, 2])
     monkeypatch.setattr(record.Stopper, "signum", property(lambda self: next(checks, 2)))
-    assert record.main(["frames", *CAMERA, "--out", "a"]) == 130
-    assert "stopped; a keeps 2 frames" in capsys.readouterr().err
+    assert "stopped; a keeps 2 frames" in run_tool("record", "frames", *CAMERA, "--out", "a", status=130).err
     assert open_recording("a").count == 2
 
 
@@ -108,23 +102,18 @@ def test_ctrl_c_keeps_what_was_done(
         (["frames", *CAMERA, "--out", "loop"], "loop: "),
     ],
 )
-def test_what_cannot_be_done(frames: Path, argv: list[str], what: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
     """One line, and nothing is written."""
     Path("loop").symlink_to("loop")
     before = sorted(Path().rglob("*"))
-    assert record.main(argv) == 1
-    assert capsys.readouterr().err.startswith(what)
+    assert run_tool("record", *argv, status=1).err.startswith(what)
     assert sorted(Path().rglob("*")) == before
 
 
-def test_a_unit_that_would_round_all_depth_to_nothing(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_unit_that_would_round_all_depth_to_nothing(frames: Path) -> None:
     """Is wrong usage."""
-    with pytest.raises(SystemExit) as stopped:
-        record.main(["frames", *CAMERA, "--out", "a", "--out-unit", "1e5"])
-    assert (
-        stopped.value.code == 2
-        and "--out-unit: expected a number of more than 0 and at most 10" in capsys.readouterr().err
-    )
+    done = run_tool("record", "frames", *CAMERA, "--out", "a", "--out-unit", "1e5", status=2)
+    assert "--out-unit: expected a number of more than 0 and at most 10" in done.err
 
 
 @pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz", "a/b/c.mkv"])
@@ -132,5 +121,5 @@ def test_folders_on_the_way_are_made(frames: Path, name: str) -> None:
     """Of every kind."""
     if name.endswith(".mkv"):
         pytest.importorskip("av", reason="PyAV is missing: pip install av")
-    assert record.main(["frames", *CAMERA, "--out", name]) == 0
+    run_tool("record", "frames", *CAMERA, "--out", name)
     assert Path(name).exists()

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tools import show_data
+from tests.support.running import run_tool
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def test_lists_files_and_folders_side_by_side(frames: Path, tmp_path: Path) -> N
     cv2.imwrite(str(crops / "one.png"), np.full((128, 128), 127, np.uint8))
     out = tmp_path / "out.png"
     argv = [str(frames), str(tmp_path / "a.h5"), str(crops), "--out", str(out), "--frames", "4", "--columns", "4"]
-    assert show_data.main(argv) == 0
+    run_tool("show_data", *argv)
     picture = cv2.imread(str(out))
     head, gap, size = 22, 4, 128
     rows = [picture[r * (size + head + gap) + gap + head :][:size] for r in range(3)]
@@ -39,7 +39,7 @@ def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
     """Colour only where there is a skeleton."""
     for plain in (True, False):
         out = tmp_path / "out.png"
-        assert show_data.main([str(frames), "--out", str(out), *(["--plain"] if plain else [])]) == 0
+        run_tool("show_data", frames, "--out", out, *(["--plain"] if plain else []))
         picture = cv2.imread(str(out)).astype(int)
         assert (np.ptp(picture, axis=2).max() == 0) == plain
 
@@ -52,29 +52,25 @@ def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
         (lambda folder: folder, "no PNG pictures in this folder"),
     ],
 )
-def test_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str], make: object, message: str) -> None:
+def test_mistakes(tmp_path: Path, make: object, message: str) -> None:
     """One line each."""
-    assert show_data.main([str(make(tmp_path)), "--out", str(tmp_path / "out.png")]) == 1  # type: ignore[operator]
-    error = capsys.readouterr().err
+    error = run_tool("show_data", make(tmp_path), "--out", tmp_path / "out.png", status=1).err
     assert message in error and error.count("\n") == 1 and not (tmp_path / "out.png").exists()
 
 
-def test_a_file_without_crops(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_without_crops(tmp_path: Path) -> None:
     """It says what the file has."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["depth"] = np.zeros((3, 4))
-    assert show_data.main([str(tmp_path / "a.h5"), "--out", str(tmp_path / "out.png")]) == 1
-    assert "data set 'depth' has shape (3, 4), expected square crops" in capsys.readouterr().err
+    done = run_tool("show_data", tmp_path / "a.h5", "--out", tmp_path / "out.png", status=1)
+    assert "data set 'depth' has shape (3, 4), expected square crops" in done.err
 
 
 @pytest.mark.parametrize("name", ["out.png", "out.jpg"])
 @pytest.mark.parametrize("zoom", ["200", "100000", str(2**63 - 1)])
-def test_more_than_a_picture_can_be(
-    frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], zoom: str, name: str
-) -> None:
+def test_more_than_a_picture_can_be(frames: Path, tmp_path: Path, zoom: str, name: str) -> None:
     """One line."""
-    assert show_data.main([str(frames), "--out", str(tmp_path / name), "--zoom", zoom]) == 1
-    error = capsys.readouterr().err
+    error = run_tool("show_data", frames, "--out", tmp_path / name, "--zoom", zoom, status=1).err
     assert error.startswith(f"{5 * 128 * int(zoom)} x {128 * int(zoom)} pixels are more than a picture can have")
     assert error.count("\n") == 1 and not (tmp_path / name).exists()
 
@@ -82,32 +78,30 @@ def test_more_than_a_picture_can_be(
 def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
     """Are left out."""
     for columns in ("5", "100000"):
-        assert show_data.main([str(frames), "--out", str(tmp_path / f"{columns}.png"), "--columns", columns]) == 0
+        run_tool("show_data", frames, "--out", tmp_path / f"{columns}.png", "--columns", columns)
     assert (tmp_path / "5.png").read_bytes() == (tmp_path / "100000.png").read_bytes()
 
 
-def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path) -> None:
     """Is told, not left out."""
     (tmp_path / "one.prototxt").write_text('joint { name: "only" }')
     options = ["--skeleton", str(tmp_path / "one.prototxt"), "--out", str(tmp_path / "out.png")]
-    assert show_data.main([str(frames), *options]) == 1
-    error = capsys.readouterr().err
+    error = run_tool("show_data", frames, *options, status=1).err
     assert "frames have 31 joints" in error and "one.prototxt has 1" in error and not (tmp_path / "out.png").exists()
 
 
 @pytest.mark.parametrize("name", [".png", "a.gif"])
 def test_pictures_of_no_name_or_another_kind(frames: Path, tmp_path: Path, name: str) -> None:
     """Are wrong usage."""
-    with pytest.raises(SystemExit, match="2"):
-        show_data.main([str(frames), "--out", str(tmp_path / name)])
+    run_tool("show_data", frames, "--out", tmp_path / name, status=2)
 
 
-def test_joints_that_are_not_finite(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_joints_that_are_not_finite(frames: Path, tmp_path: Path) -> None:
     """The line names the file, not only the list; the crops can be seen."""
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["joint"][4, 1] = np.nan
     argv = [str(frames), "--out", str(tmp_path / "out.png")]
-    assert show_data.main(argv) == 1
+    done = run_tool("show_data", *argv, status=1)
     expected = f"{tmp_path}/a.h5: frame 4: its joints are not finite; with --plain no hands are drawn\n"
-    assert capsys.readouterr().err == expected
-    assert show_data.main([*argv, "--plain"]) == 0
+    assert done.err == expected
+    run_tool("show_data", *argv, "--plain")

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import demo, make_recording, plot_log, predict
 
 LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
 PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "models")
@@ -41,10 +41,9 @@ def odd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 class TestNamesThatAreNotUtf8:
-    def test_demo_and_predict(self, odd: str, capsys: pytest.CaptureFixture[str]) -> None:
-        assert demo.main(["--frames", "1", "--out", odd]) == 0
-        assert r"--out 'odd\udce9'" in capsys.readouterr().out
-        assert predict.main([f"{odd}/frame_0.png", "--camera", "nyu", "--out", f"{odd}/again"]) == 0
+    def test_demo_and_predict(self, odd: str) -> None:
+        assert r"--out 'odd\udce9'" in run_tool("demo", "--frames", "1", "--out", odd).out
+        run_tool("predict", f"{odd}/frame_0.png", "--camera", "nyu", "--out", f"{odd}/again")
         assert len(list(Path(odd, "again").iterdir())) == 1
 
     @pytest.mark.parametrize("ending", ["", ".npz", ".mkv"])
@@ -52,13 +51,13 @@ class TestNamesThatAreNotUtf8:
         if ending == ".mkv":
             pytest.importorskip("av")
         words = ["rest", "--camera", "icvl", "--seconds", "0.1", "--clean", "--out", f"{odd}{ending}"]
-        assert make_recording.main(words) == 0
+        run_tool("make_recording", *words)
         assert {path.name for path in Path().iterdir()} == {f"{odd}{ending}", f"{odd}.truth.json"}
 
     @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
     def test_plots(self, odd: str, ending: str) -> None:
         Path(f"{odd}.log").write_text(LOG)
-        assert plot_log.main([f"{odd}.log", "--out", f"{odd}.{ending}"]) == 0
+        run_tool("plot_log", f"{odd}.log", "--out", f"{odd}.{ending}")
         assert Path(f"{odd}.{ending}").exists()
 
 

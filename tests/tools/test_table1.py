@@ -24,7 +24,7 @@ from handpose.experiments.table1.trainings import Training, data_name
 from netlib.errors import DataError
 from netlib.training.solver_parameter import read
 from tests.support.made_ledger import entry, shown, trained
-from tools import table1
+from tests.support.running import run_tool
 from tools.common import sitting as sittings
 from tools.common import training
 from tools.common.sitting import Sitting
@@ -205,11 +205,9 @@ def made(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*options):
-    """Exit status, standard output and standard error of the tool."""
-    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
-        status = table1.main(["--ledger", "ledger", "--out", "results", "--work", "work", *options])
-    return status, out.getvalue(), err.getvalue()
+def run(*options, status=None):
+    """The tool, on the ledger of these tests."""
+    return run_tool("table1", "--ledger", "ledger", "--out", "results", "--work", "work", *options, status=status)
 
 
 def test_the_page_and_its_pictures(made):
@@ -314,6 +312,4 @@ def test_folders_that_cannot_be_made(setting, narrow, tmp_path):
 )
 def test_usage(options):
     """Wrong usage is argparse's own message and status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        run(*options)
-    assert stopped.value.code == 2
+    run(*options, status=2)

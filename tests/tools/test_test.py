@@ -10,20 +10,20 @@ import pytest
 import netlib
 from handpose.prediction.packaged import SYNTHETIC_HAND, read_card
 from netlib import engine
+from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import test, train
+from tools import test
 
 
 @pytest.fixture
 def snapshot(work):
-    assert train.main(["solver.prototxt", "--max-iter", "1"]) == 0
+    run_tool("train", "solver.prototxt", "--max-iter", "1")
     return "snapshots/net_iter_1.caffemodel"
 
 
-def test_figures_are_those_of_the_frames(work, small_data, snapshot, capsys):
+def test_figures_are_those_of_the_frames(work, small_data, snapshot):
     """The errors are the distances between predicted and true joints in mm, every frame counted once."""
-    assert test.main(["--model", "net.prototxt", snapshot, snapshot, "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads(run_tool("test", "--model", "net.prototxt", snapshot, snapshot, "--json").out)
     first, second = report["snapshots"]
     assert report["frames"] == 24 and report["data"] == "synthetic"
     assert first == second
@@ -38,16 +38,15 @@ def test_figures_are_those_of_the_frames(work, small_data, snapshot, capsys):
     assert first["error_mm"] == pytest.approx(np.linalg.norm(difference, axis=2).mean(), rel=1e-5)
 
 
-def test_table_and_picture(work, snapshot, capsys):
+def test_table_and_picture(work, snapshot):
     """The table has a line for each snapshot; the picture shows frames with both skeletons."""
-    assert test.main(["--model", "net.prototxt", snapshot, "--picture", "pictures/hands.png"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run_tool("test", "--model", "net.prototxt", snapshot, "--picture", "pictures/hands.png").out.splitlines()
     assert lines[0].startswith("24 frames (synthetic), errors about the crop's centre, cube 300 mm")
     assert "14 joints mm" in lines[1] and lines[2].startswith(snapshot)
     assert cv2.imread("pictures/hands.png").shape[2] == 3
 
 
-def test_engine(work, snapshot, capsys, monkeypatch):
+def test_engine(work, snapshot, monkeypatch):
     """--engine says what computes, whatever the process does otherwise; the figures are the same, to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
 
@@ -57,30 +56,26 @@ def test_engine(work, snapshot, capsys, monkeypatch):
 
     monkeypatch.setattr(test, "Net", built)
     for chosen in ([], *(["--engine", name] for name in names)):
-        assert test.main(["--model", "net.prototxt", snapshot, "--json", *chosen]) == 0
-        found.append(json.loads(capsys.readouterr().out)["snapshots"][0]["error_mm"])
+        done = run_tool("test", "--model", "net.prototxt", snapshot, "--json", *chosen)
+        found.append(json.loads(done.out)["snapshots"][0]["error_mm"])
     assert [net.engine.name for net in nets] == [engine.get().name, *names]
     assert found == pytest.approx(found[:1] * len(found), rel=1e-5)
-    with pytest.raises(SystemExit) as stopped:
-        test.main([snapshot, "--engine", "plane"])
-    assert stopped.value.code == 2
-    assert "invalid choice: 'plane'" in capsys.readouterr().err
+    assert "invalid choice: 'plane'" in run_tool("test", snapshot, "--engine", "plane", status=2).err
 
 
-def test_mistakes(work, snapshot, capsys):
+def test_mistakes(work, snapshot):
     """Weights of another net, a missing file, a net without test data: one line each."""
-    assert test.main(["--model", "net.prototxt", "nothing.h5"]) == 1
-    assert capsys.readouterr().err == "nothing.h5: cannot read weights: No such file or directory\n"
+    done = run_tool("test", "--model", "net.prototxt", "nothing.h5", status=1)
+    assert done.err == "nothing.h5: cannot read weights: No such file or directory\n"
     with h5py.File("other.h5", "w") as file:
         file["data/other/0"] = np.zeros(3)
-    assert test.main(["--model", "net.prototxt", "other.h5"]) == 1
-    assert "no layer of net 'DeepModel' is in it" in capsys.readouterr().err
+    done = run_tool("test", "--model", "net.prototxt", "other.h5", status=1)
+    assert "no layer of net 'DeepModel' is in it" in done.err
     (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')
-    assert test.main(["--model", "deploy.prototxt", snapshot]) == 1
-    assert "no HDF5Data layer in phase TEST" in capsys.readouterr().err
+    assert "no HDF5Data layer in phase TEST" in run_tool("test", "--model", "deploy.prototxt", snapshot, status=1).err
 
 
-def test_fit(work, small_data, capsys):
+def test_fit(work, small_data):
     """--fit adds what is left after the fit to the depth; the picture then shows the fitted hands."""
     model = (SYNTHETIC_HAND / "train_test.prototxt").read_text().replace("data/people", str(small_data))
     model = model.replace("../../prototxt", str(ROOT / "prototxt"))
@@ -88,12 +83,11 @@ def test_fit(work, small_data, capsys):
     weights = str(read_card(SYNTHETIC_HAND).weights)
     deploy = str(SYNTHETIC_HAND / "deploy.prototxt")
     arguments = ["--model", "own.prototxt", "--deploy", deploy, weights, "--fit", "fast"]
-    assert test.main([*arguments, "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["snapshots"]
+    (row,) = json.loads(run_tool("test", *arguments, "--json").out)["snapshots"]
     assert row["fit_error_14_mm"] < 0.7 * row["error_14_mm"] and row["fit_within_40_mm"] >= row["within_40_mm"]
     assert "fit_out_of_limits" not in row
-    assert test.main([*arguments, "--picture", "x.png"]) == 0
-    assert "fit: all joints mm" in capsys.readouterr().out and cv2.imread("x.png") is not None
+    done = run_tool("test", *arguments, "--picture", "x.png")
+    assert "fit: all joints mm" in done.out and cv2.imread("x.png") is not None
 
 
 @pytest.mark.parametrize(
@@ -103,14 +97,12 @@ def test_fit(work, small_data, capsys):
         (["--picture", "folder/.png"], "--picture: expected a name in .png, found 'folder/.png'"),
     ],
 )
-def test_usage(capsys, options, message):
+def test_usage(options, message):
     """A net that only a fit would run, and a picture without a name."""
-    with pytest.raises(SystemExit, match="2"):
-        test.main(["net.caffemodel.h5", *options])
-    assert message in capsys.readouterr().err
+    assert message in run_tool("test", "net.caffemodel.h5", *options, status=2).err
 
 
-def test_frames_that_cannot_be_fitted(work, small_data, snapshot, capsys):
+def test_frames_that_cannot_be_fitted(work, small_data, snapshot):
     """Without the places where their crops were cut, or of several cameras."""
     (work / "data").mkdir()
     with h5py.File(small_data / "test_000.h5") as file:
@@ -127,5 +119,4 @@ def test_frames_that_cannot_be_fitted(work, small_data, snapshot, capsys):
             for name, values in (arrays | change).items():
                 if name != missing:
                     file[name] = values
-        assert test.main(["--model", "own.prototxt", snapshot, "--fit", "fast"]) == 1
-        assert message in capsys.readouterr().err
+        assert message in run_tool("test", "--model", "own.prototxt", snapshot, "--fit", "fast", status=1).err

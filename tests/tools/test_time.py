@@ -5,13 +5,12 @@ import re
 import pytest
 
 from tests.conftest import ENGINES
-from tools import time
+from tests.support.running import run_tool
 
 
-def test_lines_are_caffes(work, capsys):
+def test_lines_are_caffes(work):
     """Every layer forwards and backwards, and the averages of whole passes."""
-    assert time.main(["net.prototxt", "--iterations", "1"]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("time", "net.prototxt", "--iterations", "1").out
     for name in ("convL1", "poolL1", "FC1", "HandModel"):
         assert re.search(rf"^ *{name}\tforward: [\d.e-]+ ms\.$", out, re.MULTILINE)
         assert re.search(rf"^ *{name}\tbackward: [\d.e-]+ ms\.$", out, re.MULTILINE)
@@ -19,30 +18,29 @@ def test_lines_are_caffes(work, capsys):
 
 
 @pytest.mark.parametrize("name", ENGINES)
-def test_memory(work, capsys, monkeypatch, name):
+def test_memory(work, monkeypatch, name):
     """Whole blobs are listed with their size; those that the fast engine hides are not stored."""
     monkeypatch.setenv("NETLIB_ENGINE", name)
-    assert time.main(["net.prototxt", "--memory"]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("time", "net.prototxt", "--memory").out
     assert re.search(r" 1\.00 MiB  blob depth 16x1x128x128$", out, re.MULTILINE)
     hidden = "convL1" not in out and " 0.00 MiB  not stored: the whole of the hidden blobs" not in out
     assert hidden == (name == "fast")
 
 
-def test_engine(work, capsys):
+def test_engine(work):
     """--engine chooses, whatever the process does otherwise."""
-    assert time.main(["net.prototxt", "--iterations", "1", "--engine", "plain"]) == 0
-    assert capsys.readouterr().out.startswith("Engine plain; BLAS: ")
+    done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "plain")
+    assert done.out.startswith("Engine plain; BLAS: ")
 
 
-def test_threads_are_those_of_the_engine(work, capsys, other_engine):
+def test_threads_are_those_of_the_engine(work, other_engine):
     """--threads is for the engine that --engine names, and it has as many again after single layers are timed."""
-    assert time.main(["net.prototxt", "--iterations", "1", "--engine", "fast", "--threads", "3"]) == 0
+    done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "fast", "--threads", "3")
     assert other_engine.threads() == 3
-    assert re.match(r"Engine fast; .*, 3 threads\n", capsys.readouterr().out)
+    assert re.match(r"Engine fast; .*, 3 threads\n", done.out)
 
 
-def test_mistakes(capsys):
+def test_mistakes():
     """A net that is not there."""
-    assert time.main(["nothing.prototxt"]) == 1
-    assert capsys.readouterr().err == "nothing.prototxt: cannot read the prototxt: No such file or directory\n"
+    done = run_tool("time", "nothing.prototxt", status=1)
+    assert done.err == "nothing.prototxt: cannot read the prototxt: No such file or directory\n"

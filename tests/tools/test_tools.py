@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from netlib import engine
+from tests.support.running import run_tool
 from tests.support.source_imports import imports
 from tests.tools.conftest import ROOT
 
@@ -63,22 +64,16 @@ def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_is_the_docstring(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_is_the_docstring(name: str) -> None:
     """As it is written, before the options."""
     module = importlib.import_module(f"tools.{name}")
-    with pytest.raises(SystemExit) as stopped:
-        module.main(["--help"])
-    assert stopped.value.code == 0
-    assert module.__doc__.strip() in capsys.readouterr().out
+    assert module.__doc__.strip() in run_tool(name, "--help").out
 
 
 @pytest.mark.parametrize("name", WITH_ENGINE)
-def test_engine(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_engine(name: str) -> None:
     """Every command that runs one net has --engine with the same names."""
-    module = importlib.import_module(f"tools.{name}")
-    with pytest.raises(SystemExit):
-        module.main(["--help"])
-    assert f"--engine {{{','.join(engine.NAMES)}}}" in capsys.readouterr().out
+    assert f"--engine {{{','.join(engine.NAMES)}}}" in run_tool(name, "--help").out
 
 
 def reached(path: Path) -> set[str]:
@@ -98,14 +93,11 @@ def reached(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_that_runs_nets_can_refuse_code(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
     """--no-python-layers, for nets of strangers; a command that runs no net has no such option."""
     classes = {"netlib.net.Net", "netlib.solver.Solver", "netlib.interruption.solver.InterruptibleSolver"}
     runs_nets = bool(classes & reached(ROOT / "tools" / f"{name}.py"))
-    module = importlib.import_module(f"tools.{name}")
-    with pytest.raises(SystemExit):
-        module.main(["--help"])
-    assert ("--no-python-layers" in capsys.readouterr().out) == runs_nets
+    assert ("--no-python-layers" in run_tool(name, "--help").out) == runs_nets
 
 
 PYTHON = """
@@ -127,17 +119,14 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
         ("train", ["solver.prototxt"]),
     ],
 )
-def test_no_python_layers(
-    name: str, argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However deep a net is built, it is refused, and nothing of it runs; the next call begins anew."""
     monkeypatch.chdir(tmp_path)
     Path("net.prototxt").write_text(PYTHON)
     Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"')
     Path("gadget.py").write_text("class Own: pass")
-    module = importlib.import_module(f"tools.{name}")
-    assert module.main([*argv, "--no-python-layers"]) == 1
-    assert "layer 'own' is of type 'Python', which runs code" in capsys.readouterr().err.splitlines()[-1]
-    assert module.main(argv) == 1
-    assert "gadget.Own is not a subclass of netlib.Layer" in capsys.readouterr().err.splitlines()[-1]
+    done = run_tool(name, *argv, "--no-python-layers", status=1)
+    assert "layer 'own' is of type 'Python', which runs code" in done.err.splitlines()[-1]
+    done = run_tool(name, *argv, status=1)
+    assert "gadget.Own is not a subclass of netlib.Layer" in done.err.splitlines()[-1]
     sys.modules.pop("gadget")

@@ -20,6 +20,7 @@ from handpose.sources.recording import DepthFrame
 from handpose.sources.writing import RecordingWriter
 from handpose.track_files.json_file import read_track
 from handpose.tracking.tracker import Tracker, load_tracker
+from tests.support.running import run_tool
 from tools import track
 
 RAW = ["--camera", "icvl", "--unit", "1", "--rate", "15"]  # what nothing says of a bare stack
@@ -65,9 +66,9 @@ def stopped_at(monkeypatch: pytest.MonkeyPatch, number: int, stop: Any) -> None:
 # ------------------------------------------------------------------------------------------------ what it does
 
 
-def test_without_any_output_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_any_output_named() -> None:
     """A document and a sheet, called like the source, here; they hold what the tracker tells."""
-    assert track.main(["takes/take.npz"]) == 0
+    _, said, error = run_tool("track", "takes/take.npz")
     assert files() == ["take.json", "take.png"]
     found = read_track("take.json")
     with open_recording("takes/take.npz") as recording:
@@ -80,7 +81,6 @@ def test_without_any_output_named(capsys: pytest.CaptureFixture[str]) -> None:
         for own, same in zip(one.hands, other.hands):
             np.testing.assert_allclose(own.xyz, same.xyz, atol=0.006)
     assert cv2.imread("take.png") is not None
-    said, error = capsys.readouterr()
     assert error == ""
     lines = said.splitlines()
     assert lines[0] == f"takes/take.npz: {COUNT} frames, 320 x 240 pixels, 15 frames/s"
@@ -89,10 +89,9 @@ def test_without_any_output_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(lines[-2:]) == ["wrote take.json", "wrote take.png"]
 
 
-def test_lines_for_another_program(capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines_for_another_program() -> None:
     """A header and a line for each frame, and nothing else, on standard output; what is said goes to stderr."""
-    assert track.main(["takes/take.npz", "--json", "-"]) == 0
-    out, said = capsys.readouterr()
+    _, out, said = run_tool("track", "takes/take.npz", "--json", "-")
     header, *frames = (json.loads(line) for line in out.splitlines())
     assert header["format"] == "handpose track" and header["source"] == "takes/take.npz"
     assert [frame["number"] for frame in frames] == list(range(COUNT)) and "hands" in frames[0]
@@ -102,9 +101,9 @@ def test_lines_for_another_program(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_joints_of_another_format() -> None:
     """--joints: JSON has them beside ours, which are the same as without it; CSV has them instead."""
-    assert track.main(["takes/take.npz", "--json", "plain.json"]) == 0
+    run_tool("track", "takes/take.npz", "--json", "plain.json")
     options = ["--json", "a.json", "--csv", "a.csv", "--joints", "openxr"]
-    assert track.main(["takes/take.npz", *options]) == 0
+    run_tool("track", "takes/take.npz", *options)
     plain, found = (json.loads(Path(name).read_text()) for name in ("plain.json", "a.json"))
     assert found.pop("joint_format")["name"] == "openxr"
     for frame in found["frames"]:
@@ -116,7 +115,7 @@ def test_joints_of_another_format() -> None:
 
 def test_options() -> None:
     """Go to the tracker: the size, no smoothing; so many frames."""
-    assert track.main(["takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3"]) == 0
+    run_tool("track", "takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3")
     found = read_track("a.json")
     assert not found.header.smoothed and len(found.frames) == 3 and not found.cut and files() == ["a.json"]
     bones = found.frames[-1].hands[0].bones
@@ -126,7 +125,7 @@ def test_options() -> None:
 @pytest.mark.parametrize("hand", ["left", "right"])
 def test_which_hand_is_known(hand: str) -> None:
     """Then it is looked for as that one alone, also where it is not."""
-    assert track.main(["takes/take.npz", "--json", "a.json", "--hand", hand, "--frames", "3"]) == 0
+    run_tool("track", "takes/take.npz", "--json", "a.json", "--hand", hand, "--frames", "3")
     assert {own.hand for frame in read_track("a.json").frames for own in frame.hands} <= {hand}
 
 
@@ -142,15 +141,15 @@ def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(track, "guarded", lambda run, args: seen.append(args) or 0)
     Path("here").mkdir()
     monkeypatch.chdir("here")
-    assert track.main([source]) == 0
+    run_tool("track", source)
     assert (seen[0].json, seen[0].sheet) == (f"{name}.json", f"{name}.png")
 
 
-def test_a_first_look(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_first_look() -> None:
     """Shows the first hand, and tracks nothing."""
-    assert track.main(["takes/take.npz", "--look", "look.png"]) == 0
+    done = run_tool("track", "takes/take.npz", "--look", "look.png")
     assert files() == ["look.png"] and cv2.imread("look.png") is not None
-    assert "frame 0: right hand, " in capsys.readouterr().out
+    assert "frame 0: right hand, " in done.out
 
 
 # ------------------------------------------------------------------------------------------------ what goes wrong
@@ -165,89 +164,79 @@ def test_a_first_look(capsys: pytest.CaptureFixture[str]) -> None:
      ["--serve", "a:-1"], ["--udp", "a"], ["--udp", "a:0"], ["--look", "a.png", "--serve"]],
     ids=lambda argv: " ".join(argv),
 )  # fmt: skip
-def test_wrong_usage(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage(argv: list[str]) -> None:
     """Ends with 2 before anything is done."""
-    with pytest.raises(SystemExit) as ended:
-        track.main(["takes/take.npz", *argv])
-    assert ended.value.code == 2 and argv[0] in capsys.readouterr().err and files() == []
+    assert argv[0] in run_tool("track", "takes/take.npz", *argv, status=2).err and files() == []
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_leaves_whole_files(
-    number: int, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of what was done, with the frame that it came in; what was found is said all the same."""
     stopped_at(monkeypatch, 3, lambda: signal.raise_signal(number))
-    assert track.main(["takes/take.npz", "--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh"]) == status
+    outputs = ["--json", "a.json", "--csv", "a.csv", "--bvh", "a.bvh"]
+    _, out, error = run_tool("track", "takes/take.npz", *outputs, status=status)
     found = read_track("a.json")
     assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
     assert files() == ["a.csv", "a.json", "a_right_0.bvh"] and Path("a.csv").read_text().endswith("\n")
     assert "Frames: 4" in Path("a_right_0.bvh").read_text()
-    out, error = capsys.readouterr()
     assert error == "stopped; 4 frames are kept\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
 
 
-def test_a_second_signal_leaves_whole_files(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_second_signal_leaves_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in the middle of a frame."""
 
     def stop() -> None:
         raise KeyboardInterrupt
 
     stopped_at(monkeypatch, 3, stop)
-    assert track.main(["takes/take.npz"]) == 130
-    assert capsys.readouterr().err == "interrupted\n" and files() == ["take.json", "take.png"]
+    done = run_tool("track", "takes/take.npz", status=130)
+    assert done.err == "interrupted\n" and files() == ["take.json", "take.png"]
     found = read_track("take.json")
     assert found.cut and len(found.frames) == 3 and cv2.imread("take.png") is not None
 
 
-def test_a_source_that_is_cut(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_source_that_is_cut() -> None:
     """All whole frames are tracked, and it is said; the document is complete, for there is no more."""
     depth = np.stack([frame.depth for frame in open_recording("takes/take.npz")]).astype(np.uint16)
     np.save("takes/cut.npy", depth[:4])
     Path("takes/cut.npy").write_bytes(Path("takes/cut.npy").read_bytes()[:-1])
-    assert track.main(["takes/cut.npy", *RAW, "--json", "a.json"]) == 0
-    assert "warning: takes/cut.npy: ends after 3 whole frames, its header announces 4" in capsys.readouterr().err
+    done = run_tool("track", "takes/cut.npy", *RAW, "--json", "a.json")
+    assert "warning: takes/cut.npy: ends after 3 whole frames, its header announces 4" in done.err
     assert len(read_track("a.json").frames) == 3
 
 
-def test_a_source_that_breaks(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_source_that_breaks() -> None:
     """One line, and whole files of the frames before."""
     Path("takes/frames").mkdir()
     for frame in open_recording("takes/take.npz"):
         cv2.imwrite(f"takes/frames/{frame.number}.png", frame.depth.astype(np.uint16))
     for n in range(COUNT, 12):  # behind those of a first look
         cv2.imwrite(f"takes/frames/{n}.png", np.zeros((5, 6) if n == 11 else (240, 320), np.uint16))
-    assert track.main(["takes/frames", *RAW, "--json", "a.json"]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = run_tool("track", "takes/frames", *RAW, "--json", "a.json", status=1).err.splitlines()
     assert line.startswith("takes/frames/11.png: 6 x 5 pixels; ")
     found = read_track("a.json")
     assert found.cut and len(found.frames) == 11
 
 
-def test_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nobody_there() -> None:
     """Frames without a hand are a track without one; a first look shows why."""
     np.save("takes/wall.npy", np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16))
-    assert track.main(["takes/wall.npy", *RAW]) == 0
-    assert "no hand was found\n" in capsys.readouterr().out
+    assert "no hand was found\n" in run_tool("track", "takes/wall.npy", *RAW).out
     assert [(frame.hands, frame.lost) for frame in read_track("wall.json").frames] == [((), ())] * 3
     assert cv2.imread("wall.png") is not None
     np.save("takes/empty.npy", np.zeros((2, 240, 320), np.uint16))
-    assert track.main(["takes/empty.npy", *RAW, "--look", "look.png"]) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == (
+    assert run_tool("track", "takes/empty.npy", *RAW, "--look", "look.png", status=1).err.splitlines()[-1] == (
         "takes/empty.npy: no hand in the first 2 frames; look.png shows the first of them"
     )
     assert cv2.imread("look.png") is not None
 
 
-def test_no_source(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_source() -> None:
     """Nor a camera: one line, and no files."""
     np.save("takes/bare.npy", np.ones((2, 240, 320), np.uint16))
     for source, line in (
         ("takes/none", "takes/none: no such file"),
         ("takes/bare.npy", "takes/bare.npy: nothing says"),
     ):
-        assert track.main([source]) == 1
-        assert capsys.readouterr().err.startswith(line)
+        assert run_tool("track", source, status=1).err.startswith(line)
     assert files() == []

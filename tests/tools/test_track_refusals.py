@@ -12,7 +12,7 @@ import pytest
 from handpose.drawing.contact_sheets import ContactSheet
 from handpose.track_files.json_file import JsonWriter
 from netlib.errors import NetlibError
-from tools import track
+from tests.support.running import run_tool
 
 CAMERA = '{"fx": 60, "fy": 60, "u0": 31.5, "v0": 23.5, "unit_mm": 1}'
 
@@ -50,7 +50,7 @@ def contents() -> dict[str, bytes | None]:
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
     ],
 )
-def test_what_cannot_be_written(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_written(argv: list[str], said: str) -> None:
     """Because it is read, would be read in the next run, or has no place; said before anything is tracked."""
     np.save("take.npy", np.full((2, 48, 64), 900, np.uint16))
     for name in ("own.json", "take.camera.json"):
@@ -59,30 +59,26 @@ def test_what_cannot_be_written(argv: list[str], said: str, capsys: pytest.Captu
     for name in ("folder.png", "folder.mp4"):
         Path(name).mkdir()
     before = contents()
-    assert track.main(argv) == 1
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning")]
+    (line,) = [line for line in run_tool("track", *argv, status=1).err.splitlines() if not line.startswith("warning")]
     assert line.startswith(said) and contents() == before
 
 
-def test_the_default_names_do_not_replace_frames(
-    frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the folder of the frames itself."""
     monkeypatch.chdir(frames)
     before = contents()
     for source in (".", "*.png", "1.png"):
-        assert track.main([source]) == 1
-        assert capsys.readouterr().err.splitlines()[-1].startswith(("frames.png: lies among", "1.png: is read"))
+        done = run_tool("track", source, status=1)
+        assert done.err.splitlines()[-1].startswith(("frames.png: lies among", "1.png: is read"))
     assert contents() == before
 
 
 @pytest.mark.parametrize("name", ["frames.json", "frames.png"])
-def test_the_default_names_replace_nothing(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_default_names_replace_nothing(name: str) -> None:
     """A file that nobody named may be anybody's; the line says how to name it."""
     Path(name).write_text("mine")
     before = contents()
-    assert track.main(["frames"]) == 1
-    assert capsys.readouterr().err == (
+    assert run_tool("track", "frames", status=1).err == (
         f"{name}: is there already; to replace it, or to write to another place, name the outputs, as in "
         "--json frames.json --sheet frames.png\n"
     )
@@ -99,16 +95,12 @@ def test_the_default_names_replace_nothing(name: str, capsys: pytest.CaptureFixt
         (["--size", "0.01"], "--size: size 0.01, expected 0.74 to 1.35 times the skeleton's"),
     ],
 )
-def test_wrong_usage(argv: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage(argv: list[str], said: str) -> None:
     """Exit status 2."""
-    with pytest.raises(SystemExit) as stopped:
-        track.main(["frames", *argv])
-    assert stopped.value.code == 2 and said in capsys.readouterr().err
+    assert said in run_tool("track", "frames", *argv, status=2).err
 
 
-def test_of_two_failures_the_first_is_told(
-    frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_of_two_failures_the_first_is_told(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that is full at a frame is still full when the sheet is to be written."""
 
     def full(self: JsonWriter, frame: object) -> None:
@@ -118,10 +110,10 @@ def test_of_two_failures_the_first_is_told(
         raise NetlibError("a.png: cannot write the picture")
 
     monkeypatch.setattr("tools.common.pictures.write_image", refused)
-    assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
-    assert capsys.readouterr().err.endswith("a.png: cannot write the picture\n")
+    done = run_tool("track", "frames", "--json", "a.json", "--sheet", "a.png", status=1)
+    assert done.err.endswith("a.png: cannot write the picture\n")
     monkeypatch.setattr(ContactSheet, "page", lambda self: None)
     monkeypatch.setattr(ContactSheet, "times", lambda self: [0.0])
     monkeypatch.setattr(JsonWriter, "write", full)
-    assert track.main(["frames", "--json", "a.json", "--sheet", "a.png"]) == 1
-    assert capsys.readouterr().err.endswith("a.json: No space left on device\n")
+    done = run_tool("track", "frames", "--json", "a.json", "--sheet", "a.png", status=1)
+    assert done.err.endswith("a.json: No space left on device\n")

@@ -18,17 +18,17 @@ import netlib
 from netlib import engine
 from netlib.files import locks
 from netlib.snapshots import snapshot
+from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools import train
 from tools.common import training
 
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
 
 
-def mistake(capsys, argv, status=1):
+def mistake(argv, status=1):
     """The one line that a mistake prints."""
-    assert train.main(argv) == status
-    lines = [line for line in capsys.readouterr().err.splitlines() if not re.match(STAMP + "|[a-z_]+:", line)]
+    done = run_tool("train", *argv, status=status)
+    lines = [line for line in done.err.splitlines() if not re.match(STAMP + "|[a-z_]+:", line)]
     assert len(lines) == 1, lines
     return lines[0]
 
@@ -37,9 +37,9 @@ def weights(path):
     return {f"{name}/{i}": v for name, arrays in snapshot.read_weights(path).items() for i, v in arrays.items()}
 
 
-def test_log_is_caffes(work, capsys):
+def test_log_is_caffes(work):
     """Existing log parsers find iterations, losses, outputs and learning rates."""
-    assert train.main(["solver.prototxt", "--log", "train.log"]) == 0
+    done = run_tool("train", "solver.prototxt", "--log", "train.log")
     log = (work / "train.log").read_text()
     number = r"[-+\d.e]+"
     assert re.search(rf"{STAMP}Iteration 4 \({number} iter/s, {number}s/2 iters\), loss = {number}\n", log)
@@ -49,12 +49,12 @@ def test_log_is_caffes(work, capsys):
     assert re.search(rf"{STAMP}Iteration 2, lr = 0\.003\n", log)
     assert re.search(rf"{STAMP}Optimization Done\.\n", log)
     assert "made from synthetic" in log
-    assert log == capsys.readouterr().err
+    assert log == done.err
 
 
 def test_bvlcs_parsers_read_the_dates(work):
     """Caffe's parse_log.py and extract_seconds.py take month and day from columns 1 to 4, and start at 'Solving'."""
-    assert train.main(["solver.prototxt", "--log", "train.log"]) == 0
+    run_tool("train", "solver.prototxt", "--log", "train.log")
     lines = (work / "train.log").read_text().splitlines()
     started = next(line for line in lines if "Solving" in line).split()
     month, day = int(started[0][1:3]), int(started[0][3:])
@@ -64,33 +64,30 @@ def test_bvlcs_parsers_read_the_dates(work):
 
 
 @pytest.mark.parametrize("name", ["plain", "fast"])
-def test_engine(work, name, capsys):
+def test_engine(work, name):
     """--engine says what computes, and the log names it."""
     if name == "plain" or engine.has_fast():
-        assert train.main(["solver.prototxt", "--max-iter", "1", "--engine", name]) == 0
-        assert f", engine {name}. BLAS:" in capsys.readouterr().err
-    with pytest.raises(SystemExit) as error:
-        train.main(["solver.prototxt", "--engine", "plane"])
-    assert error.value.code == 2
-    assert "invalid choice: 'plane'" in capsys.readouterr().err
+        done = run_tool("train", "solver.prototxt", "--max-iter", "1", "--engine", name)
+        assert f", engine {name}. BLAS:" in done.err
+    assert "invalid choice: 'plane'" in run_tool("train", "solver.prototxt", "--engine", "plane", status=2).err
 
 
 def test_a_resumed_training_adds_to_its_log(work):
     """The first part is not lost; another training begins the file anew."""
-    assert train.main(["solver.prototxt", "--max-iter", "3", "--log", "train.log"]) == 0
+    run_tool("train", "solver.prototxt", "--max-iter", "3", "--log", "train.log")
     first = (work / "train.log").read_text()
-    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log"]) == 0
+    run_tool("train", "solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate", "--log", "train.log")
     both = (work / "train.log").read_text()
     assert both.startswith(first) and both.count("Optimization Done.") == 2
-    assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "train.log"]) == 0
+    run_tool("train", "solver.prototxt", "--max-iter", "1", "--log", "train.log")
     assert (work / "train.log").read_text().count("Optimization Done.") == 1
 
 
 def test_resume_is_exact(work):
     """Six iterations are three, a new process's resume, and three more."""
-    assert train.main(["solver.prototxt"]) == 0
+    run_tool("train", "solver.prototxt")
     whole = weights("snapshots/net_iter_6.caffemodel")
-    assert train.main(["solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate"]) == 0
+    run_tool("train", "solver.prototxt", "--snapshot", "snapshots/net_iter_3.solverstate")
     resumed = weights("snapshots/net_iter_6.caffemodel")
     assert all(np.array_equal(whole[name], resumed[name]) for name in whole)
 
@@ -99,16 +96,16 @@ def test_seed_and_threads(work):
     """The seed decides the result, the number of threads does not."""
     results = []
     for extra in (["--seed", "5"], ["--seed", "5", "--threads", "1"], ["--seed", "6"]):
-        assert train.main(["solver.prototxt", "--max-iter", "2", *extra]) == 0
+        run_tool("train", "solver.prototxt", "--max-iter", "2", *extra)
         results.append(weights("snapshots/net_iter_2.caffemodel")["DoF/0"])
     assert np.array_equal(results[0], results[1])
     assert not np.array_equal(results[0], results[2])
 
 
-def test_threads_are_those_of_the_engine(work, capsys, other_engine):
+def test_threads_are_those_of_the_engine(work, other_engine):
     """--threads is for the engine that --engine names, even if the process has another one."""
-    assert train.main(["solver.prototxt", "--max-iter", "1", "--engine", "fast", "--threads", "3"]) == 0
-    assert "Use CPU, 3 threads, engine fast. " in capsys.readouterr().err
+    done = run_tool("train", "solver.prototxt", "--max-iter", "1", "--engine", "fast", "--threads", "3")
+    assert "Use CPU, 3 threads, engine fast. " in done.err
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -140,7 +137,7 @@ def test_hangup_snapshots_and_goes_on(work, monkeypatch):
             yield stopped
 
     monkeypatch.setattr(training, "requests_by_signal", catch)
-    assert train.main(["solver.prototxt", "--max-iter", "2"]) == 0
+    run_tool("train", "solver.prototxt", "--max-iter", "2")
     assert (work / "snapshots/net_iter_1.solverstate").exists()
 
 
@@ -153,42 +150,35 @@ def kept_signals():
     assert [signal.getsignal(n) for n in numbers] == before
 
 
-def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch, capsys):
+def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch):
     """Without data/nyu, one line with the two commands that make it."""
     shutil.copytree(ROOT / "prototxt", tmp_path / "prototxt")
     monkeypatch.chdir(tmp_path)
-    line = mistake(capsys, ["prototxt/nyu_solver.prototxt"])
+    line = mistake(["prototxt/nyu_solver.prototxt"])
     assert line.startswith("data/nyu/train.txt: cannot read the list of HDF5 files: No such file or directory")
     assert "tools/make_synthetic.py" in line and "tools/prepare_nyu.py NYU_ROOT" in line
 
 
-def test_mistakes(work, capsys):
+def test_mistakes(work):
     """Each mistake is one line with its place."""
-    train.main(["solver.prototxt", "--max-iter", "3"])
-    capsys.readouterr()
+    run_tool("train", "solver.prototxt", "--max-iter", "3")
     state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
-    assert (
-        mistake(capsys, ["nothing.prototxt"]) == "nothing.prototxt: cannot read the prototxt: No such file or directory"
-    )
-    assert "this is a weights file" in mistake(capsys, ["solver.prototxt", "--snapshot", model])
-    assert "this is a solver state" in mistake(capsys, ["solver.prototxt", "--weights", state])
+    assert mistake(["nothing.prototxt"]) == "nothing.prototxt: cannot read the prototxt: No such file or directory"
+    assert "this is a weights file" in mistake(["solver.prototxt", "--snapshot", model])
+    assert "this is a solver state" in mistake(["solver.prototxt", "--weights", state])
     (work / "bad.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
-    assert mistake(capsys, ["bad.prototxt"]).startswith(
-        "bad.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean"
-    )
+    assert mistake(["bad.prototxt"]).startswith("bad.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean")
     (work / "cut.state").write_bytes((work / state).read_bytes()[:3000])
-    assert "cut.state: byte 0: truncated" in mistake(capsys, ["solver.prototxt", "--snapshot", "cut.state"])
+    assert "cut.state: byte 0: truncated" in mistake(["solver.prototxt", "--snapshot", "cut.state"])
 
 
-def test_usage(capsys):
+def test_usage():
     """Wrong usage is argparse's own message and status 2."""
     for argv in ([], ["s", "--max-iter", "0"], ["s", "--snapshot", "a", "--weights", "b"]):
-        with pytest.raises(SystemExit) as stopped:
-            train.main(argv)
-        assert stopped.value.code == 2
+        run_tool("train", *argv, status=2)
 
 
-def test_nan_in_the_data_stops(work, small_data, capsys):
+def test_nan_in_the_data_stops(work, small_data):
     """A frame with NaN stops the training and names the blob; no snapshot is written over."""
     with h5py.File(small_data / "train_000.h5") as file:
         arrays = {name: file[name][...] for name in ("depth", "joint")}
@@ -199,15 +189,14 @@ def test_nan_in_the_data_stops(work, small_data, capsys):
     (work / "nan.txt").write_text("nan.h5\n")
     net = (work / "net.prototxt").read_text().replace(f"{small_data}/train.txt", "nan.txt")
     (work / "net.prototxt").write_text(net.replace("shuffle: true", ""))
-    line = mistake(capsys, ["solver.prototxt"])
+    line = mistake(["solver.prototxt"])
     assert "iteration 0: the loss is nan" in line and "top blob 'depth' of layer 'data'" in line
     assert not list(work.glob("snapshots/*iter*"))
 
 
-def test_a_full_disk_ends_the_log_not_the_training(work, capsys, monkeypatch):
+def test_a_full_disk_ends_the_log_not_the_training(work, monkeypatch):
     """The log says once that it cannot be written; the snapshots are made."""
-    assert train.main(["solver.prototxt", "--max-iter", "1", "--log", "/dev/full"]) == 0
-    errors = capsys.readouterr().err
+    errors = run_tool("train", "solver.prototxt", "--max-iter", "1", "--log", "/dev/full").err
     assert errors.count("/dev/full: cannot write the log any more: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()
 
@@ -216,7 +205,7 @@ LOGS = ["solver.prototxt", "net.prototxt", "data/train.txt", "data/train_000.h5"
 
 
 @pytest.mark.parametrize("log", LOGS)
-def test_a_log_that_is_read(work, small_data, log, capsys):
+def test_a_log_that_is_read(work, small_data, log):
     """Is refused in one line, and stays as it was, whatever part of the training reads it."""
     shutil.copytree(small_data, "data")
     Path("data/train.txt").write_text("data/train_000.h5\n")
@@ -226,43 +215,42 @@ def test_a_log_that_is_read(work, small_data, log, capsys):
     Path("link.log").symlink_to("solver.prototxt")
     before = Path(log).read_bytes()
     argv = ["solver.prototxt", "--weights", "mine.caffemodel", "--log", log]
-    assert mistake(capsys, argv) == f"{log}: is read in this run; write to another place"
+    assert mistake(argv) == f"{log}: is read in this run; write to another place"
     assert Path(log).read_bytes() == before
 
 
-def test_a_log_that_is_the_state(work, capsys):
+def test_a_log_that_is_the_state(work):
     """No line is added to it."""
-    assert train.main(["solver.prototxt", "--max-iter", "3"]) == 0
+    run_tool("train", "solver.prototxt", "--max-iter", "3")
     state = work / "snapshots/net_iter_3.solverstate"
     before = state.read_bytes()
-    capsys.readouterr()
     argv = ["solver.prototxt", "--snapshot", str(state), "--log", str(state)]
-    assert mistake(capsys, argv) == f"{state}: is read in this run; write to another place"
+    assert mistake(argv) == f"{state}: is read in this run; write to another place"
     assert state.read_bytes() == before
 
 
 @pytest.mark.parametrize("solver", ["typo.prototxt", "bad.prototxt"])
-def test_a_start_that_fails_leaves_an_older_log_alone(work, solver, capsys):
+def test_a_start_that_fails_leaves_an_older_log_alone(work, solver):
     """And makes no new one."""
     (work / "bad.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
     (work / "old.log").write_text("old")
     for log in ("old.log", "new/new.log"):
-        mistake(capsys, [solver, "--log", log])
+        mistake([solver, "--log", log])
     assert (work / "old.log").read_text() == "old" and not (work / "new").exists()
 
 
-def test_a_log_that_another_process_writes(work, capsys):
+def test_a_log_that_another_process_writes(work):
     """Is left to it, without a line of this one."""
     with open("train.log", "a+") as other:
         other.write("theirs")
         other.flush()
         assert locks.take(other.fileno())
-        assert "another process is writing this log" in mistake(capsys, ["solver.prototxt", "--log", "train.log"])
+        assert "another process is writing this log" in mistake(["solver.prototxt", "--log", "train.log"])
     assert (work / "train.log").read_text() == "theirs"
 
 
-def test_a_log_in_a_place_where_none_can_be(work, capsys):
+def test_a_log_in_a_place_where_none_can_be(work):
     """One line."""
-    line = mistake(capsys, ["solver.prototxt", "--log", "net.prototxt/a.log"])
+    line = mistake(["solver.prototxt", "--log", "net.prototxt/a.log"])
     assert line.startswith("net.prototxt/a.log: cannot write the log: ")
-    assert mistake(capsys, ["solver.prototxt", "--log", "."]) == ".: cannot write the log: Is a directory"
+    assert mistake(["solver.prototxt", "--log", "."]) == ".: cannot write the log: Is a directory"

@@ -10,7 +10,7 @@ from netlib.proto import binaryproto, prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.prototxt import Field, Message
 from netlib.proto.upgrade import AnyNetParameter
-from tools import upgrade_net
+from tests.support.running import run_tool
 
 V0 = """
     # a net of 2013
@@ -77,21 +77,20 @@ def parsed(text: str) -> NetParameter:
 
 
 @pytest.mark.parametrize("old", [V0, V1, TODAY], ids=["V0", "V1", "today"])
-def test_a_text(here, capsys, old):
+def test_a_text(here, old):
     """Types, options, rates and inputs as they are written today; what is of today is said to be."""
     (here / "old").write_text(old)
-    assert upgrade_net.main(["old", "new.prototxt"]) == 0
+    _, out, err = run_tool("upgrade_net", "old", "new.prototxt")
     assert parsed((here / "new.prototxt").read_text()) == parsed(TODAY)
-    out, err = capsys.readouterr()
     assert (out, err) == ("wrote new.prototxt\n", "old: already in today's format\n" if old is TODAY else "")
-    assert upgrade_net.main(["new.prototxt", "again"]) == 0
+    run_tool("upgrade_net", "new.prototxt", "again")
     assert (here / "again").read_text() == (here / "new.prototxt").read_text()
 
 
 def test_the_text_is_as_a_person_would_write_it(here):
     """Of a V1 net, line for line."""
     (here / "old").write_text(V1)
-    assert upgrade_net.main(["old", "new"]) == 0
+    run_tool("upgrade_net", "old", "new")
     new = (here / "new").read_text()
     assert sorted(new.splitlines()) == sorted(TODAY.splitlines())
 
@@ -108,7 +107,7 @@ def test_weights(here, rng, old):
         if isinstance(inner, Message) and [str(name) for name in inner.values("name")] == ['"c"']:
             inner.fields += blobs
     (here / "old.caffemodel").write_bytes(wire.encode(tree, AnyNetParameter))
-    assert upgrade_net.main(["old.caffemodel", "new.caffemodel"]) == 0
+    run_tool("upgrade_net", "old.caffemodel", "new.caffemodel")
     new = schema.read(wire.decode((here / "new.caffemodel").read_bytes(), NetParameter), NetParameter)
     assert [layer.type for layer in new.layer] == ["Input", "Convolution", "ReLU"]
     net = netlib.Net(prototxt.parse(TODAY), "new.caffemodel", netlib.TEST)
@@ -119,7 +118,7 @@ def test_inputs_without_shapes(here):
     """Old weights name them; a layer cannot be made of that, and Caffe drops them."""
     tree = prototxt.parse('input: "x" layers { name: "r" type: RELU bottom: "x" top: "y" }')
     (here / "old").write_bytes(wire.encode(tree, AnyNetParameter))
-    assert upgrade_net.main(["old", "new"]) == 0
+    run_tool("upgrade_net", "old", "new")
     new = schema.read(wire.decode((here / "new").read_bytes(), NetParameter), NetParameter)
     assert (new.input, [layer.name for layer in new.layer]) == ((), ["r"])
 
@@ -128,16 +127,16 @@ def test_inputs_without_shapes(here):
 def test_a_solver(here, written, means):
     """solver_type was an enum, type is a word; nothing else changes."""
     (here / "old").write_text(f"base_lr: 0.5 solver_type: {written} max_iter: 9")
-    assert upgrade_net.main(["--solver", "old", "new"]) == 0
+    run_tool("upgrade_net", "--solver", "old", "new")
     assert (here / "new").read_text() == f'base_lr: 0.5\ntype: "{means}"\nmax_iter: 9\n'
 
 
-def test_a_solver_of_today(here, capsys):
+def test_a_solver_of_today(here):
     """Is written as it is, and that is said."""
     (here / "old").write_text('type: "Adam" base_lr: 0.5')
-    assert upgrade_net.main(["--solver", "old", "new"]) == 0
+    done = run_tool("upgrade_net", "--solver", "old", "new")
     assert (here / "new").read_text() == 'type: "Adam"\nbase_lr: 0.5\n'
-    assert capsys.readouterr().err == "old: already in today's format\n"
+    assert done.err == "old: already in today's format\n"
 
 
 @pytest.mark.parametrize(
@@ -152,31 +151,29 @@ def test_a_solver_of_today(here, capsys):
         (b"layer { }", ["--solver"], "old:1:1: error: unknown field 'layer'"),
     ],
 )
-def test_mistakes(here, capsys, content, flags, message):
+def test_mistakes(here, content, flags, message):
     """One line, status 1, and no file."""
     (here / "old").write_bytes(content)
-    assert upgrade_net.main(["old", "new", *flags]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = run_tool("upgrade_net", "old", "new", *flags, status=1).err.splitlines()
     assert line.startswith(message)
     assert not (here / "new").exists()
 
 
 @pytest.mark.parametrize("old", [V1, TODAY], ids=["V1", "today"])
-def test_a_typo_in_an_option_is_told(here, capsys, old):
+def test_a_typo_in_an_option_is_told(here, old):
     """Also where no layer is built; and nothing is written."""
     (here / "old").write_text(old.replace("kernel_size", "kernal_size"))
-    assert upgrade_net.main(["old", "new"]) == 1
-    assert "error: unknown field 'kernal_size' (did you mean 'kernel_size'?)" in capsys.readouterr().err
+    done = run_tool("upgrade_net", "old", "new", status=1)
+    assert "error: unknown field 'kernal_size' (did you mean 'kernel_size'?)" in done.err
     assert not (here / "new").exists()
 
 
-def test_files_that_cannot_be(here, capsys):
+def test_files_that_cannot_be(here):
     """Not there to be read; not there to be written in."""
-    assert upgrade_net.main(["old", "new"]) == 1
+    run_tool("upgrade_net", "old", "new", status=1)
     (here / "old").write_text(V1)
     (here / "new").mkdir()
-    assert upgrade_net.main(["old", "new"]) == 1
-    first, second = capsys.readouterr().err.splitlines()
+    first, second = run_tool("upgrade_net", "old", "new", status=1).err.splitlines()
     assert first == "old: cannot read the net: No such file or directory"
     assert second == "new: Is a directory"
     assert sorted(path.name for path in here.iterdir()) == ["new", "old"]

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from docs.making.site.check import faults, main
+from docs.making.site.check import faults
 from netlib.files.paths import ROOT
+from tests.support.running import run_tool
 
 GOOD = '<h1 id="a b">x</h1><a name="old"></a><a href="sub/b.html#c">b</a><a href="#a%20b">a</a><a href="#old">o</a>'
 
@@ -26,10 +27,9 @@ def site(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_good_site(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_good_site(site: Path) -> None:
     """Has no fault."""
-    assert main([str(site)]) == 0
-    assert capsys.readouterr().out == "every link leads somewhere\n"
+    assert run_tool("docs.making.site.check", site).out == "every link leads somewhere\n"
 
 
 @pytest.mark.parametrize(
@@ -44,18 +44,16 @@ def test_a_good_site(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ('<link href="//x.org/y.css">', "sub/b.html loads //x.org/y.css: it must not need the net"),
     ],
 )
-def test_a_link_that_leads_nowhere(site: Path, capsys: pytest.CaptureFixture[str], html: str, fault: str) -> None:
+def test_a_link_that_leads_nowhere(site: Path, html: str, fault: str) -> None:
     """To a page, a folder, a picture, an anchor; or what would be loaded from elsewhere."""
     (site / "sub/b.html").write_text(f'<p id="c"></p>{html}', encoding="utf-8")
     assert list(faults(site)) == [fault]
-    assert main([str(site)]) == 1
-    assert fault in capsys.readouterr().err
+    assert fault in run_tool("docs.making.site.check", site, status=1).err
 
 
-def test_no_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_site(tmp_path: Path) -> None:
     """Is told in one line."""
-    assert main([str(tmp_path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert run_tool("docs.making.site.check", tmp_path, status=2).err.count("\n") == 1
 
 
 def test_what_the_configuration_names_is_there() -> None:

@@ -15,15 +15,14 @@ import netlib
 from layers.hand.skeleton import load
 from netlib.files.paths import ROOT
 from tests.support.onnx_nets import NYU, SYNTHETIC, run_onnx
-from tools import export_onnx
+from tests.support.running import run_tool
 
 
-def test_the_papers_network(tmp_path, monkeypatch, capsys):
+def test_the_papers_network(tmp_path, monkeypatch):
     """With random weights: the joints of netlib; the tool says so."""
     monkeypatch.chdir(tmp_path)
     netlib.Net(NYU, netlib.TEST, seed=3).save("net.caffemodel")
-    assert export_onnx.main([str(NYU), "net.caffemodel", "hand.onnx", "--check"]) == 0
-    out = capsys.readouterr().out
+    out = run_tool("export_onnx", NYU, "net.caffemodel", "hand.onnx", "--check").out
     assert re.fullmatch(r"wrote hand\.onnx: 9\.\d\d MB\npred: largest difference \d\.\de-0[678] of its largest value, "
                         r"batches of 1 and 3\n", out)  # fmt: skip
 
@@ -33,7 +32,7 @@ def packaged(tmp_path_factory):
     """The packaged network as a file, with the pose as a second output."""
     out = tmp_path_factory.mktemp("onnx") / "hand.onnx"
     weights = SYNTHETIC / "synthetic_hand.caffemodel.h5"
-    assert export_onnx.main([str(SYNTHETIC / "deploy.prototxt"), str(weights), str(out), "--blob", "DoF"]) == 0
+    run_tool("export_onnx", SYNTHETIC / "deploy.prototxt", weights, out, "--blob", "DoF")
     return out
 
 
@@ -76,7 +75,7 @@ def test_the_file_is_plain_onnx(packaged, onnx):
 def test_without_the_pose_there_are_no_dof_names(files, onnx):
     """And --cube is in the metadata."""
     net, weights = files('layer { name: "hand" type: "HandModel" bottom: "x0" top: "pred" }', (1, 47))
-    assert export_onnx.main([net, weights, "hand.onnx", "--cube", "261"]) == 0
+    run_tool("export_onnx", net, weights, "hand.onnx", "--cube", "261")
     about = {entry.key: entry.value for entry in onnx.load("hand.onnx").metadata_props}
     assert about["cube_mm"] == "261" and "dof_names" not in about
 

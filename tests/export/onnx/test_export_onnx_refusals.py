@@ -10,24 +10,23 @@ import pytest
 
 from export.onnx.table import LAYERS
 from tests.support.onnx_nets import NYU, net_text
-from tools import export_onnx
+from tests.support.running import run_tool
 
 
-def refusal(net: str, weights: str, capsys: pytest.CaptureFixture[str], *more: str) -> str:
+def refusal(net: str, weights: str, *more: str) -> str:
     """The one line that the tool says, before anything is written."""
-    assert export_onnx.main([net, weights, "out.onnx", *more]) == 1
+    _, out, err = run_tool("export_onnx", net, weights, "out.onnx", *more, status=1)
     assert not Path("out.onnx").exists()
-    out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1
     return err
 
 
 @pytest.mark.parametrize("kind", ["EuclideanLoss", "HDF5Data", "Python"])
-def test_a_type_without_a_form(kind, files, capsys):
+def test_a_type_without_a_form(kind, files):
     """Its layer, its type and its place; before the net is built, so that its data need not be there."""
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("loss.prototxt").write_text(net_text(f'layer {{ name: "bad" type: "{kind}" top: "y" }}', (1, 3)))
-    assert refusal("loss.prototxt", weights, capsys) == (
+    assert refusal("loss.prototxt", weights) == (
         f"loss.prototxt:3:21: error: layer 'bad': type '{kind}' has no form in ONNX (docs/onnx.md); "
         "a deploy net has no layers for data, labels and losses\n"
     )
@@ -55,57 +54,52 @@ def test_a_type_without_a_form(kind, files, capsys):
          "the same size"),
     ],
 )  # fmt: skip
-def test_a_net_without_a_batch(layers, shapes, message, files, capsys):
+def test_a_net_without_a_batch(layers, shapes, message, files):
     """Every blob has N items at most once, and it is not both input and output."""
-    assert refusal(*files(layers, *shapes), capsys) == f"{message}\n"
+    assert refusal(*files(layers, *shapes)) == f"{message}\n"
 
 
-def test_files_that_are_not_there(files, capsys):
+def test_files_that_are_not_there(files):
     """The net, the weights, weights of another net, a blob, the folder."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
-    assert refusal("no.prototxt", weights, capsys) == (
-        "no.prototxt: cannot read the prototxt: No such file or directory\n"
-    )
-    assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5", capsys)
-    assert refusal(str(NYU), weights, capsys).startswith("net.caffemodel.h5: no layer of net 'DeepModel' is in it")
-    assert refusal(net, weights, capsys, "--blob", "yy") == "net 'small' has no blob 'yy' (did you mean 'y'?)\n"
-    assert export_onnx.main([net, weights, "no/out.onnx"]) == 1
-    assert capsys.readouterr().err == "no/out.onnx: cannot write the file: No such file or directory\n"
+    assert refusal("no.prototxt", weights) == ("no.prototxt: cannot read the prototxt: No such file or directory\n")
+    assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5")
+    assert refusal(str(NYU), weights).startswith("net.caffemodel.h5: no layer of net 'DeepModel' is in it")
+    assert refusal(net, weights, "--blob", "yy") == "net 'small' has no blob 'yy' (did you mean 'y'?)\n"
+    done = run_tool("export_onnx", net, weights, "no/out.onnx", status=1)
+    assert done.err == "no/out.onnx: cannot write the file: No such file or directory\n"
 
 
-def test_no_input(files, capsys):
+def test_no_input(files):
     """A net that reads nothing."""
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "y" }')
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "x" }'
                                     'layer { name: "b" type: "AbsVal" bottom: "x" top: "y" }')  # fmt: skip
-    assert refusal("net.prototxt", weights, capsys) == (
+    assert refusal("net.prototxt", weights) == (
         "net.prototxt: input 'x' has no shape; expected input_param { shape { ... } }\n"
     )
 
 
 @pytest.mark.parametrize(("missing", "more"), [("onnx", []), ("onnxruntime", ["--check"])])
-def test_a_missing_package(missing, more, files, capsys, monkeypatch):
+def test_a_missing_package(missing, more, files, monkeypatch):
     """One line with the command that installs it."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     monkeypatch.setitem(sys.modules, missing, None)
-    assert export_onnx.main([net, weights, "out.onnx", *more]) == 1
-    assert capsys.readouterr().err == f"{missing} is missing: pip install onnx onnxruntime\n"
+    done = run_tool("export_onnx", net, weights, "out.onnx", *more, status=1)
+    assert done.err == f"{missing} is missing: pip install onnx onnxruntime\n"
 
 
-def test_a_difference_fails(files, capsys, monkeypatch):
+def test_a_difference_fails(files, monkeypatch):
     """--check says by how much, and the exit status is 1."""
     net, weights = files('layer { name: "a" type: "Power" bottom: "x0" top: "y" power_param { scale: 2 } }', (1, 3))
     monkeypatch.setitem(LAYERS, "Power", LAYERS["AbsVal"])
-    assert export_onnx.main([net, weights, "out.onnx", "--check"]) == 1
-    out, err = capsys.readouterr()
+    _, out, err = run_tool("export_onnx", net, weights, "out.onnx", "--check", status=1)
     assert re.search(r"^y: largest difference 1\.5e\+00 of its largest value, batches of 1 and 3$", out, re.MULTILINE)
     assert err == "out.onnx: onnxruntime computes something else, by more than 1e-05\n"
 
 
-def test_usage(capsys):
+def test_usage():
     """A cube has a size."""
-    with pytest.raises(SystemExit) as stopped:
-        export_onnx.main(["net", "weights", "out", "--cube", "0"])
-    assert stopped.value.code == 2
-    assert capsys.readouterr().err.endswith("argument --cube: expected 50 to 10000 mm, found '0'\n")
+    done = run_tool("export_onnx", "net", "weights", "out", "--cube", "0", status=2)
+    assert done.err.endswith("argument --cube: expected 50 to 10000 mm, found '0'\n")

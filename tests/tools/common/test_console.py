@@ -15,8 +15,8 @@ import netlib
 from netlib.errors import NetlibError
 from netlib.proto.prototxt import Place, Scalar
 from tests.netlib.test_errors import ANY_TEXT
+from tests.support.running import run_tool
 from tests.tools.test_train import STAMP
-from tools import time, train
 from tools.common import console
 from tools.common.console import aligned, duration, guarded, say
 
@@ -100,19 +100,17 @@ layer {{ name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "l\\033
     monkeypatch.chdir(tmp_path)
 
 
-def test_no_name_forges_a_line_of_the_log(nasty: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_name_forges_a_line_of_the_log(nasty: None) -> None:
     """Every line is stamped, or one of the solver's parameters; nothing in it but what is seen."""
-    assert train.main(["solver.prototxt"]) == 0
-    lines = capsys.readouterr().err.split("\n")
+    lines = run_tool("train", "solver.prototxt").err.split("\n")
     assert lines.pop() == "" and all(map(str.isprintable, lines))
     assert len([line for line in lines if not re.match(STAMP, line)]) == 9
     assert not any("Iteration 9" in line and "\\n" not in line for line in lines)
 
 
-def test_no_name_forges_a_line_of_a_table(nasty: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_name_forges_a_line_of_a_table(nasty: None) -> None:
     """The same on standard output."""
-    assert time.main(["net.prototxt", "--iterations", "1"]) == 0
-    lines = capsys.readouterr().out.split("\n")
+    lines = run_tool("time", "net.prototxt", "--iterations", "1").out.split("\n")
     assert len(lines) == 16 and all(line.replace("\t", "").isprintable() for line in lines)
     with pytest.raises(netlib.NetlibError) as error:
         netlib.Net("net.prototxt", netlib.TRAIN).forward(start=NASTY + "?")

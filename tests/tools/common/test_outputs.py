@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
 import cv2
@@ -12,6 +11,7 @@ import pytest
 
 from netlib.errors import NetlibError
 from netlib.proto.messages import Datum
+from tests.support.running import run_tool
 from tools.common import databases, outputs
 
 
@@ -68,7 +68,7 @@ def test_places_where_no_file_can_be(out: str, said: str) -> None:
         ("show_data", ["list.png", "--out", "deep/crops.png"]),
     ],
 )
-def test_tools(tool: str, argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_tools(tool: str, argv: list[str]) -> None:
     """One line, and every file is as it was."""
     for name in ("net.prototxt", "w.h5", "b.png"):
         Path(name).write_text("never read")
@@ -88,8 +88,6 @@ def test_tools(tool: str, argv: list[str], capsys: pytest.CaptureFixture[str]) -
     if tool == "compute_image_mean":
         databases.write_databases([Path("db")], lambda w: w[0].put("0", Datum(1, 2, 2, bytes(4))))
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
-    capsys.readouterr()
-    assert importlib.import_module(f"tools.{tool}").main(argv) == 1
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = run_tool(tool, *argv, status=1).err.splitlines()
     assert line.endswith(": is read in this run; write to another place")
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before

@@ -1,0 +1,60 @@
+"""Commands and programs that tests run: in this process, or in one of their own where the process is what is tested."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Done(NamedTuple):
+    """How a program ended, and what it wrote to standard output and standard error."""
+
+    status: int
+    out: str
+    err: str
+
+
+def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
+    """Run ``main`` of a command in this process; it must end with ``status``, unless that is None.
+
+    ``run_tool("train", "solver.prototxt")`` is tools/train.py; a name with a dot is that of another module.
+    """
+    main = importlib.import_module(name if "." in name else f"tools.{name}").main
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            ended = main([os.fspath(word) if isinstance(word, Path) else str(word) for word in argv])
+        except SystemExit as stopped:
+            ended = stopped.code
+    texts = []
+    for stream in (out, err):
+        stream.flush()
+        texts.append(stream.buffer.getvalue().decode())
+    done = Done(ended, *texts)
+    assert status in (None, done.status), done
+    return done
+
+
+def run_python(
+    *argv: object, status: int = 0, cwd: Path = ROOT, preexec_fn: Callable[[], None] | None = None, **environment: str
+) -> Done:
+    """Run Python in a process of its own, with this project on its path; it must end with ``status``.
+
+    ``preexec_fn`` runs in the process before Python does, ``environment`` changes variables.
+    """
+    ended = subprocess.run(
+        [sys.executable, *map(str, argv)], cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        preexec_fn=preexec_fn, capture_output=True, encoding="utf-8", errors="replace", check=False,
+    )  # fmt: skip
+    done = Done(ended.returncode, ended.stdout, ended.stderr)
+    assert done.status == status, done
+    return done
