@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.running import Done, run_python
 
 ROOT = Path(__file__).resolve().parents[1]
 LEFT_OUT = ("fast", "test_without_fast.py", ".*", "__pycache__", "data", "snapshots", "build", "site", "*.egg-info")
@@ -37,30 +37,27 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-def run(folder: Path, *argv: str) -> subprocess.CompletedProcess[str]:
+def run(folder: Path, *argv: str) -> Done:
     """A fresh Python in the copy."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST"))}
-    environment["PYTHONPATH"] = str(folder)
-    return subprocess.run([sys.executable, *argv], cwd=folder, env=environment, capture_output=True, text=True)
+    unset = dict.fromkeys(name for name in os.environ if name.startswith(("NETLIB", "PYTEST")))
+    return run_python(*argv, cwd=folder, **unset, PYTHONPATH=str(folder))
 
 
 def test_fast_is_gone(bare: Path) -> None:
     """Else the other tests would say nothing."""
     done = run(bare, "-c", "import netlib; from netlib import engine; print(netlib.__file__, engine.has_fast())")
-    assert done.stdout == f"{bare}/netlib/__init__.py False\n", done.stderr
+    assert done.out == f"{bare}/netlib/__init__.py False\n"
 
 
 def test_a_solver_trains(bare: Path) -> None:
     """By the command line, with the plain engine because there is no other."""
-    made = run(bare, "tools/make_synthetic.py", "--out", "data/nyu", "--train", "64", "--test", "64", "--workers", "1")
-    assert made.returncode == 0, made.stderr
+    run(bare, "tools/make_synthetic.py", "--out", "data/nyu", "--train", "64", "--test", "64", "--workers", "1")
     net = bare / "prototxt" / "nyu_train_test.prototxt"
     whole = net.read_text()
     net.write_text(whole.replace("batch_size: 512", "batch_size: 8").replace("batch_size: 250", "batch_size: 8"))
     done = run(bare, "tools/train.py", "prototxt/nyu_solver.prototxt", "--max-iter", "2")
     net.write_text(whole)  # other tests take it as it is
-    assert done.returncode == 0, done.stderr
-    assert "1 thread, engine plain. BLAS: as NumPy sets it up" in done.stderr
+    assert "1 thread, engine plain. BLAS: as NumPy sets it up" in done.err
     assert (bare / "snapshots" / "nyu_iter_2.caffemodel.h5").is_file()
     shutil.rmtree(bare / "data")
 
@@ -78,6 +75,5 @@ def test_tests_of_nets_pass(bare: Path) -> None:
     """On the plain engine alone."""
     tests = [f"tests/{name}" for name in WHERE_IT_COUNTS]
     done = run(bare, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
-    summary = done.stdout.splitlines()[-1]
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    summary = done.out.splitlines()[-1]
     assert int(re.search(r"(\d+) passed", summary)[1]) > 150, summary  # type: ignore[index]

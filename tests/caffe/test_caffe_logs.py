@@ -7,8 +7,6 @@ whose trainings began with Caffe's own random weights; the lines that tell how a
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +52,7 @@ def test_the_log_of_a_training(solvers: Path, tmp_path: Path, caplog: pytest.Log
 def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
     """What tools/train.py writes has Caffe's text after its time stamps, too."""
     solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
-    command = [sys.executable, str(ROOT / "tools/train.py"), str(tmp_path / "solver.prototxt"), "--log"]
-    subprocess.run([*command, str(tmp_path / "train.log")], check=True, capture_output=True)
+    run_tool("train", tmp_path / "solver.prototxt", "--log", tmp_path / "train.log")
     lines = (tmp_path / "train.log").read_text(encoding="utf-8").splitlines()
     check_same_log(said(texts(lines)), said(log_lines("a_avgloss.log"))[:-1])
 

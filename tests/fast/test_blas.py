@@ -1,11 +1,11 @@
 """BLAS threads and kernels are chosen, whoever imports NumPy first, and never against the user."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.running import run_python
 
 ROOT = Path(__file__).resolve().parents[2]
 OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_CORETYPE")
@@ -13,11 +13,7 @@ OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_
 
 def run(code: str, **environment: str) -> str:
     """What a fresh Python prints."""
-    clean = {k: v for k, v in os.environ.items() if k not in OURS}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env={**clean, **environment}, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+    return run_python("-c", code, **(dict.fromkeys(OURS) | environment)).out.strip()
 
 
 THREADS = """

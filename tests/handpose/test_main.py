@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 from handpose import __version__
 from handpose.__main__ import commands, usage
+from tests.support.running import Done, run_python
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def handpose(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "handpose", *words], capture_output=True, text=True, cwd=ROOT)
+def handpose(*words: str, status: int = 0) -> Done:
+    return run_python("-m", "handpose", *words, status=status)
 
 
 def test_every_tool_is_a_command() -> None:
@@ -27,26 +26,24 @@ def test_every_tool_is_a_command() -> None:
 
 def test_messages_name_the_command_that_was_typed() -> None:
     """Usage, errors and examples."""
-    done = handpose("train")
-    assert done.returncode == 2
-    assert done.stderr.startswith("usage: handpose train [-h]") and "\nhandpose train: error: " in done.stderr
+    done = handpose("train", status=2)
+    assert done.err.startswith("usage: handpose train [-h]") and "\nhandpose train: error: " in done.err
     done = handpose("export_onnx", "--help")
-    assert done.returncode == 0 and done.stdout.startswith("usage: handpose export-onnx [-h]")
-    assert "handpose export-onnx prototxt/nyu_deploy.prototxt" in done.stdout and "python tools/" not in done.stdout
-    assert handpose("caffe", "train", "--help").stdout.startswith("usage: handpose caffe [-h]")
+    assert done.out.startswith("usage: handpose export-onnx [-h]")
+    assert "handpose export-onnx prototxt/nyu_deploy.prototxt" in done.out and "python tools/" not in done.out
+    assert handpose("caffe", "train", "--help").out.startswith("usage: handpose caffe [-h]")
 
 
 def test_without_a_command() -> None:
     """The list, and wrong usage; --help and --version are no mistakes."""
-    assert (handpose().returncode, handpose().stdout) == (2, usage())
-    assert (handpose("--help").returncode, handpose("--help").stdout) == (0, usage())
-    assert handpose("--version").stdout == f"handpose {__version__}\n"
+    assert handpose(status=2).out == usage()
+    assert handpose("--help").out == usage()
+    assert handpose("--version").out == f"handpose {__version__}\n"
 
 
 def test_an_unknown_command() -> None:
     """One line."""
-    done = handpose("trian")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == (
+    done = handpose("trian", status=2)
+    assert done.out == "" and done.err == (
         "handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help' lists them\n"
     )

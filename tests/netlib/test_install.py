@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.running import run_python
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(code: str, folder: Path, *paths: Path) -> str:
     """What a program prints; it runs in ``folder``."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [ROOT, *paths]))}
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    return run_python("-c", code, cwd=folder, PYTHONPATH=os.pathsep.join(map(str, [ROOT, *paths]))).out.strip()
 
 
 SAME = "import caffe.proto.caffe_pb2 as a, netlib.caffe.proto.caffe_pb2 as b, caffe.io, netlib.caffe as c\n"
@@ -103,13 +100,10 @@ def test_a_script_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "scripts" / "helper.py").write_text("x = 7")
     code = "import sys, caffe, helper\nif __name__ == '__main__': print(caffe.TEST, helper.x, sys.argv)\nsys.exit(3)"
     (tmp_path / "scripts" / "script.py").write_text(code)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     for arguments, status, out in (
         (["scripts/script.py", "a", "-b"], 3, "1 7 ['scripts/script.py', 'a', '-b']"),
         (["none.py"], 1, ""),
         ([], 2, "Run a script written for pycaffe as it is: python -m netlib.caffe SCRIPT [ARGUMENT ...]"),
     ):
-        command = [sys.executable, "-m", "netlib.caffe", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-        assert (done.returncode, done.stdout.strip()) == (status, out)
-        assert done.stderr == ("none.py: no such script\n" if status == 1 else "")
+        done = run_python("-m", "netlib.caffe", *arguments, status=status, cwd=tmp_path)
+        assert (done.out.strip(), done.err) == (out, "none.py: no such script\n" if status == 1 else "")

@@ -45,15 +45,20 @@ def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
 
 
 def run_python(
-    *argv: object, status: int = 0, cwd: Path = ROOT, preexec_fn: Callable[[], None] | None = None, **environment: str
+    *argv: object,
+    status: int = 0,
+    cwd: Path = ROOT,
+    preexec_fn: Callable[[], None] | None = None,
+    **changes: str | None,
 ) -> Done:
     """Run Python in a process of its own, with this project on its path; it must end with ``status``.
 
-    ``preexec_fn`` runs in the process before Python does, ``environment`` changes variables.
+    ``preexec_fn`` runs in the process before Python does, ``changes`` are those of the environment; None removes one.
     """
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **changes}
     ended = subprocess.run(
-        [sys.executable, *map(str, argv)], cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-        preexec_fn=preexec_fn, capture_output=True, encoding="utf-8", errors="replace", check=False,
+        [sys.executable, *map(str, argv)], cwd=cwd, preexec_fn=preexec_fn, capture_output=True, encoding="utf-8",
+        env={name: value for name, value in environment.items() if value is not None}, errors="replace", check=False,
     )  # fmt: skip
     done = Done(ended.returncode, ended.stdout, ended.stderr)
     assert done.status == status, done

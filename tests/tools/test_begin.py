@@ -15,25 +15,24 @@ import numpy as np
 import pytest
 
 import tools
+from tests.support.running import Done, run_python
 from tests.support.source_imports import imports_of, parsed
 from tests.tools.conftest import ROOT
 from tests.tools.test_tools import COMMANDS
 
 BENCHMARKS = ("ablation", "bench", "fit", "parts")
 PROGRAMS = [f"tools/{name}.py" for name in COMMANDS] + [f"benchmarks/{name}.py" for name in BENCHMARKS]
-Run = Callable[..., "subprocess.CompletedProcess[str]"]
+Run = Callable[..., Done]
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
     """``run("tools/train.py", "solver.prototxt")``: Python as a user starts it, in a folder of its own."""
 
-    def start(*argv: str, **environment: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, *argv]
-        if argv[0].endswith(".py"):
-            command[1] = str(ROOT / argv[0])
-        whole = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", **environment}
-        return subprocess.run(command, cwd=tmp_path, env=whole, capture_output=True, text=True, check=False)
+    def start(*argv: str, status: int = 0, **changes: str) -> Done:
+        program = ROOT / argv[0] if argv[0].endswith(".py") else argv[0]
+        changes = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", **changes}
+        return run_python(program, *argv[1:], status=status, cwd=tmp_path, **changes)
 
     return start
 
@@ -72,16 +71,15 @@ def test_every_program_begins_before_it_imports_what_takes_long() -> None:
 def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path, program: str) -> None:
     """The process ends by the signal, and says nothing."""
     interrupt_at(tmp_path, "import", "numpy")
-    done = run(program)
-    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+    assert run(program, status=-signal.SIGINT)[1:] == ("", "")
 
 
 def test_ctrl_c_later(run: Run, tmp_path: Path) -> None:
     """One word, and the status that says so."""
     (tmp_path / "net.prototxt").touch()
     interrupt_at(tmp_path, "open", "net.prototxt")
-    done = run("tools/upgrade_net.py", "net.prototxt", "new.prototxt")
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+    done = run("tools/upgrade_net.py", "net.prototxt", "new.prototxt", status=130)
+    assert done[1:] == ("", "interrupted\n")
 
 
 def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
@@ -90,8 +88,8 @@ def test_an_ignored_ctrl_c_stays_ignored(run: Run, tmp_path: Path) -> None:
     code += f"runpy.run_path({str(ROOT / 'tools' / 'upgrade_net.py')!r}, run_name='__main__')"
     (tmp_path / "net.prototxt").touch()
     interrupt_at(tmp_path, "open", "net.prototxt")
-    done = run("-c", f"import signal, sys; {code}", "net.prototxt", "new.prototxt")
-    assert done.stderr == "net.prototxt:1:1: error: no layer in this file; expected a net\n"
+    done = run("-c", f"import signal, sys; {code}", "net.prototxt", "new.prototxt", status=1)
+    assert done.err == "net.prototxt:1:1: error: no layer in this file; expected a net\n"
 
 
 # ---------------------------------------------------------------------------------------------- standard error
@@ -105,24 +103,24 @@ threading.Thread(target=lambda: numpy.float32(1e38) * numpy.float32(10)).start()
 os.write(2, b"a library\\n")
 subprocess.run(["sh", "-c", "echo a program >&2"])
 """
-    assert run(*begun(code)).stderr == "a library\na program\n"
+    assert run(*begun(code)).err == "a library\na program\n"
 
 
 def test_warnings_that_are_asked_for_are_shown(run: Run) -> None:
     """``python -W default`` is for those who look for a bug."""
-    assert "overflow" in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).stderr
+    assert "overflow" in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).err
 
 
 def test_what_cannot_be_encoded_is_escaped(run: Run) -> None:
     """On both streams, instead of an error."""
     code = 'for stream in (sys.stdout, sys.stderr): print("Größe \\udcff", file=stream)'
     done = run(*begun(code), PYTHONIOENCODING="ascii", PYTHONUTF8="0")
-    assert done.stdout == done.stderr == "Gr\\xf6\\xdfe \\udcff\n"
+    assert done.out == done.err == "Gr\\xf6\\xdfe \\udcff\n"
 
 
 def test_an_uncaught_exception_is_still_seen(run: Run) -> None:
     """It is a bug, and is reported with all that Python says."""
-    assert run(*begun("1 / 0")).stderr.endswith("ZeroDivisionError: division by zero\n")
+    assert run(*begun("1 / 0"), status=1).err.endswith("ZeroDivisionError: division by zero\n")
 
 
 def test_faulthandler_goes_on(run: Run) -> None:
@@ -130,7 +128,7 @@ def test_faulthandler_goes_on(run: Run) -> None:
     code = (
         "import resource, signal; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); signal.raise_signal(signal.SIGABRT)"
     )
-    assert run("-X", "faulthandler", *begun(code)).stderr.startswith("Fatal Python error: Aborted")
+    assert run("-X", "faulthandler", *begun(code), status=-signal.SIGABRT).err.startswith("Fatal Python error: Aborted")
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs terminals")

@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import subprocess
 from pathlib import Path
 
 import cv2
@@ -20,9 +19,8 @@ def test_demo(tmp_path, monkeypatch):
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")
     assert shlex.split(command)[2:] == ["my frames ö/frame_0.png", "--camera", "nyu", "--out", "my frames ö"]
-    done = subprocess.run(command, shell=True, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("my frames ö/frame_0.png: ")
+    done = run_tool("predict", *shlex.split(command)[2:])
+    assert done.err == "" and done.out.startswith("my frames ö/frame_0.png: ")
     depth = read_frame("my frames ö/frame_1.png", NYU)
     assert depth.shape == (480, 640) and 300 < np.median(depth[depth > 0]) < 3000
     assert cv2.imread("my frames ö/hands.png").shape[1] > 6 * 256

@@ -5,27 +5,18 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.support.running import run_tool
+from tests.support.running import Done, run_python, run_tool
 from tests.tools.conftest import ROOT
 
 LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
 PACKAGES = ("netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "models")
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ODD = os.fsdecode(b"odd\xe9")  # in UTF-8 there is no such name
-
-
-def run(folder: Path, *words: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """A command in a process of its own, and what it printed."""
-    return subprocess.run(
-        [sys.executable, *map(str, words)], cwd=folder, env={**os.environ, **environment}, capture_output=True,
-        encoding="utf-8", errors="replace", check=False,
-    )  # fmt: skip
 
 
 @pytest.fixture
@@ -65,9 +56,8 @@ class TestNamesThatAreNotUtf8:
 def test_the_c_locale(tmp_path: Path) -> None:
     """A name that its encoding lacks is written as it is, and printed as an escape."""
     (tmp_path / "ö.log").write_text(LOG)
-    done = run(tmp_path, ROOT / "tools" / "plot_log.py", "ö.log", "--out", "ü.png", **C_LOCALE)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "wrote \\udcc3\\udcbc.png\n" and (tmp_path / "ü.png").exists()
+    done = run_python(ROOT / "tools" / "plot_log.py", "ö.log", "--out", "ü.png", cwd=tmp_path, **C_LOCALE)
+    assert done == (0, "wrote \\udcc3\\udcbc.png\n", "") and (tmp_path / "ü.png").exists()
 
 
 def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
@@ -75,8 +65,8 @@ def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "home").touch()
     (tmp_path / "a.log").write_text(LOG)
     home = {name: str(tmp_path / "home") for name in ("HOME", "USERPROFILE", "MPLCONFIGDIR", "XDG_CACHE_HOME")}
-    done = run(tmp_path, ROOT / "tools" / "plot_log.py", "a.log", "--out", "a.png", **home)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "wrote a.png\n", "")
+    done = run_python(ROOT / "tools" / "plot_log.py", "a.log", "--out", "a.png", cwd=tmp_path, **home)
+    assert done == (0, "wrote a.png\n", "")
 
 
 @pytest.fixture(scope="module")
@@ -90,31 +80,30 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class TestInstalled:
-    def run(self, site: Path, folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-        return run(folder, "-m", "handpose", *words, PYTHONPATH=str(site))
+    def run(self, site: Path, folder: Path, *words: str | Path, status: int = 0) -> Done:
+        return run_python("-m", "handpose", *words, status=status, cwd=folder, PYTHONPATH=str(site))
 
     def test_training(self, site: Path, tmp_path: Path) -> None:
         """A solver of the package and its net are found from any folder; the advice names a command that is there."""
-        done = self.run(site, tmp_path, "train", "prototxt/nyu_solver.prototxt", "--max-iter", "1")
-        assert done.returncode == 1
-        assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.stderr
-        assert "make synthetic hands with 'handpose make-synthetic'" in done.stderr
+        done = self.run(site, tmp_path, "train", "prototxt/nyu_solver.prototxt", "--max-iter", "1", status=1)
+        assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.err
+        assert "make synthetic hands with 'handpose make-synthetic'" in done.err
 
     def test_advice(self, site: Path, tmp_path: Path) -> None:
         done = self.run(site, tmp_path, "exercise")
-        assert done.stdout.splitlines()[-1] == "Begin one: handpose exercise relu --start"
-        assert self.run(site, tmp_path, "exercise", "relu", "--start").returncode == 0
+        assert done.out.splitlines()[-1] == "Begin one: handpose exercise relu --start"
+        self.run(site, tmp_path, "exercise", "relu", "--start")
         done = self.run(site, tmp_path, "demo", "--frames", "1")
-        words = shlex.split(done.stdout.splitlines()[-1].removeprefix("For your own camera: "))
+        words = shlex.split(done.out.splitlines()[-1].removeprefix("For your own camera: "))
         assert words[:2] == ["handpose", "predict"]
 
     def test_the_engine(self, site: Path, tmp_path: Path) -> None:
         """netlib finds fast/ in netlib/share."""
-        done = run(tmp_path, "-c", "import netlib, sys; print(*sys.modules['fast'].__path__)", PYTHONPATH=str(site))
-        assert done.stdout == f"{site / 'netlib' / 'share' / 'fast'}\n", done.stderr
+        code = "import netlib, sys; print(*sys.modules['fast'].__path__)"
+        done = run_python("-c", code, cwd=tmp_path, PYTHONPATH=str(site))
+        assert done.out == f"{site / 'netlib' / 'share' / 'fast'}\n"
 
     def test_the_ledger_of_table_1(self, site: Path, tmp_path: Path) -> None:
         """Is no part of the package: one line says where it is."""
-        done = self.run(site, tmp_path, "table1", "--list")
-        assert done.returncode == 1 and done.stdout == ""
-        assert done.stderr.count("\n") == 1 and "--ledger FOLDER names that of a clone" in done.stderr
+        done = self.run(site, tmp_path, "table1", "--list", status=1)
+        assert done.out == "" and done.err.count("\n") == 1 and "--ledger FOLDER names that of a clone" in done.err

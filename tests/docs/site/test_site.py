@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +11,7 @@ import pytest
 from docs.making.site.check import faults
 from netlib import engine
 from netlib.files.paths import ROOT
+from tests.support.running import run_python
 
 pytest.importorskip("mkdocs", reason="the site needs: pip install -e '.[docs]'")
 pytest.importorskip("material", reason="the site needs: pip install -e '.[docs]'")
@@ -34,10 +32,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         f"hooks: [{json.dumps(str(hook))}]\nextra: {{code: {json.dumps(CODE)}}}\n",
         encoding="utf-8",
     )
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", str(config), "-d", str(folder / "site")]
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
-    made = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment)
-    assert made.returncode == 0, made.stdout + made.stderr
+    command = ["-m", "mkdocs", "build", "--strict", "-f", config, "-d", folder / "site"]
+    run_python(*command, cwd=folder, NO_MKDOCS_2_WARNING="1")
     return folder / "site"
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import cv2
 import numpy as np
@@ -15,7 +13,7 @@ import netlib
 from layers.hand.skeleton import load
 from netlib.files.paths import ROOT
 from tests.support.onnx_nets import NYU, SYNTHETIC, run_onnx
-from tests.support.running import run_tool
+from tests.support.running import run_python, run_tool
 
 
 def test_the_papers_network(tmp_path, monkeypatch):
@@ -106,11 +104,10 @@ def test_the_document_in_a_process_of_its_own(packaged, tmp_path, rng):
     (tmp_path / "hand.onnx").write_bytes(packaged.read_bytes())
     text = (ROOT / "docs" / "onnx.md").read_text(encoding="utf-8")
     (lines,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    done = subprocess.run([sys.executable, "-c", OTHER_PROCESS.format(lines)], cwd=tmp_path, capture_output=True,
-                          text=True, check=True)  # fmt: skip
+    done = run_python("-c", OTHER_PROCESS.format(lines), cwd=tmp_path, PYTHONPATH=None)
     depth = (crop / 127.5 - 1).astype(np.float32)[None, None]
     net = netlib.Net(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5", netlib.TEST)
     palm = net.forward(depth=depth)["pred"].reshape(31, 3)[load().joint_names.index("palm")] * 150
-    count, first, second, *xyz = done.stdout.split()
+    count, first, second, *xyz = done.out.split()
     assert (count, first, second) == ("31", "index_base", "index_dip")
     np.testing.assert_allclose([float(number) for number in xyz], palm, atol=0.06)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +15,7 @@ from layers.hand.skeleton import load
 from netlib import engine
 from netlib.engine import choice
 from netlib.engine.plain import Engine, Executor
+from tests.support.running import run_python
 
 ROOT = Path(__file__).resolve().parents[3]
 MakeNet = Callable[..., netlib.Net]
@@ -161,11 +159,8 @@ def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Calla
 def test_an_empty_choice_is_no_choice(value: str) -> None:
     """NETLIB_ENGINE= is the default, BLAS set up included."""
     code = "import netlib; from netlib import engine; print(engine.get().name, netlib.BLAS_NOTE)"
-    environment = {**os.environ, "NETLIB_ENGINE": value}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("fast BLAS: ") and "as NumPy sets it up" not in done.stdout
+    out = run_python("-c", code, NETLIB_ENGINE=value).out
+    assert out.startswith("fast BLAS: ") and "as NumPy sets it up" not in out
 
 
 @pytest.mark.parametrize(
@@ -188,11 +183,7 @@ def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, befor
         f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
         "except netlib.NetlibError as error: print(error)\n"
     )
-    environment = {k: v for k, v in os.environ.items() if k not in ("NETLIB_ENGINE", "PYTHONPATH")}
-    done = subprocess.run(
-        [sys.executable, "run.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-    )
-    assert expected in done.stdout
+    assert expected in run_python("run.py", cwd=tmp_path, NETLIB_ENGINE=None, PYTHONPATH=None).out
 
 
 def test_plain_has_one_thread() -> None:
@@ -210,8 +201,5 @@ def test_a_process_of_the_plain_engine_loads_no_twins() -> None:
         "import sys, netlib; net = netlib.Net('prototxt/nyu_deploy.prototxt', netlib.TEST); net.forward(); "
         "print(net.engine.name, netlib.threads(), [m for m in sys.modules if m.split('.')[0] == 'fast'])"
     )
-    environment = {**os.environ, "NETLIB_ENGINE": "plain"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == f"plain 1 {['fast', 'fast.blas'] if engine.has_fast() else []}\n"
+    out = run_python("-c", code, NETLIB_ENGINE="plain").out
+    assert out == f"plain 1 {['fast', 'fast.blas'] if engine.has_fast() else []}\n"

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -14,7 +11,7 @@ import pytest
 
 from netlib.errors import DataError
 from netlib.files import pictures
-from netlib.files.paths import ROOT
+from tests.support.running import run_python
 
 SIDE = 17_000  # of a square of more than MOST_PIXELS, and fewer than OpenCV's own limit
 
@@ -43,12 +40,8 @@ def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str
     (tmp_path / "bomb").write_bytes(bomb(suffix))
     code = "import netlib, sys, pathlib; from netlib import pictures; "
     code += "pictures.decode(pathlib.Path(sys.argv[1]).read_bytes(), -1, 'p')"
-    command = [sys.executable, "-c", code, str(tmp_path / "bomb")]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("OPENCV")}
-    ended = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert (
-        "p: a picture of too many pixels in all; OPENCV_IO_MAX_IMAGE_PIXELS in the env" in ended.stderr.splitlines()[-1]
-    )
+    done = run_python("-c", code, tmp_path / "bomb", status=1, OPENCV_IO_MAX_IMAGE_PIXELS=None)
+    assert "p: a picture of too many pixels in all; OPENCV_IO_MAX_IMAGE_PIXELS in the env" in done.err.splitlines()[-1]
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.999])

@@ -8,8 +8,6 @@ import os
 import select
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -21,6 +19,7 @@ import pytest
 
 import netlib
 from netlib.system.one_thread import OneThread
+from tests.support.running import run_python
 
 pytestmark = pytest.mark.both_engines
 
@@ -180,9 +179,7 @@ for thread in threads: thread.start()
 for thread in threads: thread.join()
 print(len(made))
 """
-    root = Path(__file__).resolve().parents[3]
-    done = subprocess.run([sys.executable, "-c", program], cwd=root, capture_output=True, text=True, check=False)
-    assert (done.stdout, done.stderr) == ("2\n", "")
+    assert run_python("-c", program) == (0, "2\n", "")
 
 
 # ---------------------------------------------------------------------------------------------- forks
