@@ -19,10 +19,11 @@ from netlib import engine
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
+from tests.support.nets import inputs
 from tools.plot_log import read_log
 
 SIZE = 150  # of the smaller input
-INPUT = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 1 dim: 4 dim: 4 } } }\n'
+INPUT = inputs(x=(1, 1, 4, 4))
 SHARED = 'param { name: "w" } inner_product_param { num_output: 1 bias_term: false }'
 CONVOLUTION = "convolution_param { num_output: 1 kernel_size: 1 }"
 

@@ -11,6 +11,7 @@ import pytest
 
 import netlib
 from tests.caffe.recorded import relative
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -46,8 +47,9 @@ def test_phys_limit(caffe_data: Path, net_of: Callable[..., netlib.Net], layer: 
     """The squared hinge of 64 poses. Caffe leaves the diffs of fixed DoFs unwritten; ours are 0."""
     recorded = np.load(caffe_data / "phys_limit.npz")
     net = net_of(
-        'force_backward: true layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 64 dim: 47 } } }'
-        f'layer {{ name: "limit" bottom: "x" top: "loss" type: {layer} }}'
+        "force_backward: true "
+        + inputs(x=(64, 47))
+        + f'layer {{ name: "limit" bottom: "x" top: "loss" type: {layer} }}'
     )
     net.forward(x=recorded["bottom"])
     net.backward()

@@ -17,6 +17,7 @@ from fast import slices
 from fast.executor import SlicedExecutor
 from fast.slices import SlicedStep
 from netlib.proto import prototxt
+from tests.support.nets import inputs
 
 MakeNet = Callable[..., netlib.Net]
 Arrays = dict[str, np.ndarray]
@@ -419,7 +420,7 @@ def test_two_convolutions_in_a_row(
     net_of: MakeNet, rng: np.random.Generator, kernels: tuple[int, int], frozen: bool
 ) -> None:
     """The second needs all of what the first writes, though nobody asks for the gradient of the image."""
-    text = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 1 dim: 28 dim: 28 } } }'
+    text = inputs(x=(2, 1, 28, 28))
     for name, bottom, size in zip(("c1", "c2"), ("x", "c1"), kernels):
         rate = "param { lr_mult: 0 } param { lr_mult: 0 }" if name == "c1" else ""
         text += f"""layer {{ name: "{name}" type: "Convolution" bottom: "{bottom}" top: "{name}" {rate}
@@ -593,8 +594,7 @@ LAYERS = {
 def stacks(draw: st.DrawFn) -> str:
     """Nets of a few layers, some in place, some branching and joining again."""
     height, width = draw(st.integers(9, 20)), draw(st.integers(9, 20))
-    shape = f"dim: 1 dim: {draw(st.integers(1, 3))} dim: {height} dim: {width}"
-    text = f'force_backward: true layer {{ name: "x" type: "Input" top: "b0" input_param {{ shape {{ {shape} }} }} }}'
+    text = "force_backward: true " + inputs(b0=(1, draw(st.integers(1, 3)), height, width))
     blob = "b0"
     for i, kind in enumerate(draw(st.lists(st.sampled_from(sorted(LAYERS)), min_size=1, max_size=7)), 1):
         if kind == "two":  # two readers of one blob: the net inserts a Split

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.nets import inputs
 
 MakeNet = Callable[..., netlib.Net]
 
@@ -161,8 +162,8 @@ def test_part_backward_through_a_pooling_whose_bottom_was_written(net_of: MakeNe
 def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
     """Of one window over the whole image."""
     net = net_of(
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 dim: 4 dim: 4 } } }'
-        'layer { name: "p" type: "Pooling" bottom: "x" top: "p" pooling_param { kernel_size: 4 } }'
+        inputs(x=(2, 3, 4, 4))
+        + 'layer { name: "p" type: "Pooling" bottom: "x" top: "p" pooling_param { kernel_size: 4 } }'
     )
     assert net.forward(x=np.empty((0, 3, 4, 4)))["p"].shape == (0, 3, 1, 1)
 
@@ -170,10 +171,7 @@ def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
 @pytest.mark.parametrize("items", [2, 64])
 def test_an_input_given_as_a_view_of_itself(net_of: MakeNet, rng: np.random.Generator, items: int) -> None:
     """Copied as NumPy copies it, also when it is large enough to be copied by several threads."""
-    net = net_of(
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 100 dim: 100 } } }'
-        'layer { name: "y" type: "Power" bottom: "x" top: "y" }'
-    )
+    net = net_of(inputs(x=(1, 100, 100)) + 'layer { name: "y" type: "Power" bottom: "x" top: "y" }')
     x = rng.normal(size=(items, 100, 100)).astype(np.float32)
     net.forward(x=x)
     assert np.array_equal(net.forward(x=net.blobs["x"].data[::-1])["y"], x[::-1])

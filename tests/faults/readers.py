@@ -39,6 +39,7 @@ import numpy as np
 from netlib.errors import NetlibError
 from tests.faults import mutations
 from tests.faults.isolation import ROOT, BrokenPromise, Outcome
+from tests.support.nets import inputs
 
 sys.path.append(str(ROOT / "tests" / "support"))
 
@@ -255,20 +256,12 @@ def make_nets() -> list[str]:
     files = [put("vision.prototxt", VISION), put("old.prototxt", OLD_NET), put("vision2.prototxt", VISION)]
     for kind, (options, bottoms, more) in CASES.items():
         shapes = [np.shape(array) for array in bottoms(2)]
-        text = "".join(
-            f'layer {{ name: "x{i}" type: "Input" top: "x{i}" input_param {{ shape {{ {dims(shape)} }} }} }}\n'
-            for i, shape in enumerate(shapes)
-        )
+        text = inputs(**{f"x{i}": shape for i, shape in enumerate(shapes)})
         ends = [f'bottom: "x{i}"' for i in range(len(shapes))] + [f'top: "y{i}"' for i in range(more.get("tops", 1))]
         files.append(
             put(f"{kind}.prototxt", f'{text}layer {{ name: "l" type: "{kind}" {" ".join(ends)} {options} }}\n')
         )
     return files
-
-
-def dims(shape: tuple[int, ...]) -> str:
-    """As a prototxt has them."""
-    return " ".join(f"dim: {n}" for n in shape)
 
 
 def read_net(path: Path) -> Any:

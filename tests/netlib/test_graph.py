@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import netlib
-from tests.netlib.net_texts import X, ip, loss, rng
+from tests.support.nets import X, inputs, ip, loss
 
 pytestmark = pytest.mark.both_engines
 
@@ -26,7 +26,7 @@ def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
     text = "force_backward: true " + X + ip("a", "x", "a", "loss_weight: 2") + ip("b", "a", "b") + ip("c", "a", "c")
     net = net_of(text)
     net.forward(x=np.ones((2, 3)))
-    db, dc = rng().normal(size=(2, 2, 3)).astype(np.float32)
+    db, dc = np.random.default_rng(0).normal(size=(2, 2, 3)).astype(np.float32)
     net.backward(b=db, c=dc)
     want = db @ net.params["b"][0].data + dc @ net.params["c"][0].data + 2
     assert np.allclose(net.blobs["a"].diff, want, rtol=1e-5)
@@ -217,7 +217,7 @@ def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
         (ip("a", "xx", "a"), r"unknown bottom blob 'xx' \(did you mean 'x'\?\)"),
         (ip("a", "x", "a") + ip("b", "x", "a"), "layer 'b': top blob 'a' is already written by layer 'a'"),
         (
-            'layer { name: "g" type: "Input" top: "g" input_param { shape { dim: 2 dim: 3 } } }'
+            inputs(g=(2, 3)) +
             'layer { name: "s" type: "Scale" bottom: "x" bottom: "g" top: "g" }',
             r"top blob 'g' is already written by layer 'g'; .* of the bottom in the same place \(0\) to run in place",
         ),

@@ -13,12 +13,13 @@ import netlib
 from netlib import gradcheck
 from netlib.blob import Blob
 from netlib.proto.options import block_name, layer_types
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
 MakeNet = Callable[..., netlib.Net]
 
-X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } } '
+X = inputs(x=(2, 3))
 
 # As in Caffe's examples, but for the import.
 DOUBLE = """

@@ -14,7 +14,7 @@ import pytest
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
-from tests.netlib.net_texts import X, ip, loss, rng, shared
+from tests.support.nets import X, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
 
@@ -58,7 +58,7 @@ def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytes
 def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
     """By name; more blobs on request; outputs are what no layer reads."""
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b"))
-    x = rng().normal(size=(2, 3)).astype(np.float32)
+    x = np.random.default_rng(0).normal(size=(2, 3)).astype(np.float32)
     found = net.forward(["a"], x=x)
     assert sorted(found) == ["a", "b"]
     assert net.outputs == ["b"]
@@ -134,7 +134,7 @@ def test_unknown_names_are_told(net_of: MakeNet, call: Callable[[netlib.Net], ob
 def test_float64_nets(net_of: MakeNet) -> None:
     """Blobs, parameters and gradients are of the net's type; whole numbers are refused."""
     net = net_of(X + ip("a", "x", "a") + loss("a"), dtype=np.float64)
-    net.forward(x=rng().normal(size=(2, 3)))
+    net.forward(x=np.random.default_rng(0).normal(size=(2, 3)))
     net.backward()
     arrays = [b for blob in [*net.blobs.values(), *net.params["a"]] for b in (blob.data, blob.diff)]
     assert {array.dtype for array in arrays} == {np.dtype(np.float64)}

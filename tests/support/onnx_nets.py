@@ -12,6 +12,7 @@ from export.onnx.net import differences, load, onnx_image
 from export.onnx.table import LAYERS
 from netlib.files.paths import ROOT
 from netlib.proto.options import layer_types
+from tests.support.nets import inputs
 
 NYU = ROOT / "prototxt" / "nyu_deploy.prototxt"
 SYNTHETIC = ROOT / "models" / "synthetic_hand"
@@ -24,10 +25,7 @@ Files = Callable[..., tuple[str, str]]  # the fixture of this name
 
 def net_text(layers: str, *shapes: tuple[int, ...]) -> str:
     """A net with inputs x0, x1 ... of these shapes before its layers."""
-    dims = [" ".join(f"dim: {n}" for n in shape) for shape in shapes]
-    inputs = [f'layer {{ name: "in{i}" type: "Input" top: "x{i}" input_param {{ shape {{ {dim} }} }} }}\n'
-              for i, dim in enumerate(dims)]  # fmt: skip
-    return f'name: "small"\n{"".join(inputs)}{layers}\n'
+    return f'name: "small"\n{inputs(**{f"x{i}": shape for i, shape in enumerate(shapes)})}{layers}\n'
 
 
 def run_onnx(image: bytes, **inputs: np.ndarray) -> dict[str, np.ndarray]:

@@ -32,6 +32,7 @@ import netlib
 from fast import slices
 from layers.vision.pooling import Pooling
 from netlib.proto import prototxt
+from tests.support.nets import inputs
 
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
 OPERATIONS = {  # weights of the choice
@@ -97,10 +98,7 @@ class NetText:
     def _input(self, name: str, shape: tuple[int, int, int]) -> None:
         self.shapes[name] = shape
         self.inputs.append(name)
-        dims = " ".join(f"dim: {n}" for n in (3, *shape))
-        self.lines.append(
-            f'layer {{ name: "{name}" type: "Input" top: "{name}" input_param {{ shape {{ {dims} }} }} }}'
-        )
+        self.lines.append(inputs(**{name: (3, *shape)}).rstrip())
 
     def _any(self) -> None:
         rng = self.rng

@@ -3,6 +3,7 @@
 import pytest
 
 import netlib
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -22,7 +23,4 @@ def test_gradient(check, rng):
 def test_it_cannot_run_in_place(net_of):
     """The sign of x would be lost; Caffe refuses it too."""
     with pytest.raises(netlib.LayerError, match="AbsVal cannot run in place, but 'x' is both bottom and top"):
-        net_of(
-            'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } } '
-            'layer { name: "a" type: "AbsVal" bottom: "x" top: "x" }'
-        )
+        net_of(inputs(x=(2,)) + 'layer { name: "a" type: "AbsVal" bottom: "x" top: "x" }')

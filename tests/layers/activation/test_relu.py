@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import netlib
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -45,6 +46,5 @@ def test_a_negative_slope_below_zero_cannot_run_in_place(net_of):
     """The sign of y no longer tells that of x."""
     with pytest.raises(netlib.LayerError, match="with a negative negative_slope cannot run in place"):
         net_of(
-            'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } } '
-            'layer { name: "r" type: "ReLU" bottom: "x" top: "x" relu_param { negative_slope: -1 } }'
+            inputs(x=(2,)) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "x" relu_param { negative_slope: -1 } }'
         )

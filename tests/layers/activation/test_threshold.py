@@ -3,6 +3,7 @@
 import pytest
 
 import netlib
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -19,8 +20,7 @@ def test_it_has_no_gradient(run, net_of):
     with pytest.raises(netlib.LayerError, match="has no gradient"):
         run('type: "Threshold"', [1.0]).backward([1])
     net = net_of(
-        'force_backward: true layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } } '
-        'layer { name: "t" type: "Threshold" bottom: "x" top: "y" }'
+        "force_backward: true " + inputs(x=(2,)) + 'layer { name: "t" type: "Threshold" bottom: "x" top: "y" }'
     )
     net.forward(x=[1.0, -1])
     net.backward()

@@ -7,6 +7,7 @@ import netlib
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -176,8 +177,8 @@ def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
     """Or from the working directory, Caffe's way."""
     (tmp_path / "arm.prototxt").write_text(arm_text)
     (tmp_path / "net.prototxt").write_text(
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 4 } } } '
-        'layer { name: "h" type: "HandModel" bottom: "x" top: "y" hand_model_param { skeleton: "arm.prototxt" } }'
+        inputs(x=(1, 4))
+        + 'layer { name: "h" type: "HandModel" bottom: "x" top: "y" hand_model_param { skeleton: "arm.prototxt" } }'
     )
     for folder in ("/", tmp_path):
         monkeypatch.chdir(folder)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import netlib
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
+from tests.support.nets import inputs
 from tests.support.plain_loops import check_transpose, convolve
 
 pytestmark = pytest.mark.both_engines
@@ -158,10 +159,7 @@ def test_without_spatial_axes_it_is_an_inner_product(run, rng):
 
 def test_without_items(net_of, rng):
     """With ``axis: 0`` a bottom is one image, also if it has as many channels as the top."""
-    net = net_of(
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 5 dim: 4 } } } '
-        f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2, axis=0)} }}'
-    )
+    net = net_of(inputs(x=(2, 5, 4)) + f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2, axis=0)} }}')
     x = rng.normal(size=(2, 5, 4))
     y = net.forward(x=x)["y"]
     assert np.allclose(
@@ -215,10 +213,7 @@ def test_num_output_is_required(run):
 
 def test_another_number_of_channels(net_of):
     """After the weights were made."""
-    net = net_of(
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 dim: 2 dim: 5 dim: 5 } } } '
-        f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2)} }}'
-    )
+    net = net_of(inputs(x=(1, 2, 5, 5)) + f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2)} }}')
     with pytest.raises(
         netlib.LayerError, match=r"'x' has 3 channels \(1, 3, 5, 5\), its weights \(2, 2, 2, 2\) expect 2"
     ):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import netlib
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
+from tests.support.nets import inputs
 from tests.support.plain_loops import outputs, pool
 
 pytestmark = pytest.mark.both_engines
@@ -159,8 +160,7 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
     """Of a window without a positive value the first of the zeros that ReLU leaves, not the largest before it."""
     kernel = 'type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 weight_filler { value: 1 } }'
     net = net_of(
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 1 dim: 6 dim: 6 } } } '
-        f'layer {{ name: "c" bottom: "x" top: "c" {kernel} }} '
+        inputs(x=(2, 1, 6, 6)) + f'layer {{ name: "c" bottom: "x" top: "c" {kernel} }} '
         'layer { name: "r" type: "ReLU" bottom: "c" top: "c" } '
         f'layer {{ name: "p" bottom: "c" top: "y" top: "mask" {text(kernel_size=2, stride=2)} }} '
         f'layer {{ name: "z" bottom: "y" top: "z" {kernel} }} '

@@ -13,6 +13,7 @@ import netlib
 from netlib import caffe
 from netlib.building import python_layer
 from netlib.proto import prototxt
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -43,7 +44,7 @@ class Stranger:
 
 
 def net_with(layer: str) -> netlib.Net:
-    text = 'force_backward: true layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 } } } '
+    text = "force_backward: true " + inputs(x=(3,))
     return netlib.Net(prototxt.parse(text + layer, "f"), netlib.TRAIN)
 
 

@@ -8,6 +8,7 @@ import pytest
 import netlib
 from netlib.distributed.gradients import Gradients
 from netlib.proto import prototxt
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -17,7 +18,7 @@ SHARED = 'param { name: "w" } param { name: "b" }'
 
 def net_of(*params: str) -> netlib.Net:
     """Inner products fc0, fc1 ..., with these ``param`` blocks."""
-    text = 'layer { name: "in" type: "Input" top: "x0" input_param { shape { dim: 2 dim: 4 } } }'
+    text = inputs(x0=(2, 4))
     for i, param in enumerate(params):
         text += f"""layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" {param}
                       inner_product_param {{ num_output: 4 weight_filler {{ type: "xavier" }} }} }}"""

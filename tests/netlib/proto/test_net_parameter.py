@@ -11,7 +11,7 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import NetState, NetStateRule
 from netlib.proto.net_parameter import load_parameter, meets
-from tests.netlib.net_texts import X, ip
+from tests.support.nets import X, ip
 
 MakeNet = Callable[..., netlib.Net]
 

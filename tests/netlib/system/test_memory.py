@@ -12,13 +12,14 @@ import pytest
 import netlib
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError, written
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
 MakeNet = Callable[..., netlib.Net]
 MakeList = Callable[..., Path]
 
-INPUT = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 10 dim: 100 } } }\n'
+INPUT = inputs(x=(10, 100))
 INNER = """layer { name: "FC1" type: "InnerProduct" bottom: "x" top: "y"
   inner_product_param { num_output: 2000 } }
 """

@@ -1,10 +1,20 @@
-"""Texts of small nets for tests of netlib/."""
+"""Texts of small nets."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } } '
+
+def inputs(**shapes: Sequence[int]) -> str:
+    """Input layers: ``inputs(x=(2, 3), t=(2,))``."""
+    return "".join(
+        f'layer {{ name: "{name}" type: "Input" top: "{name}" '
+        f"input_param {{ shape {{ {' '.join(f'dim: {n}' for n in shape)} }} }} }}\n"
+        for name, shape in shapes.items()
+    )
+
+
+X = inputs(x=(2, 3))
 
 
 def ip(name: str, bottom: str, top: str, more: str = "", outputs: int = 3) -> str:
@@ -17,15 +27,9 @@ def ip(name: str, bottom: str, top: str, more: str = "", outputs: int = 3) -> st
 
 def loss(bottom: str, more: str = "") -> str:
     """A loss on a blob of 2 x 3, against an input ``t``."""
-    return (
-        'layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 2 dim: 3 } } } '
+    return inputs(t=(2, 3)) + (
         f'layer {{ name: "loss" type: "EuclideanLoss" bottom: "{bottom}" bottom: "t" top: "loss" {more} }} '
     )
-
-
-def rng() -> np.random.Generator:
-    """The numbers of these tests."""
-    return np.random.default_rng(0)
 
 
 def shared(mode: str = "", more: str = "") -> str:
