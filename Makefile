@@ -90,7 +90,6 @@ ifdef SERVE
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs serve
 else
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
-	$(RUN) -m docs.making.site.check site
 endif
 
 # The files whose spelling and wording codespell checks (setup.cfg, docs/wording.txt).

@@ -179,9 +179,7 @@ def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: P
     """Ours."""
     pytest.importorskip("lmdb")
     (tmp_path / "list.txt").write_text("".join(f"{name} 0\n" for name in damaged))
-    done = run("tools/convert_imageset.py", "./", "list.txt", "db")
-    assert done.returncode == 1
-    lines = done.stderr.splitlines()
+    lines = run("tools/convert_imageset.py", "./", "list.txt", "db", status=1).err.splitlines()
     ours = [line for line in lines if line.endswith("; left out")]  # libpng and libjpeg may write lines of their own
     assert [line.partition(":")[0] for line in ours] == damaged
     assert lines[-1].startswith("list.txt: none of its 4 pictures can be read; ")
@@ -199,8 +197,7 @@ layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
     (tmp_path / "solver.prototxt").write_text(
         'net: "net.prototxt" base_lr: 1e30 lr_policy: "fixed" max_iter: 9 random_seed: 1'
     )
-    done = run("tools/train.py", "solver.prototxt", "--log", "train.log")
-    assert done.returncode == 1
-    log, _, error = done.stderr[:-1].rpartition("\n")
+    done = run("tools/train.py", "solver.prototxt", "--log", "train.log", status=1)
+    log, _, error = done.err[:-1].rpartition("\n")
     assert log + "\n" == (tmp_path / "train.log").read_text()
     assert error.startswith("iteration 1: the loss is nan; ")

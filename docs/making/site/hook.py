@@ -1,4 +1,4 @@
-"""What MkDocs calls while it makes the site (``hooks`` in mkdocs.yml): its files, its navigation, its pages.
+"""What MkDocs calls while it makes the site (``hooks`` in mkdocs.yml): its files and its pages.
 
 The documents lie all over the project, not in the one folder that MkDocs reads by itself: ``on_files`` says what
 there is.
@@ -20,10 +20,12 @@ if str(ROOT) not in sys.path:
 from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
 from mkdocs.structure.files import File, Files, InclusionLevel  # noqa: E402
 from mkdocs.structure.pages import Page  # noqa: E402
+from pygments import highlight  # noqa: E402
+from pygments.formatters import HtmlFormatter  # noqa: E402
 
 from docs.making.markdown import anchor_of, with_links  # noqa: E402
-from docs.making.site import folders, github, highlighting, navigation, sources  # noqa: E402
-from docs.making.site.published import Published, published  # noqa: E402
+from docs.making.site import folders, github, sources  # noqa: E402
+from docs.making.site.published import DOCUMENTS, Published, published  # noqa: E402
 
 HERE = ROOT / "docs/making/site"
 # A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The book's arm -->
@@ -32,10 +34,9 @@ SITE: dict[str, Published] = {}  # of this build: MkDocs keeps one module for al
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Find what is to be published, and where it stands in the navigation."""
-    site = SITE["now"] = published(ROOT, **({"code": config.extra["code"]} if "code" in config.extra else {}))
-    _source.cache_clear()
-    config.nav = navigation.of(site)
+    """Find what is to be published."""
+    SITE["now"] = published(ROOT, **({"code": config.extra["code"]} if "code" in config.extra else {}))
+    _text.cache_clear()
     config.mdx_configs.setdefault("toc", {})["slugify"] = anchor_of
     fences = config.mdx_configs.setdefault("pymdownx.superfences", {}).setdefault("custom_fences", [])
     if not fences:
@@ -48,7 +49,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     site = SITE["now"]
     theme = [file for file in files if file.src_dir and not Path(file.src_dir).is_relative_to(ROOT / "docs")]
     made = Files(theme)
-    in_nav = navigation.paths(site)
+    in_nav = {path.relative_to(ROOT).as_posix() for pattern in DOCUMENTS for path in ROOT.glob(pattern)}
     for path in site.documents:
         made.append(_file(config, path, InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV))
     for path in sorted(site.as_they_are):
@@ -59,11 +60,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path in sorted(site.sources):
         boost = 0.3 if path.startswith("tests/") else 1
         text = f"---\ntitle: {path}\nhide: [navigation, toc]\nsource: {path}\nsearch: {{boost: {boost}}}\n---\n"
+        text += sources.page(path, _text(path), site)
         made.append(File.generated(config, site.address(path), content=text, inclusion=InclusionLevel.NOT_IN_NAV))
     for path in sorted(site.folders):
-        level = InclusionLevel.INCLUDED if path in in_nav else InclusionLevel.NOT_IN_NAV
-        text = "---\nsearch: {exclude: true}\n---\n" + folders.page(path, site, _source)
-        made.append(File.generated(config, site.address(path), content=text, inclusion=level))
+        text = "---\nsearch: {exclude: true}\n---\n" + folders.page(path, site, _text)
+        made.append(File.generated(config, site.address(path), content=text, inclusion=InclusionLevel.NOT_IN_NAV))
     return made
 
 
@@ -81,29 +82,28 @@ def _frame(match: re.Match[str]) -> str:
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """The page of a source file, made by us."""
+    """The anchors of the lines of a source file, for the links to them."""
     path: Any = page.meta.get("source")
-    if path is None:
-        return html
-    page.present_anchor_ids = sources.anchors(_source(path))
-    return sources.page(_source(path), SITE["now"])
+    if path is not None:
+        lines = range(1, _text(path).count("\n") + 2)
+        page.present_anchor_ids = {*(page.present_anchor_ids or ()), *(f"L{number}" for number in lines)}
+    return html
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Its code. The search has been through the page by now: of code its index would be large and slow to make."""
     path: Any = page.meta.get("source")
-    return output if path is None else output.replace(sources.CODE, sources.code(_source(path), SITE["now"]), 1)
+    return output if path is None else output.replace(sources.CODE, sources.code(path, _text(path)), 1)
 
 
 def prototxt_block(source: str, *args: Any, **options: Any) -> str:
-    """A fenced block of prototxt, which Pygments does not know."""
-    code = "\n".join(highlighting.coloured(source, "x.prototxt"))
-    return f'<div class="highlight"><pre><code>{code}\n</code></pre></div>'
+    """A fenced block of prototxt, which Pygments does not have."""
+    return highlight(source, sources.PrototxtLexer(), HtmlFormatter())
 
 
 @functools.cache
-def _source(path: str) -> sources.Source:
-    return sources.Source(path, (ROOT / path).read_text(encoding="utf-8"))
+def _text(path: str) -> str:
+    return (ROOT / path).read_text(encoding="utf-8")
 
 
 def _file(config: MkDocsConfig, path: str, inclusion: InclusionLevel) -> File:

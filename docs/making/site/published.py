@@ -60,14 +60,6 @@ class Published:
         address = posixpath.relpath(self.address(found), posixpath.dirname(document) or ".")
         return address + (f"#{anchor}" if anchor else "")
 
-    def page_of(self, path: str) -> str:
-        """Where it is in the site."""
-        address = self.address(path)
-        folder, name = posixpath.split(address)
-        if name in ("README.md", "index.md"):
-            return posixpath.join(folder, "index.html")
-        return address.removesuffix(".md") + ".html" if address.endswith(".md") else address
-
     def title(self, document: str) -> str:
         """Its first heading."""
         return markdown.title_of((self.root / document).read_text(encoding="utf-8")) or document
@@ -98,23 +90,6 @@ def its_tests(root: Path, path: str) -> list[str]:
     folder, name = posixpath.split(path)
     names = (f"test_{name}", f"test_{posixpath.basename(folder)}_{name}")
     return [test for test in (posixpath.join("tests", folder, name) for name in names) if (root / test).is_file()]
-
-
-def twin_of(root: Path, path: str) -> str | None:
-    """The file of fast/ that computes what this one computes, faster; or the plain one of a file of fast/."""
-    name = posixpath.basename(path)
-    if name == "__init__.py" or not (root / "fast" / name).is_file():
-        return None
-    text = (root / "fast" / name).read_text(encoding="utf-8")
-    if path.startswith("fast/"):
-        found = (file for room in ("layers", "netlib") for file in sorted((root / room).rglob(name)))
-        plain = (file.relative_to(root).as_posix() for file in found)
-        return next((file for file in plain if _imports(text, file)), None)
-    return f"fast/{name}" if _imports(text, path) else None
-
-
-def _imports(text: str, path: str) -> bool:
-    return f"from {path.removesuffix('.py').replace('/', '.')} import" in text
 
 
 def published(root: Path = ROOT, code: Iterable[str] = CODE) -> Published:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.making.site.navigation import of, paths
-from docs.making.site.published import Published, its_tests, published, twin_of
+from docs.making.site.published import Published, its_tests, published
 
 CODE = ("layers", "fast")
 
@@ -54,44 +53,12 @@ def test_links_lead_to_pages(site: Published, target: str, wanted: str) -> None:
     assert site.link("docs/net.md", target) == wanted
 
 
-def test_pages_are_where_the_files_are(site: Published) -> None:
-    """So that a link looks the same in the project and in the site."""
-    pages = {
-        path: site.page_of(path) for path in ("README.md", "docs/net.md", "layers/relu.py", "layers", "models/w.bin")
-    }
-    assert list(pages.values()) == [
-        "index.html", "docs/net.html", "layers/relu.py.html", "layers/index.html", "models/w.bin",
-    ]  # fmt: skip
-
-
 def test_who_tells_of_a_file(site: Published) -> None:
     """A document that links to it, and one that shows its code."""
     assert site.telling("layers/relu.py") == ["README.md", "docs/net.md"]
     assert site.telling("layers/scale.py") == ["docs/data.md"]
 
 
-def test_twins_and_tests(project: Path) -> None:
-    """A twin has the name of the plain file and imports it; the same name alone is none."""
-    assert twin_of(project, "layers/relu.py") == "fast/relu.py"
-    assert twin_of(project, "fast/relu.py") == "layers/relu.py"
-    assert twin_of(project, "layers/scale.py") is None
-    assert twin_of(project, "layers/__init__.py") is None
+def test_tests_of_a_file(project: Path) -> None:
+    """The file of the same place and name under tests/."""
     assert its_tests(project, "layers/data/labels.py") == ["tests/layers/data/test_data_labels.py"]
-
-
-def test_the_navigation(site: Published) -> None:
-    """Chapters by their number, the reference in the README's order, nothing that is not there."""
-    assert of(site) == [
-        {"Start": "README.md"},
-        {"Book": ["docs/book/README.md", "docs/book/1_one.md", "docs/book/2_two.md", "docs/book/10_ten.md"]},
-        {"Reference": ["docs/net.md", "docs/data.md", "docs/apart.md"]},
-        {"Code": [{"layers/": "layers/index.md"}, {"fast/": "fast/index.md"}]},
-        {"Changes": ["CHANGELOG.md"]},
-    ]
-    assert "layers" in paths(site) and "layers/data" not in paths(site) and "tests/caffe/README.md" not in paths(site)
-
-
-def test_pages_are_there_when_they_are(project: Path) -> None:
-    """Those that are HTML already, after the book."""
-    (project / "docs/hand.html").write_text("<p>x</p>", encoding="utf-8")
-    assert of(published(project, CODE))[2] == {"Pages to try": [{"The hand": "docs/hand.html"}]}
