@@ -9,7 +9,7 @@ def inputs(**shapes: Sequence[int]) -> str:
     """Input layers: ``inputs(x=(2, 3), t=(2,))``."""
     return "".join(
         f'layer {{ name: "{name}" type: "Input" top: "{name}" '
-        f"input_param {{ shape {{ {' '.join(f'dim: {n}' for n in shape)} }} }} }}\n"
+        f"input_param {{ shape {{ {' '.join(f'dim: {n}' for n in shape)} }} }} }} "
         for name, shape in shapes.items()
     )
 

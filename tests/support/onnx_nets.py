@@ -25,7 +25,8 @@ Files = Callable[..., tuple[str, str]]  # the fixture of this name
 
 def net_text(layers: str, *shapes: tuple[int, ...]) -> str:
     """A net with inputs x0, x1 ... of these shapes before its layers."""
-    return f'name: "small"\n{inputs(**{f"x{i}": shape for i, shape in enumerate(shapes)})}{layers}\n'
+    lines = [inputs(**{f"x{i}": shape}) for i, shape in enumerate(shapes)]
+    return "\n".join(['name: "small"', *lines, layers, ""])
 
 
 def run_onnx(image: bytes, **inputs: np.ndarray) -> dict[str, np.ndarray]:
