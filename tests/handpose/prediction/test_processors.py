@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pytest
 
 from tests.handpose.prediction import moved_frames
+from tests.support.running import run_tool
 
 
-def test_kernels(capsys: pytest.CaptureFixture[str]) -> None:
+def test_kernels() -> None:
     """The joints agree to 0.1 mm under two sets of kernels, whatever the fit."""
-    assert moved_frames.main(["--frames", "2", "--kernels", "Haswell", "Nehalem"]) == 0
-    largest = re.findall(r"^\| `(\w+)` \| 2 \| .* \| (\S+) mm \|$", capsys.readouterr().out, re.MULTILINE)
+    done = run_tool("tests.handpose.prediction.moved_frames", "--frames", "2", "--kernels", "Haswell", "Nehalem")
+    largest = re.findall(r"^\| `(\w+)` \| 2 \| .* \| (\S+) mm \|$", done.out, re.MULTILINE)
     assert [fit for fit, _ in largest] == ["accurate", "fast"]
     assert max(float(moved) for _, moved in largest) < 0.1
 
