@@ -167,10 +167,12 @@ _UNFINISHED = ("arguments are required", "expected one argument", "train needs -
 
 
 def in_document(path: Path) -> list[str]:
-    """The commands in backticks in the paragraphs and tables of a document."""
+    """The commands in backticks in the paragraphs and tables of a document, without those of the reader's own files."""
     text = path.read_text(encoding="utf-8")
+    own = re.findall(r"<!-- file: (\S+\.py) -->", text)
     text = re.sub(r"^[ \t]*(`{3,}).*?^[ \t]*\1", "", text, flags=re.DOTALL | re.MULTILINE)
-    return [" ".join(match[2].split()) for match in _SPAN.finditer(text)]
+    found = [" ".join(match[2].split()) for match in _SPAN.finditer(text)]
+    return [command for command in found if not set(own) & set(command.split())]
 
 
 @cache
@@ -234,10 +236,11 @@ RUN_BY = {
     "benchmarks.bench": "tests/benchmarks/test_bench.py",
     "benchmarks.fit": "tests/benchmarks/test_fit_benchmark.py",
     "benchmarks.ranks": "tests/benchmarks/test_ranks_benchmark.py",
-    "benchmarks.twins": "tests/benchmarks/test_twins.py",
+    "benchmarks.parts": "tests/benchmarks/test_bench_parts.py",
     "docs.book.nano": "tests/docs/test_nano.py",
     "docs.making": "tests/docs/test_made.py",
     "docs.making.hand_picture": "tests/docs/test_pages.py",
+    "docs.making.live_picture": "tests/docs/test_live_document.py",
     "docs.making.notebooks": "tests/docs/test_notebooks.py",
     "docs.making.site.check": "tests/docs/site/test_site_check.py",
     "handpose": "tests/handpose/test_main.py",
@@ -254,7 +257,7 @@ RUN_BY = {
 }
 # What stands in the test of one that does not import it by its name and call its ``main``.
 BY_COMMAND = {
-    "benchmarks.twins": 'pytest.importorskip("benchmarks.twins")',
+    "benchmarks.parts": 'pytest.importorskip("benchmarks.parts")',
     "docs.book.nano": "COMMAND",
     "handpose": '"-m", "handpose"',
     "netlib.caffe": '"-m", "netlib.caffe"',
