@@ -28,7 +28,7 @@ export class Sliders {
     this.rows = [];
     const closed = new Set([...this.box.querySelectorAll("details:not([open])")].map((group) => group.dataset.name));
     this.box.replaceChildren(...[...groups].map(([group, dofs]) => {
-      const own = dofs.every((d) => d >= this.body.skeleton.dofs.length) ? " (of the flesh)" : "";
+      const own = dofs.every((d) => d >= this.body.skeleton.dofs.length) ? " (of the surface)" : "";
       const rows = dofs.map((d) => this.row(d, group));
       const summary = element("summary", {}, group + own);
       return element("details", { open: !closed.has(group), "data-name": group }, summary, ...rows);

@@ -138,7 +138,7 @@ def test_the_flesh_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     """Skin in the picture, and with the box unchecked only lines; the name of the joint under the mouse is told."""
     tab = visit(bare)
     assert 0.05 < (colours(tab)[:, 3] == 255).mean() < 0.5
-    tab.get_by_label("flesh", exact=True).uncheck()
+    tab.get_by_label("surface", exact=True).uncheck()
     assert 0.001 < (colours(tab)[:, 3] == 255).mean() < 0.03
     tab.get_by_label("skeleton", exact=True).uncheck()
     bare_picture = (colours(tab)[:, 3] > 0).sum()  # axes and scale alone
@@ -209,7 +209,7 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
     assert not np.any(tab.evaluate("hand.body.forces"))
     palm = HAND.joint_names.index("palm")
     for anywhere in (False, True):
-        tab.get_by_label("drag at any joint").set_checked(anywhere)
+        tab.get_by_label("drag any joint").set_checked(anywhere)
         tab.evaluate("scrollTo(0, 0)")
         x, y = tip(tab, palm)
         tab.mouse.move(x, y)
