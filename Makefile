@@ -1,18 +1,18 @@
 # make         say what there is to make
 # make demo    set up, find and fit hands in rendered depth frames with the packaged weights (seconds)
-# make train   set up, make the embedded data, train the paper's network for a few minutes, show the result
+# make train   set up, render the training data, train the paper's network for a few minutes, show the result
 # make person  the same for a person instead of a hand, in ten minutes; make arm: for a planar arm, in one
 # make test    set up and run the tests
 # make kernels the tests of fits, layers and documents again, with the slowest BLAS kernels and NumPy's SIMD off
-# make faults  kill it, cut its files, fill its disk: tens of thousands of cases (half an hour; CASES=100 for a look)
-# make table1  the paper's Table 1: trains what is missing of it (days; HOURS=8 for a night), writes docs/results
-# make bench   speed against PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
+# make faults  fault injection: tens of thousands of cases with kills, damaged files, full disks (half an hour; CASES=100: short)
+# make table1  the paper's Table 1: runs the missing trainings (days; HOURS=8 limits the time), writes docs/results
+# make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make parts   the time that each part of fast/ saves, by switching it off (minutes)
-# make ranks   threads of one process against processes of mpiexec, and a model of many machines
-# make docs    what documents show of the code: code, figures, exercises, made anew
+# make ranks   compares threads with MPI processes, and prints a model of many machines
+# make docs    generates what documents take from the code: code, figures, exercises
 # make book    the chapters as notebooks, in build/book
 # make site    all documents and the code as a site in site/, links checked (SERVE=1 shows it and follows changes)
-# make lint    the style and type checks of the continuous integration
+# make lint    the style and type checks of the continuous integration, spelling and wording
 #
 # ITERATIONS=N and FRAMES='--train N --test N' make train, person and arm shorter or longer; OPTIONS='...' goes to the
 # program of demo, table1, bench, parts, ranks or docs.
