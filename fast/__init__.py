@@ -1,15 +1,15 @@
-"""Everything that exists for speed alone. Delete this folder and every result is the same, slower.
+"""Everything that exists for speed only. Without this folder all results are the same to rounding, and slower.
 
-    engine        the table of twins, and what else this engine does its own way
+    engine        the table of fast layers, and other parts of this engine
     executor      runs a net: rows of layers slice by slice (slices, slice_blobs), others whole; plan decides which, and
-                  facts says what may be known about each layer type
+                  facts has the properties of each layer type
     tiles         blobs stored in the order in which products write and poolings read
-    convolution, pooling, relu, inner_product, hdf5_data, augment, hand_model, kinematics, updates
-                  the twins: each the plain layer of the same name with its computation replaced
+    convolution, pooling, relu, inner_product, hdf5_data, augment, hand_model, kinematics
+                  the fast layers: each inherits from the plain layer of the same name and replaces its computation
     row_tiles, window_tiles, max_tiles
-                  the ways of computing a convolution and a pooling on tiles
+                  algorithms for convolution and pooling on tiles
     parallel, blas
-                  threads, and OpenBLAS set up before NumPy is loaded
+                  threads, and configuration of OpenBLAS before NumPy is loaded
 
-netlib asks for this folder by name in one place (netlib/engine/choice.py); nothing else imports it.
+netlib imports this folder by name in one place (netlib/engine/choice.py); nothing else imports it.
 """

@@ -2,14 +2,14 @@
 
 NumPy's OpenBLAS decides when it is loaded, from the environment:
 
-- Threads: the net cuts a batch into slices and gives every slice a thread of its own (slices.py); a product
+- Threads: the net cuts a batch into slices and gives every slice its own thread (slices.py); a product
   inside a slice should then use one thread. BLAS threads on top of that only get in the way: ten times slower and
-  more. This can still be mended after NumPy was imported.
+  more. This can still be corrected after NumPy was imported.
 - Kernels: OpenBLAS knows processors by model number and takes its AVX2 kernels for a model that is too new for it,
-  even where AVX-512 is there. Naming a model it knows can double the speed of a product. This cannot be changed
+  even where AVX-512 is available. Naming a known model can double the speed of a product. This cannot be changed
   once NumPy is there, so import netlib first.
 
-Nothing that the user has set is touched.
+Settings of the user are not changed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def configure() -> str:
 
 
 def _is_amd_with_avx512() -> bool:
-    """Only AMD's: on Intel processors OpenBLAS finds AVX-512 by itself."""
+    """Only AMD's: on Intel processors OpenBLAS detects AVX-512."""
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:

@@ -32,7 +32,7 @@ class FastConvolution(Twin, Convolution):
         return self.simple
 
     def writes_sparse(self) -> bool:
-        """Where nobody asks for the gradient of the image."""
+        """True if the gradient of the image is not needed."""
         return self.simple and not self.needs_bottom_diff
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:

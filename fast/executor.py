@@ -3,8 +3,8 @@
 A blob inside a slice is *hidden*: it does not exist for the whole batch. On the first access to its ``data`` or
 ``diff``, it is stored from then on, and the values of the last pass are computed again: by the weights of that pass,
 and by its inputs, which are copied when a caller first accesses them after the pass and so may write them. An array
-that the caller took before the pass escapes this: whoever writes into that changes what is computed again. A hidden
-diff can be computed again until the next forward.
+that the caller obtained before the pass is not copied: writing to it changes the values that are computed again. A
+hidden diff can be computed again until the next forward pass.
 
 After the access to a second hidden blob none is hidden any more, so a loop over all blobs costs two passes at most.
 """
@@ -31,7 +31,7 @@ Halves = tuple["Array | None", "Array | None"]  # data and diff, as far as there
 
 
 class SlicedExecutor(Executor):
-    """Runs a net in slices where that pays, and layer by layer as soon as somebody asks for a part of it."""
+    """Runs a net in slices where that is faster, and layer by layer after a partial pass."""
 
     steps: Sequence[WholeStep | SlicedStep]
 
@@ -113,7 +113,7 @@ class SlicedExecutor(Executor):
             self._watch()
 
     def reshape(self) -> bool:
-        """Shape all blobs anew; where no shape has changed, all stays as it is."""
+        """Shape all blobs again; without a changed shape nothing happens."""
         with self.one_thread:
             try:
                 changed = super().reshape()
@@ -151,7 +151,7 @@ class SlicedExecutor(Executor):
             self._watch()
 
     def _replan(self) -> None:
-        """Plan anew, and give the new steps what the old ones knew: values, winners, masks."""
+        """Plan again, and pass the state of the old steps to the new ones: values, winners, masks."""
         old = [step for step in self.steps if isinstance(step, SlicedStep)]
         self._unwatch()
         self._plan()

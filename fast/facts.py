@@ -1,4 +1,4 @@
-"""What the fast engine may know about a layer type: which freedoms it leaves to whoever runs it.
+"""Properties of layer types that the fast engine may use.
 
 Defaults are always safe, so a type that is not in the table, such as a user's own, simply runs whole.
 """

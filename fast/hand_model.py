@@ -1,4 +1,4 @@
-"""FastHandModel: FastKinematics, its memory used again, and positions alone where nobody will ask for a gradient."""
+"""FastHandModel: FastKinematics with reused memory, and only positions if no gradient is needed."""
 
 from __future__ import annotations
 

@@ -72,5 +72,5 @@ class FastHDF5Data(Twin, HDF5Data):
 
     def _drop_ahead(self) -> None:
         if self._ahead is not None:
-            self._ahead.exception()  # waits; nobody wants the batch, or to know why it could not be read
+            self._ahead.exception()  # waits; the batch, or the reason why it could not be read, is not needed
             self._ahead = None

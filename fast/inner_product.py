@@ -2,8 +2,8 @@
 for dx.
 
 Blocks do not depend on the number of threads, so neither does the rounding of a sum; they are large, because every
-product packs its factors anew. For a few items that takes longer than the product: they go one by one, each on one
-thread, since a product with one row reads the weights where they are, as fast as the memory gives them.
+product packs its factors again. For a few items that takes longer than the product: they are computed one at a time,
+each on one thread, since a product with one row reads the weights in place, limited by memory bandwidth.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class FastPose(Pose):
         self.axis, self.pivot = np.empty((M, 3, N), dtype), np.empty((M, 3, N), dtype)
         self.joints = self.X.transpose(2, 0, 1)
         self.columns: list[tuple[Array, Array, Array]] = []
-        self.work: tuple[Array, ...] | None = None  # large arrays are slow to get anew
+        self.work: tuple[Array, ...] | None = None  # large arrays are slow to allocate
 
 
 class FastKinematics(Kinematics):
@@ -56,7 +56,7 @@ class FastKinematics(Kinematics):
 
     dof_of  (M,) the DoF of each
     free    (Q,) which of them are free: the rows of a Jacobian
-    spare   a pose whose memory the next forward may take; large arrays are slow to get anew
+    spare   a pose whose memory the next forward may reuse; large arrays are slow to allocate
     """
 
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:

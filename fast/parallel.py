@@ -1,7 +1,7 @@
 """One pool of threads for the whole process, and one knob: ``set_threads``.
 
-NumPy lets go of the interpreter inside its loops and products, so plain Python threads run truly side by
-side there. ``run`` is the only way in; called from one of its own jobs it simply does the work itself.
+NumPy releases the interpreter lock inside its loops and products, so Python threads run in parallel there.
+``run`` is the only interface; called from one of its jobs it does the work in the same thread.
 
 Threads do not survive a fork, so a forked process gets others (``Workers``).
 """
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class Workers:
-    """So many threads that do what is submitted; in a forked process others. They end when nobody holds this."""
+    """A pool of ``count`` threads. A forked process starts its own. Threads end with the last reference."""
 
     def __init__(self, count: int, name: str) -> None:
         self.count, self._name = count, name
@@ -32,7 +32,7 @@ class Workers:
         tell(self)
 
     def after_fork(self) -> None:
-        """Start anew. What was submitted before is never done here: whoever waits for it must submit it again."""
+        """Start new threads. Jobs submitted before the fork are not run here: the caller must submit them again."""
         self._executor = ThreadPoolExecutor(self.count, self._name) if self.count else None
 
     def submit(self, job: Callable[..., T], *args: Any) -> Future[T]:

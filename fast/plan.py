@@ -1,7 +1,7 @@
 """Which layers of a net run slice by slice together, in which order, and how the blobs between them are stored.
 
-A *run* is a row of batchwise layers. Of its blobs, those that nobody else reads are *hidden*: they never exist for the
-whole batch. Two freedoms are used on hidden blobs, both exact:
+A *run* is a row of batchwise layers. Blobs that are read inside the run only are *hidden*: they never exist for the
+whole batch. Two optimisations apply to hidden blobs, both exact:
 
 - A blob whose writer and readers agree on it is tiled (tiles.py).
 - A monotone layer in place (ReLU) before a max pooling runs after it, on a sixteenth of the values:
@@ -112,7 +112,7 @@ def _end_of_run(row: list[Connection], users: Mapping[int, int], stored: Callabl
 
     A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless that
     changes nothing. So the run ends before such a layer, and from it on the layers are whole. In a shorter run fewer
-    blobs are hidden, only those that nobody uses behind its end: so it may have to end earlier still.
+    blobs are hidden, only those that are unused after its end, so it may have to end earlier still.
     """
     uses = uses_of(row)
     place = {id(at): i for i, at in enumerate(row)}
@@ -179,7 +179,7 @@ ANY = 0  # a layer that takes a blob in any order
 
 
 def _wish(use: Use, tiles: dict[int, int]) -> int | None:
-    """How a layer would like a blob that it reads or writes: in tiles of so many, plain (None), or ``ANY``."""
+    """The layout that a layer prefers for a blob: the size of tiles, plain (None), or ``ANY``."""
     at = use.at
     if use.reads and use.writes:
         return ANY if facts_of(at.layer).elementwise else None

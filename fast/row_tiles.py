@@ -8,7 +8,7 @@ product. Here the T outputs y[h, T t : T t + T] all read the J = T + kw - 1 inpu
 M[p, o, i, p + j, c] = w[o, c, i, j] and zero elsewhere (a Toeplitz matrix): some products with zero, but T
 times the rows, and x copied only J / T times: X[h, j, c, (n, t)] = x[n, c, h, T t + j]. The kh rows of X that
 an output row needs lie one after the other, so all right factors are one strided view of X, and the
-result is y as tiles of T (tiles.py): what a T x T max pooling wants to read.
+result is y as tiles of T (tiles.py): as a T x T max pooling reads them.
 
 The gradient of the kernel is the same product transposed, folded back from M to w. The gradient of x is again such a
 convolution: of dy with the flipped kernel, with kh - 1 rows of zeros above and below and kw - 1 columns on the left.
@@ -34,8 +34,8 @@ class RowTiles:
         """T: what the top is stored in, else a guess from w (O, C, kh, kw).
 
         A product has T O rows and J C = (T + kw - 1) C columns of M per row of the kernel: the flatter w is, the more a
-        larger T gains. The bounds lie beside the hand network's layers, C kw = 5, 40 and 24, each of which was fastest
-        with the tile that its pooling wants.
+        larger T gains. The bounds were chosen for the hand network's layers, C kw = 5, 40 and 24, each of which was
+        fastest with the tile that its pooling reads.
         """
         if top_tile is not None:
             return top_tile
@@ -46,7 +46,7 @@ class RowTiles:
         return pitch_of(y) if tile_of(y) else -(-(pitch_of(x) or x.width) // T) * T
 
     def matrices(self, w: Array, T: int) -> tuple[Array, Array]:
-        """M of the kernel and of the flipped kernel. Made anew when the weights have changed."""
+        """M of the kernel and of the flipped kernel. Computed again when the weights have changed."""
         found = self._matrices
         if found is None or found[1] != T or not np.array_equal(found[0], w):
             flipped = w[:, :, ::-1, ::-1].transpose(1, 0, 2, 3)

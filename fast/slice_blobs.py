@@ -56,7 +56,7 @@ class Hidden(FastBlob):
 
 
 class ParamOfLane(Blob):
-    """A parameter with the values of another and a diff of its own."""
+    """A parameter with the values of another and a separate diff."""
 
     def __init__(self, original: Blob) -> None:
         super().__init__(original.shape, original.dtype)

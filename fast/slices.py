@@ -4,7 +4,7 @@ The first convolution of the paper's network writes 252 MB for a batch of 512, a
 such a blob pays for main memory. So the net runs a row of *batchwise* layers (item n of a top depends only on
 item n of the bottoms) on one slice of the batch after the other: a slice's blobs stay in the processor's cache.
 
-Each slice has copies of the layers, with the same parameter values and with little blobs of their own:
+Each slice has copies of the layers, with the same parameter values and with small blobs:
 
 - a blob that only this run reads and writes is *hidden*: its values live in the working memory of the thread,
   or with the slice if backward needs them again; the whole blob never exists;
@@ -125,7 +125,7 @@ class SlicedStep(Step):
         return bool(self._lanes) and [b.shape for b in self._whole] == self._shapes
 
     def is_even(self) -> bool:
-        """Shape the blobs anew, if inputs have other shapes: have all the same number of items, still?"""
+        """Shape the blobs again if shapes of inputs have changed; True if all still have the same number of items."""
         if self._is_cut():
             return True
         self._shape_blobs()
@@ -189,7 +189,7 @@ def _can_be_sparse(use: Use) -> bool:
 
 
 def _with_params(layer: Layer, params: Blobs) -> Layer:
-    """The layer for one slice of a batch: same options, parameters with diffs of their own."""
+    """The layer for one slice of a batch: same options, parameters with separate diffs."""
     other = copy.copy(layer)
     other.blobs = params
     of_layer = {id(param): of_lane for param, of_lane in zip(layer.blobs, params)}

@@ -1,11 +1,11 @@
-"""Blobs of the fast engine: stored as tiles, sparse, looked at.
+"""Blobs of the fast engine: tiled, sparse, and accessed by the caller.
 
 A blob inside a slice of the batch (slices.py) may be *tiled*: its arrays then have the shape
 ``(R, T, C, N, P)`` instead of ``(N, C, H, W)``, and hold the value of row h, column w, channel c, image n at
 ``[h, w % T, c, n, w // T]``. R is H rounded up to a multiple of T; P columns are stored per phase, at least
 W / T. This is the order in which a convolution by matrix products writes and a T x T max pooling reads, both
 in long contiguous runs (row_tiles.py). The padding in ``data`` is any finite number, in ``diff`` it is zero.
-Only layers that say that they can handle tiles are ever given such a blob.
+Only layers that declare support for tiles get such a blob.
 
 A tiled blob that one layer writes and one reads may be *sparse*: only some of its T x T windows are stored, because
 all others hold one and the same value for each channel, as over the background of a depth image.

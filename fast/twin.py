@@ -15,8 +15,8 @@ from netlib.layer import Layer
 class Twin(Layer):
     """A layer that computes what its plain class computes, faster.
 
-    needs_backward     will backward be called at all; the executor says so before the first pass
-    needs_bottom_diff  will it be asked for the diff of any bottom
+    needs_backward     will backward be called at all; set by the executor before the first pass
+    needs_bottom_diff  will the diff of any bottom be needed
     """
 
     needs_backward: bool = True

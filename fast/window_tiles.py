@@ -47,7 +47,7 @@ class WindowTiles:
         return x.shape[2] % T == x.shape[3] % T == 0 and T * x.dtype.itemsize % 8 == 0
 
     def matrix(self, w: Array, T: int) -> Array:
-        """M of one half. Made anew when the weights have changed."""
+        """M of one half. Computed again when the weights have changed."""
         found = self._matrix
         if found is None or found[1] != T or not np.array_equal(found[0], w):
             O, _, k, _ = w.shape
