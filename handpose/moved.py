@@ -1,4 +1,7 @@
-"""Modules that have moved, under the names that they had: with a DeprecationWarning, until the next release."""
+"""Old names of moved modules, with a DeprecationWarning, until the next release.
+
+``netlib.system.aliases`` does the same for netlib, but importing handpose must not import netlib.
+"""
 
 from __future__ import annotations
 
@@ -40,13 +43,13 @@ class OldNames(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return module
 
     def exec_module(self, module: types.ModuleType) -> None:
-        """Give the module its own spec back: the import system has replaced it."""
+        """Restore the module's own spec, which the import system has replaced."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
 
 
 def _place_of(name: str) -> str | None:
-    """Where a module is now; None if it has not moved."""
+    """The new name of a module; None if it has not moved."""
     for old, new in MOVED.items():
         if name == old or name.startswith(f"{old}."):
             return new + name.removeprefix(old)

@@ -24,7 +24,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.network_errors import NetworkErrors, covariance, doubt_of, table_of, weights_of
 from handpose.depth_fit.search import PLANS, Plan
@@ -89,7 +89,7 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     """Round the weights, measure what they and the fits after them are worth, and write all of it."""
     refuse_other_bodies(skeleton_to_fit(net), "the frames that the errors are measured on show hands")
     skeleton = skeleton_to_fit(net)
-    model = FleshModel(skeleton, CUBE_MM / 2)
+    model = CapsuleModel(skeleton, CUBE_MM / 2)
     if args.frames <= (count := len(model.limbs)):  # a covariance of fewer samples is singular
         raise NetlibError(f"--frames {args.frames}: the covariance of the errors of {count} inputs of limbs takes "
                           f"--frames {count + 1} or more")  # fmt: skip
@@ -97,7 +97,7 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     with ProgressBar(3 * args.frames) as progress:
 
         def measured(errors: NetworkErrors | None, plans: Sequence[Plan]) -> fit_figures.Figures:
-            return fit_figures.measure(net, lambda unit: DepthFitter(FleshModel(skeleton, unit), errors),
+            return fit_figures.measure(net, lambda unit: DepthFitter(CapsuleModel(skeleton, unit), errors),
                                        frames_of(generator, args.frames), plans, progress=progress)  # fmt: skip
 
         exact = measured(None, ())

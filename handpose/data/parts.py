@@ -120,7 +120,7 @@ def check_room(out: Path, need: int) -> None:
 
 
 def check_rows(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
-    """The same for some numbers of rows, before it is known which files are there: they may all be kept or replaced."""
+    """Check numbers of rows before the existing files are known: they may all be kept or replaced."""
     need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
     check_room(out, need - sum(path.stat().st_size for path in there if path.is_file()))

@@ -42,7 +42,7 @@ class Posed(NamedTuple):
     girth: Floats  # (N,) scale of all radii
 
 
-class FleshModel:
+class CapsuleModel:
     """The capsules of a skeleton with a surface, for fitting.
 
     free          (V - 2,) the DoFs of the whole body that are variables; then come log size and log girth

@@ -2,7 +2,7 @@
 
 The fit halves the error of the network and estimates the remaining error.
 
-fitter = DepthFitter(FleshModel(skeleton, CUBE_MM / 2), errors)
+fitter = DepthFitter(CapsuleModel(skeleton, CUBE_MM / 2), errors)
 seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)   # plan: search.FAST or search.ACCURATE
 found = fitter.fit(seen, starts, plan)   # starts: the network's predictions, one per quarter turn of the plan
 found.joints                             # (N, K, 3) mm from the crops' centres
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
 from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
 from handpose.depth_fit.objective import Objective, Weights
 from handpose.depth_fit.observation import Observation
@@ -49,7 +49,7 @@ class DepthFit:
     doubt       (N,) uncertainty of the fit (``network_errors``)
     error_mm    (N,) expected error of the joints, by the network's table; NaN without a table
     confidence  (N,) probability that this error is below 30 mm; NaN likewise
-    x           (N, V) all variables, for ``FleshModel``
+    x           (N, V) all variables, for ``CapsuleModel``
     signs       (N, 5) that determine the uncertainty: the parts of the cost, and the distance in mm by which the
                 joints moved; infinite where nothing is visible
     start       (N,) index of its start: first the quarter turns, then the expected pose, then those drawn
@@ -87,7 +87,9 @@ class DepthFitter:
     weights  of the terms
     """
 
-    def __init__(self, model: FleshModel, errors: NetworkErrors | None = None, weights: Weights | None = None) -> None:
+    def __init__(
+        self, model: CapsuleModel, errors: NetworkErrors | None = None, weights: Weights | None = None
+    ) -> None:
         self.model = model
         self.errors = errors or unknown_errors(self.model)
         self.objective = Objective(self.model, weights or Weights())
@@ -98,7 +100,7 @@ class DepthFitter:
         cls, skeleton: Skeleton, path: str | Path, unit_mm: float, weights: Weights | None = None
     ) -> DepthFitter:
         """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
-        model = FleshModel(skeleton, unit_mm)
+        model = CapsuleModel(skeleton, unit_mm)
         return cls(model, read_errors(path, model), weights)
 
     def fit(
@@ -132,7 +134,7 @@ class DepthFitter:
         if before is not None:
             handicap[len(own) - 1] = STAY
         found = self._searched(seen, np.concatenate(tried), np.concatenate(priors), plan, size, handicap)
-        return self._told(found, seen, network, plan)
+        return self._results(found, seen, network, plan)
 
     def follow(
         self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None
@@ -149,7 +151,7 @@ class DepthFitter:
         found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones(1), HOLD)
         off = (found.x - priors[0])[:, self.model.limbs]
         found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
-        return self._told(found, seen, network, plan, moved_mm)
+        return self._results(found, seen, network, plan, moved_mm)
 
     def _expected(self, before: Array) -> Array:
         """The prior for x (N, V): about x, but about the means for the girth and the surface's own variables."""
@@ -181,7 +183,7 @@ class DepthFitter:
         for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
         return found
 
-    def _told(
+    def _results(
         self, found: Found, seen: Observation, network: Array, plan: Plan, moved_mm: Array | float = 0.0
     ) -> DepthFit:
         """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""

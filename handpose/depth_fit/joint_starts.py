@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.joint_fit.damped_step import damped_step
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
@@ -22,7 +22,7 @@ STEPS = 8
 FIRST_MU, TRUST, MISTRUST, RIDGE = 1e-2, 1 / 3, 4.0, 1e-9
 
 
-def near_joints(model: FleshModel, x: Array, joints: Array) -> Array:
+def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     """Fit bodies x (N, V) to joints (N, K, 3) in mm; variables that the surface alone has are not changed."""
     skeleton, kinematics = model.skeleton, kinematics_of(model.skeleton)
     free = np.unique(skeleton.driven)

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import hdf5
@@ -67,12 +67,12 @@ class NetworkErrors:
         )
 
 
-def unknown_errors(model: FleshModel) -> NetworkErrors:
+def unknown_errors(model: CapsuleModel) -> NetworkErrors:
     """The default errors of a network that was not measured."""
     return NetworkErrors(np.eye(len(model.limbs)) * UNKNOWN_STD**2, {}, {})
 
 
-def read_errors(path: str | Path, model: FleshModel) -> NetworkErrors:
+def read_errors(path: str | Path, model: CapsuleModel) -> NetworkErrors:
     """The errors in a weights file, or the default ones if it has none. Raises DataError."""
     if not snapshot.begins_as_hdf5(path, "weights"):
         return unknown_errors(model)

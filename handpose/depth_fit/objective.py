@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.depth_fit.body import FleshModel, Posed
+from handpose.depth_fit.body import CapsuleModel, Posed
 from handpose.depth_fit.observation import Floats, Observation
 from handpose.depth_fit.residuals import Residuals, cones_of, joined, normal_equations
 from handpose.depth_fit.silhouette import sphere_residuals, spheres_of
@@ -73,7 +73,7 @@ class Cost(NamedTuple):
 class Objective:
     """The terms of frames, as a function of x."""
 
-    def __init__(self, model: FleshModel, weights: Weights) -> None:
+    def __init__(self, model: CapsuleModel, weights: Weights) -> None:
         self.model, self.weights = model, weights
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
         self.spheres = spheres_of(model)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import BACKGROUND, HandCrops
 from handpose.facts.cameras import Camera
@@ -33,7 +33,7 @@ MOVED, OUTSIDE_MM, MISFIT_MM, STRETCHED_MM = 0.5, 100.0, 7.0, 100.0
 TYPICAL_SIZE = 0.92  # mean size of the recipe `people`, relative to the skeleton
 
 
-def rejection_score(model: FleshModel, fit: DepthFit, hands: HandCrops, *, known_size: bool = False) -> Array:
+def rejection_score(model: CapsuleModel, fit: DepthFit, hands: HandCrops, *, known_size: bool = False) -> Array:
     """The scores (N,) in mm of fits to the crops of N places; ``known_size`` if the fits had a given size."""
     crops, uvd, camera, mirror = hands.crops, hands.center_uvd, hands.camera, hands.mirror
     flesh = model.capsules(fit.x, hands.center_mm).mirrored(mirror)

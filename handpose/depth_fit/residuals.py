@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel, Posed
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel, Posed
 from netlib.blob import Array
 
 Floats = NDArray[np.float32]
@@ -61,7 +61,7 @@ class Cones(NamedTuple):
         return Cones(picked[:, :3], picked[:, 3:6], picked[:, 6], picked[:, 7])
 
 
-def cones_of(model: FleshModel, posed: Posed) -> Cones:
+def cones_of(model: CapsuleModel, posed: Posed) -> Cones:
     """All M capsules."""
     ends = posed.ends.swapaxes(1, 2)
     a = ends[:, :, model.start]
@@ -79,7 +79,7 @@ def joined(first: Residuals, second: Residuals) -> Residuals:
     return Residuals(*(np.concatenate([a, b], axis=-1) for a, b in zip(first, second)))
 
 
-def normal_equations(model: FleshModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Array, Array]:
+def normal_equations(model: CapsuleModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Array, Array]:
     """A (N, V, V) and b (N, V) of the squares weighted by (N, 2, R): half their gradient is b."""
     N, _, R = r.value.shape
     M, V = len(model.start), model.variables

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.descent import Stage, descend
 from handpose.depth_fit.objective import Objective, Prior
 from handpose.depth_fit.observation import Observation
@@ -91,7 +91,7 @@ def misfit(parts: Array) -> Array:
     return np.asarray(parts[:, :3].sum(axis=1))
 
 
-def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
+def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: int) -> Array:
     """Draws (count, N, V) about x (N, V), with the limbs' errors of the network, within the limits."""
     rng = np.random.default_rng(seed)
     starts = np.tile(x, (count, 1, 1))
@@ -100,7 +100,7 @@ def drawn(model: FleshModel, x: Array, covariance: Array, count: int, seed: int)
     return np.clip(starts, model.lower, model.upper)
 
 
-def turned_back(model: FleshModel, x: Array, quarter: int) -> Array:
+def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
     """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the crops as they were.
 
     A rotation about the line of sight rotates the root's position and is added to its outermost angle. Raises

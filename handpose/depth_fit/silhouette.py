@@ -14,14 +14,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.observation import BACKGROUND, Floats, Observation
 from handpose.depth_fit.residuals import Cones, Residuals
 
 PLACES = (1.0,)  # positions of the spheres on each capsule's axis; another one in the middle improves nothing
 
 
-def spheres_of(model: FleshModel) -> tuple[NDArray[np.int_], Floats]:
+def spheres_of(model: CapsuleModel) -> tuple[NDArray[np.int_], Floats]:
     """The capsule of each sphere and its position on the axis, for all capsules of the skeleton's own joints."""
     own = np.flatnonzero(~model.flesh.limbs)
     return np.repeat(own, len(PLACES)), np.tile(np.array(PLACES, np.float32), len(own))

@@ -1,4 +1,4 @@
-"""What the fit to the depth is worth on synthetic frames with known joints: errors, hands, confidence, by rotation."""
+"""Evaluation of the fit to the depth on synthetic frames: errors, sides, confidence, by rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read variables of a MATLAB file of version 5, in a program of its own: on a damaged file SciPy's reader may crash.
+"""Read variables of a MATLAB file of version 5 in a separate program: on a damaged file SciPy's reader may crash.
 
     python -I matlab_worker.py FILE NAME,NAME... FOLDER...
 

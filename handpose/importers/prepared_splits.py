@@ -58,7 +58,7 @@ class PreparedSplit:
         atomic.replace_text(self.list, files.list_text(some))
 
     def report(self, outcome: Outcome) -> str:
-        """What became of the split, in two lines."""
+        """The result of the preparation, in two lines."""
         counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
         bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"
         split = self.frames.split

@@ -53,7 +53,7 @@ def _listed(names: list[str]) -> str:
 
 
 def report(template: Skeleton, frames: Observations, found: Calibration, unit: float) -> str:
-    """What was found: bones and distances in mm, limits in degrees. ``unit`` is the skeleton's half-cube in mm."""
+    """The results: bones and distances in mm, limits in degrees. ``unit`` is the skeleton's half-cube in mm."""
     skeleton = found.skeleton
     lines = [f"{'bone, mm':<22}{'template':>9}{'now':>9}{'+-':>7}"]
     for joint in np.flatnonzero(skeleton.bone_axes >= 0):

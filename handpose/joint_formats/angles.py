@@ -26,8 +26,8 @@ import itertools
 
 import numpy as np
 
-from handpose.facts.sides import Side, mirror_of
-from handpose.joint_formats.frames import HandFrames, frames_of
+from handpose.facts.sides import Side
+from handpose.joint_formats.frames import HandFrames, hand_frames
 from handpose.joint_formats.points import FINGERS
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -41,7 +41,7 @@ ANGLES = (
 
 def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     """The angles by name, in degrees, of joints (K, 3) in camera axes. Raises DataError for other bodies than hands."""
-    return angles_of(frames_of(skeleton, np.asarray(xyz, np.float64) * mirror_of(hand)))
+    return angles_of(hand_frames(skeleton, hand, xyz))
 
 
 def angles_of(frames: HandFrames) -> dict[str, float]:

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
 from handpose.joint_formats.angles import turned
-from handpose.joint_formats.frames import HandFrames, frames_of, unit
+from handpose.joint_formats.frames import HandFrames, hand_frames, unit
 from handpose.joint_formats.points import FINGERS, POINTS, Point, weights_of
 from handpose.surface.model import Flesh
 from layers.hand.skeleton import Skeleton
@@ -145,12 +145,14 @@ def formatted(
     xyz: Array,
     camera: Camera | None = None,
     cube_mm: float | None = None,
+    frames: HandFrames | None = None,
 ) -> FormattedHand:
     """A hand in a format. Raises DataError for another body than a hand.
 
     xyz      (K, 3) joints of the skeleton in mm, camera axes
     camera   that saw it, for landmarks in the image
     cube_mm  of a crop without its frame: landmarks are in the crop then
+    frames   the hand's directions, if they are computed already (``hand_frames``)
     """
     chosen, xyz = FORMATS[name], np.asarray(xyz, np.float64)
     points = _weights(name, skeleton) @ xyz
@@ -160,7 +162,7 @@ def formatted(
     if name != "openxr":
         return FormattedHand(chosen, points * scale)
     mirror = mirror_of(hand)
-    frames = frames_of(skeleton, xyz * mirror)
+    frames = frames or hand_frames(skeleton, hand, xyz)
     turns = _orientations(frames, points * mirror) * (mirror * chosen.axes)
     return FormattedHand(chosen, points * scale, _quaternions(turns), _radii(skeleton) * frames.unit_mm / METRE)
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from handpose.facts.sides import Side, mirror_of
 from handpose.joint_formats.points import FINGERS, POINTS, weights_of
 from handpose.rotations import best_rotation
 from layers.hand.kinematics import Kinematics, rotation
@@ -76,6 +77,14 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
             a, b = np.arctan2(-d[0], d[1]), np.arcsin(np.clip(d[2], -1, 1))
             back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
     return HandFrames(unit_mm, dorsal, radial, bones, back, palm)
+
+
+def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
+    """The directions of a hand of this side, mirrored if it is a left one, for joints (K, 3) mm in camera axes.
+
+    Raises DataError for other bodies than hands.
+    """
+    return frames_of(skeleton, np.asarray(xyz, np.float64) * mirror_of(hand))
 
 
 @dataclass(frozen=True)

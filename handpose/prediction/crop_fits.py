@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFit, DepthFitter
 from handpose.depth_fit.joint_starts import near_joints
 from handpose.depth_fit.observation import HandCrops
@@ -47,7 +47,7 @@ def fit_crops(
     return DepthFit.concatenate(found)
 
 
-def fit_starts(net: Net, model: FleshModel, crops: NDArray[np.floating], quarters: Sequence[int]) -> list[Array]:
+def fit_starts(net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]) -> list[Array]:
     """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
 
     For each of ``quarters`` the crops are turned counter-clockwise by so many quarter turns, and the predictions are

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from handpose.data.crops import CUBES_MM, SIZE
 from handpose.data.depth_images import check_unit, depth_image, numbers
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.search import PLANS, Fit
 from handpose.facts.cameras import NYU, Camera
@@ -82,7 +82,7 @@ class Predictor:
         self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
         self.plan, self.fitter = PLANS.get(fit), None
         if self.plan is not None:
-            self.fitter = fitter or DepthFitter(FleshModel(self.skeleton, self.cube_mm / 2))
+            self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
         self.pipeline = HandPipeline(net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan)
         self._locator = locator
 

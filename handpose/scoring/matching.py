@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handpose.facts.sides import Side
-from handpose.track_files.reasons import PARTLY
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand
+from handpose.track_files.track import PARTLY, LostHand, TrackedFrame, TrackedHand
 from netlib.errors import DataError
 
 BOUND_MM = 100.0  # on the joints' mean error of a hand that is found; a hand is twice as long

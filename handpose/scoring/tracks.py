@@ -111,7 +111,7 @@ def score(
     header    of the track
     bound_mm  on the joints' mean error of a hand that is found
 
-    Frames in which a true hand is partly visible are not scored (``handpose.track_files.reasons``). Raises DataError.
+    Frames in which a true hand is partly visible are not scored (``handpose.track_files.track``). Raises DataError.
     """
     true = list(truth)
     hands, invented = match(frames, true, bound_mm)

@@ -27,8 +27,7 @@ from handpose.sequences.stage import SURROUNDINGS, Shot, Stage
 from handpose.sequences.surroundings import NOWHERE_MM
 from handpose.sources.recording import DepthFrame, Recording
 from handpose.synthetic.sensor import Sensor, sense, sensor_of
-from handpose.track_files.reasons import PARTLY
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.track_files.track import PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.errors import DataError, did_you_mean
 
 MAX_SECONDS = 36000.0
@@ -94,7 +93,7 @@ class SyntheticRecording(Recording):
         return DepthFrame(number, number / self.rate, read)
 
     def shot(self, number: int) -> Shot:
-        """What there is at the time of frame ``number``."""
+        """The scene at the time of frame ``number``."""
         if self._last is None or self._last[0] != number:
             self._last = number, self.stage.shot(number / self.rate)
             self._unseen[number] = self._last[1].unseen
@@ -104,7 +103,7 @@ class SyntheticRecording(Recording):
 
     @property
     def header(self) -> TrackHeader:
-        """What holds for all frames of the truth."""
+        """The header of the truth."""
         return TrackHeader(self.name, self.camera, self.stage.sampler.skeleton, CUBE_MM / 2, smoothed=False)
 
     def truths(self) -> Iterator[TrackedFrame]:

@@ -18,7 +18,7 @@ from handpose.surface.render import Floats, in_front, joined
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import render_image
-from handpose.track_files.reasons import HIDDEN, LEFT, PARTLY
+from handpose.track_files.track import HIDDEN, LEFT, PARTLY
 
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
@@ -75,7 +75,7 @@ class Stage:
         return volume.roomy(), -1.0 if first else 1.0
 
     def shot(self, time: float) -> Shot:
-        """What there is at a time in s."""
+        """The scene at a time in s."""
         poses = [movement.pose_at(time) for movement in self.movements]
         limbs = self.sampler.flesh.limbs
         hands, arms = [], []

@@ -31,7 +31,7 @@ def library() -> Any:
 
 @contextlib.contextmanager
 def complaints() -> Iterator[list[str]]:
-    """What FFmpeg logs as an error within the block, by this thread: a line each."""
+    """The errors that FFmpeg logs within the block in this thread, one line each."""
     logging = library().logging
     before, lines = logging.get_level(), list[str]()
     logging.set_level(logging.ERROR)

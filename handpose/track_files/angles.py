@@ -1,4 +1,4 @@
-"""What others call a skeleton's inputs: its free angles and translations, with their values and their limits."""
+"""A skeleton's inputs under standard names: its free angles and translations, with values and limits."""
 
 from __future__ import annotations
 

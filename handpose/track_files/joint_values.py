@@ -27,8 +27,9 @@ import numpy as np
 
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side
-from handpose.joint_formats.angles import ANGLES, anatomical_angles
+from handpose.joint_formats.angles import ANGLES, angles_of
 from handpose.joint_formats.formats import FORMATS, FormatName, FormattedHand, formatted
+from handpose.joint_formats.frames import hand_frames
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -47,8 +48,8 @@ def hand_values(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None
 ) -> dict[str, Any]:
     """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
-    parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm))
-    angles = anatomical_angles(skeleton, hand, xyz)
+    frames = hand_frames(skeleton, hand, xyz)
+    parts, angles = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm, frames)), angles_of(frames)
     joints = {key: None if values is None else _rounded(values, key) for key, values in parts.items()}
     return {name: joints, ANGLES_KEY: {angle: _rounded(value, "deg") for angle, value in angles.items()}}
 
@@ -69,8 +70,9 @@ def columns(name: FormatName) -> list[str]:
 
 def numbers(name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera) -> list[str]:
     """The values of a row, one for each column."""
-    parts = _parts(formatted(name, skeleton, hand, xyz, camera))
-    return list(itertools.chain(_texts(parts), _texts({"deg": list(anatomical_angles(skeleton, hand, xyz).values())})))
+    frames = hand_frames(skeleton, hand, xyz)
+    parts = _parts(formatted(name, skeleton, hand, xyz, camera, frames=frames))
+    return list(itertools.chain(_texts(parts), _texts({"deg": list(angles_of(frames).values())})))
 
 
 def _texts(parts: dict[str, Any]) -> Iterator[str]:

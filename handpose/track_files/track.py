@@ -20,6 +20,11 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
+# Beginnings of the reasons why a hand is missing from a frame, for trackers and for synthetic truth.
+LEFT = "left the image"
+HIDDEN = "hidden"
+PARTLY = "partly in sight"  # in synthetic recordings: such frames are not scored
+
 
 @dataclass(frozen=True)
 class TrackHeader:

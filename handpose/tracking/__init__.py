@@ -1,1 +1,1 @@
-"""Hands followed through a depth recording: where each is, which hand it is, how large, and when it is lost."""
+"""Track hands through a depth recording: positions, sides and sizes, and when a hand is lost."""

@@ -1,8 +1,7 @@
-r"""The variables of a fitted body, as they move through space: apart from the crop in which they were found.
+"""The variables of a fitted body, independent of the crop in which it was fitted.
 
-``Placed`` has them with the root's place in mm from the camera, and the root's turn as one rotation: angles about three
-axes jump where a body turns past a pole, and are no measure of how fast it turns. A left hand is placed in the space
-that a mirror shows, as the fit sees it.
+In ``Placed`` the root's position is in mm from the camera, and its orientation is one rotation: angles about three axes
+are discontinuous at a pole, and do not measure angular speed. A left hand is in mirrored space, as in the fit.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.tracking.one_euro import turn_between, turned
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
@@ -21,9 +20,9 @@ from netlib.errors import NetlibError
 class Placed(NamedTuple):
     """A body in space.
 
-    place     (3,) mm, of the root, in the axes of the (mirrored) camera
+    place     (3,) mm, position of the root in the axes of the (mirrored) camera
     rotation  (3, 3) world_from_root
-    others    (V - 6,) the other variables: limbs, the flesh's own, logarithms of size and girth
+    others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and girth
     """
 
     place: Array
@@ -32,13 +31,13 @@ class Placed(NamedTuple):
 
 
 class Placer:
-    """Between variables x (V,) about a crop's centre and ``Placed``.
+    """Converts between variables x (V,) about a crop's centre and ``Placed``.
 
-    Raises NetlibError for a skeleton whose root does not translate along x, y, z and turn about three different axes,
-    by a free DoF each.
+    Raises NetlibError for a skeleton whose root does not translate along x, y, z and rotate about three different axes,
+    with a free DoF each.
     """
 
-    def __init__(self, model: FleshModel) -> None:
+    def __init__(self, model: CapsuleModel) -> None:
         whole = model.whole
         motions = whole.motions[int(np.flatnonzero(whole.parents < 0)[0])]
         slides = {m.axis: m for m in motions if m.kind == "translate"}
@@ -63,19 +62,19 @@ class Placer:
         self.others = np.setdiff1d(np.arange(model.variables), np.concatenate([self._slides, self._turns]))
 
     def placed(self, x: Array, center_mm: Array) -> Placed:
-        """The body x (V,) about the crop's centre (3,)."""
+        """The body with x (V,) about the crop's centre (3,)."""
         theta = self._slide_signs * (x[self._slides] + self._slide_initial)
         return Placed(theta * self.unit_mm + center_mm, self.rotation(x), x[self.others])
 
     def rotation(self, x: Array) -> Array:
-        """The root's rotation (3, 3) of x (V,)."""
+        """The root's rotation (3, 3) for x (V,)."""
         result = np.eye(3)
         for axis, angle in zip(self._axes, self._turn_signs * (x[self._turns] + self._turn_initial)):
             result = result @ rotation(axis, angle)
         return result
 
     def variables(self, body: Placed, center_mm: Array) -> Array:
-        """x (V,) about the crop's centre (3,), the root's angles within half a turn of 0."""
+        """x (V,) about the crop's centre (3,), with the root's angles between -pi and pi."""
         x = np.empty(len(self.others) + 6)
         x[self.others] = body.others
         x[self._slides] = (body.place - center_mm) / self.unit_mm * self._slide_signs - self._slide_initial
@@ -88,13 +87,13 @@ class Placer:
         i, j, k = self._axes
         e = self._parity
         b = np.arcsin(np.clip(e * R[i, k], -1, 1))
-        if abs(R[i, k]) > 1 - 1e-12:  # only the sum of the others is known
+        if abs(R[i, k]) > 1 - 1e-12:  # only the sum of the other angles is determined
             return np.array([np.arctan2(e * R[k, j], R[j, j]), b, 0.0])
         return np.array([np.arctan2(-e * R[j, k], R[k, k]), b, np.arctan2(-e * R[i, j], R[i, i])])
 
 
 class Motion(NamedTuple):
-    """How fast a body moves: mm/s, rad/s about the world's axes, and its other variables per second."""
+    """The velocity of a body: mm/s, rad/s about the world's axes, and its other variables per second."""
 
     place: Array
     turn: Array
@@ -102,7 +101,7 @@ class Motion(NamedTuple):
 
 
 def motion_between(first: Placed, second: Placed, seconds: float) -> Motion:
-    """The motion that leads from one to the other in so many seconds."""
+    """The motion from one body to the other in this time."""
     return Motion(
         (second.place - first.place) / seconds,
         turn_between(first.rotation, second.rotation) / seconds,
@@ -111,7 +110,7 @@ def motion_between(first: Placed, second: Placed, seconds: float) -> Motion:
 
 
 def moved(body: Placed, motion: Motion, seconds: float) -> Placed:
-    """The body so many seconds later."""
+    """The body after this time."""
     return Placed(
         body.place + motion.place * seconds,
         turned(body.rotation, motion.turn * seconds),

@@ -1,7 +1,7 @@
-"""One look at places of a depth image: what the network sees there, and what the fit makes of it.
+"""Predict and fit hands in search regions of a depth image.
 
-Places of several hands are looked at together: the arrays of one are so small that most of the time is spent between
-them.
+The regions of several hands are processed together, because the arrays of one hand are so small that most of the time
+would be overhead.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from handpose.tracking.body_pose import Placed, Placer
 from netlib.blob import Array
 from netlib.errors import DataError
 
-LIKELY = 0.5  # chance of a hand, says the locator
+LIKELY = 0.5  # minimum probability of a hand, by the locator
 ARM_PLACES = 5  # along a forearm
-TIMES = 2  # that it looks, each time from where it saw the hand
+TIMES = 2  # number of evaluations of the locator, each at the predicted position
 
 
 class Aim(NamedTuple):
-    """Where to look, and as what.
+    """A search region.
 
-    center_uvd  (3,) px, px, mm: the middle of the crop
-    side        the hand that it is to be seen as
-    before      the body as the frames before let it be expected, if there are any
-    size        of the hand, if it is known
-    moved_mm    how far the fit was from the network's joints when that was asked last; None asks it again
+    center_uvd  (3,) px, px, mm: centre of the crop
+    side        assumed side of the hand
+    before      the body expected from earlier frames, or None
+    size        of the hand, if known
+    moved_mm    last distance of the fit from the network's joints; None runs the network again
     """
 
     center_uvd: Array
@@ -49,14 +49,14 @@ class Aim(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What was seen.
+    """The pose found in a search region.
 
-    aim         where
-    center_mm   (3,) of the crop, in the space of the body: of a left hand, mirrored
+    aim         the region
+    center_mm   (3,) centre of the crop, mirrored for left hands
     crop        (128, 128) in [-1, 1], not mirrored
     fit         of this body alone
     body        in space
-    goes_on     did its fit start from the body that was expected?
+    goes_on     True if the fit started from the expected body
     """
 
     aim: Aim
@@ -68,28 +68,28 @@ class Sight(NamedTuple):
 
     @property
     def doubt(self) -> float:
-        """How much speaks against the fit."""
+        """The uncertainty of the fit."""
         return float(self.fit.doubt[0])
 
     @property
     def badness(self) -> float:
-        """What compares looks by different plans: the expected error in mm; where it is not known, the misfit."""
+        """Compares poses of different plans: the expected error in mm, or the misfit if it is unknown."""
         return float(np.nan_to_num(self.error_mm, nan=self.fit.misfit[0]))
 
     @property
     def error_mm(self) -> float:
-        """The error to be expected of the joints; NaN where nobody has measured it."""
+        """The expected error of the joints; NaN if it was not measured."""
         return float(self.fit.error_mm[0])
 
     @property
     def confidence(self) -> float:
-        """The chance that the error of the joints is below 30 mm; where nobody has measured it, 1 or 0."""
+        """Probability that the error of the joints is below 30 mm; 1 or 0 if it was not measured."""
         known = float(self.fit.confidence[0])
         return known if np.isfinite(known) else float(np.isfinite(self.doubt))
 
 
 class Looker:
-    """Looks at places with the network and the fitter of a predictor, by its plan."""
+    """Predicts and fits hands with the network, the fitter and the plan of a predictor."""
 
     def __init__(self, predictor: Predictor, camera: Camera) -> None:
         assert predictor.fitter is not None and predictor.plan is not None
@@ -101,7 +101,7 @@ class Looker:
         self._middle = self._middle_of_crops()
 
     def look(self, depth: NDArray[np.float32], aims: Sequence[Aim], plan: Plan | None = None) -> list[Sight | None]:
-        """What is seen at each place; None where it is out of sight. Raises NetlibError.
+        """The pose in each region; None if it is outside the image. Raises NetlibError.
 
         plan  of the fit; by default the predictor's
         """
@@ -123,12 +123,12 @@ class Looker:
         return found
 
     def center_of(self, body: Placed, side: Side) -> Array:
-        """Where a crop of a body has its centre (3,), px, px, mm."""
+        """The crop centre (3,) of a body, px, px, mm."""
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * mirror_of(side))
 
     def hand_near(self, depth: NDArray[np.float32], sight: Sight) -> Array:
-        """Where the locator would have the crop's centre (3,), px, px, mm; or else the network, if it was asked."""
+        """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""
         middle, side = self.camera.unproject(sight.aim.center_uvd)[None], sight.aim.side
         for _ in range(TIMES):
             chance, middle = self.locator.at(depth, middle, self.camera)
@@ -148,7 +148,7 @@ class Looker:
         return float(rejection_score(self.fitter.model, sight.fit, hand, known_size=known_size)[0])
 
     def arm(self, sight: Sight) -> Array:
-        """Places (A, 3) in mm, camera axes, along the axes of what only the flesh has: of a hand its forearm."""
+        """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm of a hand."""
         model = self.fitter.model
         capsules, limbs = model.capsules(sight.fit.x, sight.center_mm[None]), model.flesh.limbs
         a, b = capsules.a[0, limbs], capsules.b[0, limbs]
@@ -156,7 +156,7 @@ class Looker:
         return np.asarray(places.reshape(-1, 3) * mirror_of(sight.aim.side))
 
     def _middle_of_crops(self) -> Array:
-        """Where a crop has its centre (3,) in mm, from the root's place and along its axes."""
+        """The crop centre (3,) in mm, from the root's position and in its axes."""
         model, far = self.fitter.model, np.array([0.0, 0.0, 1000.0])
         x = np.zeros((1, model.variables))
         root = self.placer.placed(x[0], far)
@@ -165,12 +165,12 @@ class Looker:
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))
 
     def _hands(self, aims: Sequence[Aim], crops: NDArray[np.float32]) -> HandCrops:
-        """The crops (N, S, S) of these aims."""
+        """The crops (N, S, S) of these regions."""
         uvd = np.stack([aim.center_uvd for aim in aims])
         return HandCrops.of_sides(crops, uvd, self.camera, self.cube_mm, [aim.side for aim in aims])
 
     def _look(self, aims: Sequence[Aim], crops: NDArray[np.float32], plan: Plan) -> list[Sight]:
-        """The same for places of which the same things are known."""
+        """``look`` for regions with the same known values."""
         hands = self._hands(aims, crops)
         seen, centers = hands.observe(plan.points), hands.center_mm
         placed = [(aim.before, center) for aim, center in zip(aims, centers) if aim.before is not None]

@@ -25,7 +25,7 @@ import numpy as np
 from netlib.blob import Array
 
 SCATTER_HZ = 0.3  # cutoff of the logarithm of n̂
-NO_SPEED = 1e-6  # whose logarithm is told for 0
+NO_SPEED = 1e-6  # lower bound for the logarithm
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Cutoff:
     most: float = math.inf
 
     def hertz(self, speed: Array, scatter: Array, trust: float) -> Array:
-        """The cutoff at a speed |v̂| with a scatter n̂; of a value that is trusted less, so much lower."""
+        """The cutoff at a speed |v̂| with a scatter n̂, scaled by ``trust``."""
         known = np.maximum(speed - np.minimum(self.noise * scatter, self.most), 0.0)
         return np.asarray(trust * (self.least + self.slope * known))
 
@@ -56,14 +56,14 @@ class _Kept(NamedTuple):
 
 
 def share(cutoff: Array | float, seconds: float) -> Array:
-    """α, how much of a new value counts, with a cutoff in Hz and so many seconds since the last one."""
+    """α, the weight of a new value, for a cutoff in Hz and the seconds since the last value."""
     return np.asarray(1 / (1 + 1 / (2 * np.pi * np.asarray(cutoff) * seconds)))
 
 
 class OneEuro:
-    """Filters vectors (n,): each element by its own speed, or all by that of the vector.
+    """Filters vectors (n,): each element by its own speed, or all by the speed of the vector.
 
-    together  one speed, the vector's length, for all elements: where they are coordinates of a point
+    together  use the vector's speed for all elements, for coordinates of a point
     """
 
     def __init__(self, cutoff: Cutoff, together: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Why a hand is not found where it should be, in one line."""
+"""The reason why a hand is not found at its expected place, in one line."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 from handpose.data.crops import crop, pixels_of
 from handpose.depth_fit.observation import BACKGROUND
 from handpose.facts.cameras import Camera
-from handpose.track_files.reasons import HIDDEN, LEFT
+from handpose.track_files.track import HIDDEN, LEFT
 from handpose.tracking.looking import Aim, Sight
 from netlib.errors import DataError
 
 NO_HAND = "what is seen where it was does not look like a hand"
-MIN_VISIBLE = 0.03  # part of a crop that shows something
-COVERED = 0.3  # part of a crop that is nearer than the cube around the hand
-MARGIN = 0.15  # of the cube around the hand: if its middle is so near the image's edge, the hand leaves it
+MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
+COVERED = 0.3  # share of a crop that is nearer than the cube: the hand is hidden
+MARGIN = 0.15  # in cube edges: a hand whose middle is closer to the image's edge is leaving
 
 
 def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim, sight: Sight | None) -> str:
-    """What became of the hand that was expected at an aim.
+    """The reason why the hand was not found in a search region.
 
-    sight  the best that was seen of it
+    sight  the best pose found for it
     """
     d = aim.center_uvd[2]
     if not (depth > 0).any():
@@ -42,7 +42,7 @@ def reason(depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim,
     if sight is None:
         return LEFT
     cut = [edge for edge in _edges_beyond(camera, cube_mm, aim) if _reaches(edge, depth, camera, cube_mm, aim)]
-    if cut:  # a wrist, say, whose hand is outside already
+    if cut:  # such as a wrist whose hand is outside already
         return _left_at(cut)
     return f"{NO_HAND} (confidence {sight.confidence:.0%})"
 
@@ -59,7 +59,7 @@ def _edges_beyond(camera: Camera, cube_mm: float, aim: Aim) -> list[str]:
 
 
 def _reaches(edge: str, depth: NDArray[np.float32], camera: Camera, cube_mm: float, aim: Aim) -> bool:
-    """Is there something in the cube that the edge cuts?"""
+    """True if the edge cuts an object in the cube."""
     columns, rows = (slice(max(int(first), 0), max(int(end), 0))
                      for (first,), (end,) in pixels_of(aim.center_uvd[None], cube_mm, camera))  # fmt: skip
     line = {"left": depth[rows, 0], "right": depth[rows, -1], "upper": depth[0, columns], "lower": depth[-1, columns]}

@@ -1,7 +1,7 @@
-"""Looking for further hands while others are followed: a few places of every frame, so that no frame waits for it.
+"""Search for further hands: a few places in every frame, so that no frame takes much longer.
 
-The locator sees all places of a frame in a tenth of a second and more. Here a round goes over the places of one frame
-during the frames after it; those that may be hands are then looked at as ``Predictor.hands_at`` does.
+The locator needs a tenth of a second or more for all places of a frame. Here one scan over the places of a frame is
+distributed over the following frames; likely hands are then predicted as by ``Predictor.hands_at``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NOWHERE = np.zeros((0, 3))
 
 
 class Rejected(NamedTuple):
-    """A place (3,) in mm that was no hand, for how long it is passed over, and until when, both in s."""
+    """A place (3,) in mm that was not a hand, the pause in s for which it is skipped, and its end in s."""
 
     place: Array
     pause: float
@@ -37,7 +37,7 @@ class Rejected(NamedTuple):
 
 
 class Scout:
-    """Goes over the places of an image, some per frame."""
+    """Scans the places of an image, some per frame."""
 
     def __init__(self, locator: Locator, camera: Camera) -> None:
         self.locator, self.camera = locator, camera
@@ -47,7 +47,7 @@ class Scout:
         self._rejected: list[Rejected] = []
 
     def reject(self, place: Array, time: float) -> None:
-        """Pass over what is near a place (3,) in mm for a while: it was looked at, and is no hand."""
+        """Skip the surroundings of a place (3,) in mm for a while, because it was not a hand."""
         recent = [r for r in self._rejected if time < r.until + LONGEST_PAUSE]
         near = [np.linalg.norm(r.place - place) < REJECTED_MM for r in recent]
         pause = min(max((2 * r.pause for r, is_near in zip(recent, near) if is_near), default=PAUSE), LONGEST_PAUSE)
@@ -55,12 +55,12 @@ class Scout:
         self._rejected = [*others, Rejected(place, pause, time + pause)]
 
     def begin_anew(self) -> None:
-        """Look at all places of the next image, as if it were the first."""
+        """Scan all places of the next image at once."""
         self._left = self._left[:0]
         self._begun = self._last = -np.inf
 
     def chance(self, depth: NDArray[np.float32], middle: Array) -> float:
-        """The chance that there is a hand about a place (3,) in mm."""
+        """The probability of a hand at a place (3,) in mm."""
         found, _ = self.locator.at(depth, middle[None], self.camera)
         return float(found.max(initial=0.0))
 
@@ -96,12 +96,12 @@ class Scout:
         return np.asarray(middle[np.argmax(odds_of(chance, middle))])
 
     def _places(self, depth: NDArray[np.float32]) -> Array:
-        """All places, the nearest first: a hand is held towards the camera."""
+        """All places, the nearest first, because hands are held towards the camera."""
         places = surface_places(depth, self.camera)
         return places[np.argsort(places[:, 2], kind="stable")]
 
 
 def _apart(places: Array, others: Array, least_mm: float) -> NDArray[np.bool_]:
-    """Which places (N, 3) are farther than so much from all others (M, 3)."""
+    """True (N,) for places (N, 3) farther than this from all others (M, 3)."""
     distance = np.linalg.norm(places[:, None] - others, axis=2)
     return np.asarray(distance.min(axis=1, initial=np.inf) > least_mm)

@@ -1,4 +1,4 @@
-"""The size of a hand, from its first seconds; then it is kept, and its bones with it."""
+"""Estimate the size of a hand from its first seconds; then size and bones are constant."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from handpose.depth_fit.size_calibration import calibrate_size
 from handpose.tracking.looking import Looker, Sight
 from netlib.errors import DataError
 
-FRAMES = 32  # that are collected ...
-BEST = 16  # ... and so many of them, with the least doubt, tell the size: a hand is often seen badly at first
-EVERY = 0.1  # s between them: poses must differ
+FRAMES = 32  # number of poses collected
+BEST = 16  # number of the least uncertain poses that are used
+EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
-NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of sizes that are tried, about the median of the single fits ...
+NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of the sizes tried, about the median of the single fits
 # Bias of the logarithm of the size with the least misfit: the mean of 24 synthetic recordings by a time-of-flight
 # camera (hands of size 0.78, 0.85 and 1: 0.032, 0.028, 0.021); without widened outlines it was 0.014 at size 0.85.
 PREFERS_LARGER = 0.027
-TIMES = 3  # ... and again about the best one, while it is the first or last of them
+TIMES = 3  # maximum number of rounds, each about the best size, while it is the first or last of them
 
 
 def checked(size: float) -> float:
-    """A size relative to the skeleton, if hands can be fitted with it. Raises DataError."""
+    """The size relative to the skeleton. Raises DataError if hands of this size cannot be fitted."""
     least, most = np.exp([-SIZE_LIMIT, SIZE_LIMIT])
     if not least <= size <= most:
         raise DataError(f"size {size:g}, expected {least:.2f} to {most:.2f} times the skeleton's")
@@ -31,7 +31,7 @@ def checked(size: float) -> float:
 
 
 class SizeKeeper:
-    """Collects sights of one hand until its size can be told."""
+    """Collects poses of one hand until its size can be estimated."""
 
     def __init__(self, looker: Looker) -> None:
         self._looker = looker
@@ -39,7 +39,7 @@ class SizeKeeper:
         self._time = -np.inf
 
     def take(self, sight: Sight, time: float) -> float | None:
-        """The size, relative to the skeleton, as soon as it is known."""
+        """The size, relative to the skeleton, as soon as it is known, otherwise None."""
         if sight.confidence < CONFIDENT or time - self._time < EVERY:
             return None
         self._sights = [*(one for one in self._sights if one.aim.side == sight.aim.side), sight]

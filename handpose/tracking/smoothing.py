@@ -1,7 +1,7 @@
-"""Poses smoothed over time: angles and the palm's pose, never joints, so that bones keep their length.
+"""Poses smoothed over time: angles and the palm's pose instead of joints, so that bones keep their length.
 
-The palm's place goes through one One Euro filter with the speed of the point, its rotation through one of rotations,
-every other variable through its own.
+The palm's position has a One Euro filter with the speed of the point, its rotation one for rotations, and every other
+variable its own.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ import math
 from handpose.tracking.body_pose import Placed
 from handpose.tracking.one_euro import Cutoff, OneEuro, OneEuroRotation
 
-# Chosen on synthetic movements before three cameras that no reported figure is of.
+# Chosen on synthetic movements with three cameras that are in no reported result.
 PLACE = Cutoff(least=0.5, slope=0.4, speed=2.7, noise=1.3, most=50.0)  # per mm/s
 ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5)  # per rad/s
 OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.8)  # per rad/s, and of sizes their logarithm
-GOOD_MM = 14.0  # error to be expected of a pose; those with a larger one jump: they are trusted less, ...
-POWER = 3  # ... by this power of how much larger, ...
-MIN_TRUST = 0.1  # ... but so much at least: a hand may move meanwhile
+GOOD_MM = 14.0  # expected error of a pose above which it is trusted less
+POWER = 3  # exponent of the ratio of the errors
+MIN_TRUST = 0.1  # minimum trust, because a hand may move meanwhile
 
 
 class PoseFilter:
-    """Smooths one body."""
+    """Smooths the poses of one body."""
 
     def __init__(self) -> None:
         self._place = OneEuro(PLACE, together=True)
@@ -31,7 +31,7 @@ class PoseFilter:
     def __call__(self, body: Placed, time: float, error_mm: float = math.nan) -> Placed:
         """The smoothed body at a time in s; times ascend.
 
-        error_mm  to be expected of its joints; NaN if nobody knows
+        error_mm  expected error of its joints; NaN if unknown
         """
         trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
         return Placed(

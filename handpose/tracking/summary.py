@@ -1,4 +1,4 @@
-"""What a track amounts to: how long each hand was followed, and how often it was lost."""
+"""Summary of a track: how long each hand was tracked, and how often it was lost."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class HandSummary:
     """One hand.
 
     hand     "right" or "left", as in its last frame
-    frames   in which it is told
+    frames   number of frames with it
     size     of its bones, relative to the skeleton's, in its last frame
-    losses   how often it was lost
-    longest  s, that it was lost at a time
-    confidences  how often each whole per cent was told
+    losses   number of times it was lost
+    longest  s, its longest loss
+    confidences  histogram of its confidence in per cent
     """
 
     hand: Side
@@ -34,13 +34,13 @@ class HandSummary:
 
     @property
     def sure(self) -> str:
-        """The median confidence, in words."""
+        """The median confidence, as text."""
         below = np.cumsum(self.confidences)
         return f"{np.searchsorted(below, below[-1] / 2)}%" if below[-1] else "unknown"
 
 
 class Summary:
-    """Of the frames that were added."""
+    """The summary of the frames added so far."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         self._has_bone = skeleton.bones != 0
@@ -55,7 +55,7 @@ class Summary:
         return self._last - self._first
 
     def add(self, frame: TrackedFrame) -> None:
-        """One more frame."""
+        """Add a frame."""
         if not self.frames:
             self._first = frame.time
         self.frames, self._last = self.frames + 1, frame.time

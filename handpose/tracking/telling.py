@@ -1,4 +1,4 @@
-"""What is told of a hand that is followed: its pose in the words of ``handpose.track_files``."""
+"""The output of the tracker for one hand, as in ``handpose.track_files``."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from handpose.tracking.looking import Looker
 
 
 def told(follower: Follower, looker: Looker, *, smooth: bool, flesh: bool) -> TrackedHand:
-    """A hand as it was seen last.
+    """A hand at its last pose.
 
-    smooth  tell the smoothed pose
-    flesh   tell the flesh, too
+    smooth  use the smoothed pose
+    flesh   include the surface
     """
     seen, model = follower.best, looker.fitter.model
     sight, side = seen.sight, seen.sight.aim.side
     mirror = mirror_of(side)
     x = looker.placer.variables(seen.smooth if smooth else sight.body, sight.center_mm)[None]
     if follower.size is not None:
-        x[0, SIZE] = np.log(follower.size)  # known, so no filter has to get there
+        x[0, SIZE] = np.log(follower.size)  # the known size, instead of a filtered one
     capsules = None
     if flesh:
         capsules = model.capsules(x, sight.center_mm[None]).mirrored(mirror)

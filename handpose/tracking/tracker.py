@@ -5,9 +5,8 @@ with open_recording("frames") as recording:
     for frame in tracker.follow(recording):
         print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
 
-A hand is looked for where it should be by its motion; the fit starts from that pose, now and then also from what the
-network sees there, and the one that explains the depth better is taken. While fewer hands are followed than there may
-be, the image is searched for more.
+A hand is expected where its motion leads; the fit starts from that pose, at intervals also from the network's
+prediction, and the better one is used. While there are fewer hands than allowed, the image is searched for more.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from handpose.tracking.telling import told
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
-MAX_HANDS = 100  # beyond which a number of hands is a mistake
+MAX_HANDS = 100  # larger numbers of hands are invalid
 SAME_MM = 70.0  # palms nearer to each other are one hand, seen twice
 # Limits of the rejection score: of a new hand, and of one that is followed. Of 190 hands in synthetic scenes before
 # three cameras 95% are below 109 mm, 99% below 127 mm.
@@ -48,13 +47,13 @@ STRIKES = 2  # ... of which so many in a row end it
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", **options: object) -> Tracker:
-    """A tracker with the packaged weights; the options are those of ``Tracker``. Raises NetlibError."""
+    """A tracker with the packaged weights; for the options see ``Tracker``. Raises NetlibError."""
     return Tracker(load_predictor(camera, fit=fit), **options)  # type: ignore[arg-type]
 
 
 @dataclasses.dataclass
 class Known:
-    """What is kept of a hand, even while it is lost."""
+    """The state of a hand that is kept even while it is lost."""
 
     hand: Side
     since: float
@@ -65,16 +64,15 @@ class Known:
 
 
 class Tracker:
-    """Follows hands.
+    """Tracks hands.
 
-    predictor  finds hands and fits them; with a locator, a fit, and a camera of the frames' size
-    hands      at most so many at once
+    predictor  with a locator, a fit, and a camera of the frames' size
+    hands      maximum number at a time
     smooth     smooth poses over time
-    size       of all hands, relative to the skeleton; without it, each one's is told from its first seconds
-    flesh      tell each hand's flesh, too
+    size       of all hands, relative to the skeleton; by default each is estimated from its first seconds
+    flesh      output each hand's surface, too
 
-    Raises NetlibError for a predictor without these and for a number of hands that is none, DataError for a size that
-    no hand is fitted with.
+    Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that cannot be fitted.
     """
 
     def __init__(
@@ -96,18 +94,18 @@ class Tracker:
         self._read = False  # was anything, in any frame?
 
     def header(self, source: str) -> TrackHeader:
-        """What holds for all frames."""
+        """The header of the track."""
         return TrackHeader(source, self.camera, self.predictor.skeleton, self.predictor.cube_mm / 2, self.smooth)
 
     def follow(self, frames: Iterable[DepthFrame]) -> Iterator[TrackedFrame]:
-        """What is told of frames, in the order of their times. Raises DataError, NetlibError."""
+        """The hands of all frames, in the order of their times. Raises DataError, NetlibError."""
         for frame in frames:
             yield self.step(frame)
 
     def step(self, frame: DepthFrame) -> TrackedFrame:
-        """What is told of the next frame. Raises DataError for one of another size, or not later, NetlibError.
+        """The hands of the next frame. Raises DataError for another size, or a time that is not later; NetlibError.
 
-        And UnitError for the first in which anything was read, if that is in metres or negative.
+        Raises UnitError for the first frame with readings if these are in metres or negative.
         """
         depth, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
         check_size(depth, self.camera)
@@ -125,7 +123,7 @@ class Tracker:
             self._drop_doubles()
             if not anew or len(self.followers) == count:
                 break
-            self.scout.begin_anew()  # in a frame that follows no other, all hands are to be found at once
+            self.scout.begin_anew()  # after a gap in time, search for all hands at once
         hands = []
         for follower in sorted(self.followers, key=lambda one: one.id):
             if follower.time == time:
@@ -142,7 +140,7 @@ class Tracker:
         return TrackedFrame(frame.number, time, tuple(hands), lost)
 
     def _follow(self, depth: NDArray[np.float32], time: float) -> None:
-        """Look for every hand where it should be; after a gap in time nobody knows where that is."""
+        """Find every hand where it is expected; after a gap in time it is dropped."""
         for follower in list(self.followers):
             if follower.given_up(time):
                 self.followers.remove(follower)
@@ -165,12 +163,12 @@ class Tracker:
     def _looks(
         self, depth: NDArray[np.float32], aims: dict[int, list[Aim]], plan: Plan | None = None
     ) -> dict[int, list[Sight | None]]:
-        """One look at all places of several hands, by their ids."""
+        """The poses in regions of several hands, by their ids."""
         sights = iter(self.looker.look(depth, [aim for own in aims.values() for aim in own], plan))
         return {id: [next(sights) for _ in own] for id, own in aims.items()}
 
     def _drop_doubles(self) -> None:
-        """Of two followers of one hand the one that was seen last stays, or the better one."""
+        """Drop one of two tracks of the same hand: the one lost earlier, otherwise the worse one."""
         for follower in sorted(self.followers, key=lambda one: (-one.time, one.best.sight.badness)):
             if follower not in self.followers:
                 continue
@@ -180,7 +178,7 @@ class Tracker:
                     self.known[other.id].reason = "another hand is followed in its place"
 
     def _drop_strange(self, depth: NDArray[np.float32], time: float) -> None:
-        """End what is followed but is no hand: the network and the fit make a hand of anything."""
+        """Drop tracks of objects that are not hands, which network and fit may resemble."""
         for follower in list(self.followers):
             pause = CHECK if follower.is_sure else SUSPECT
             if follower.time < time or time - follower.checked < pause:
@@ -195,13 +193,13 @@ class Tracker:
                 self.known[follower.id].reason = NO_HAND if why.startswith(NO_HAND) else why
 
     def _looks_like_a_hand(self, depth: NDArray[np.float32], sight: Sight, strange_mm: float) -> bool:
-        """To the locator, and beside the picture of the body that was fitted."""
+        """True if the locator finds a hand and the rejection score is low enough."""
         if self.scout.chance(depth, sight.center_mm * mirror_of(sight.aim.side)) < LIKELY:
             return False
         return self.looker.rejection_score(sight) < strange_mm
 
     def _scout(self, depth: NDArray[np.float32], time: float) -> None:
-        """Look for a hand that nobody follows."""
+        """Search for a hand that is not tracked."""
         middles = np.array([self._middle(follower) for follower in self.followers]).reshape(-1, 3)
         arms = [self.looker.arm(follower.best.sight) for follower in self.followers]
         place = self.scout.look(depth, middles, time, np.concatenate([*arms, NOWHERE]))
@@ -220,10 +218,7 @@ class Tracker:
         self.followers = [other for other in self.followers if other.id != follower.id] + [follower]
 
     def _hands_at(self, depth: NDArray[np.float32], place: Array) -> list[Sight]:
-        """What is seen near a place (3,) in mm, as a hand of each side; none if that is no hand.
-
-        A fast look at the place itself comes first. It rejects 70% of the other things before the slow search.
-        """
+        """The poses near a place (3,) in mm, as hands of each side; empty if it is not a hand."""
         start = self.camera.project(place)
         if all(self.looker.rejection_score(sight) > STRANGE_MM for sight in self._sides_at(depth, start, FAST)):
             return []
@@ -245,12 +240,12 @@ class Tracker:
         return [sight for sight in self.looker.look(depth, aims, plan) if sight is not None]
 
     def _missing(self, time: float) -> list[int]:
-        """The hands that are known and not seen in this frame."""
+        """The ids of known hands that are not found in this frame."""
         seen = {follower.id for follower in self.followers if follower.time == time}
         return [id for id in self.known if id not in seen]
 
     def _just_lost(self, place: Array, time: float) -> set[Side]:
-        """The sides of hands that were lost a moment ago near a place (3,) in mm: a hand does not change its side."""
+        """The sides of hands lost recently near a place (3,) in mm, because a hand does not change its side."""
         known = [self.known[id] for id in self._missing(time)]
         return {
             one.hand
@@ -259,26 +254,26 @@ class Tracker:
         }
 
     def _leaning(self, time: float) -> float:
-        """What speaks for a right hand (1) or a left one (-1): hands that were lost return."""
+        """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
         sides = [self.known[id].hand for id in self._missing(time)]
         return float("right" in sides) - float("left" in sides)
 
     def _id_of(self, side: Side, time: float) -> int:
-        """Of a hand that is found: that of the one of this side that was lost last, else a new one."""
+        """The id of a new hand: that of the last lost hand of this side, otherwise a new one."""
         lost = [id for id in self._missing(time) if self.known[id].hand == side]
         return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
 
     def _size_beside(self, id: int) -> float | None:
-        """Of another hand, if any is known: most often both are one person's."""
+        """The size of another hand, if known: both hands are usually of one person."""
         return next((known.size for other, known in self.known.items() if other != id and known.size), None)
 
     def _measure(self, follower: Follower, time: float) -> None:
-        """Tell the hand's size as soon as it can be told."""
+        """Estimate the hand's size as soon as possible."""
         known = self.known[follower.id]
         if follower.size is None and follower.is_decided:
             follower.size = known.size = known.sizes.take(follower.best.sight, time)
 
     def _middle(self, follower: Follower) -> Array:
-        """Where the hand is (3,) in mm, camera axes."""
+        """The hand's position (3,) in mm, camera axes."""
         sight = follower.best.sight
         return self.camera.unproject(self.looker.center_of(sight.body, sight.aim.side))

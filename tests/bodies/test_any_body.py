@@ -9,7 +9,7 @@ import pytest
 
 import netlib
 from handpose.data.crops import crop_pixels, restore_joints
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import observe
 from handpose.depth_fit.search import FAST
@@ -140,7 +140,7 @@ def test_fits_to_depth(tmp_path: Path, seed: int) -> None:
     """From the true pose, disturbed, a fit comes back nearer to it."""
     recipe = exact_recipe(write_body(tmp_path, seed))
     scene = Generator(seed, "train", recipe).scene(0)
-    model, n = FleshModel(recipe.prior.body(), HALF), 16
+    model, n = CapsuleModel(recipe.prior.body(), HALF), 16
     truth = scene.bodies.joints[:n] * HALF
     rng = np.random.default_rng(seed)
     start = scene.bodies.inputs[:n] + rng.normal(0, 0.12, scene.bodies.inputs[:n].shape)

@@ -419,10 +419,10 @@ def make_fit() -> list[str]:
 
 @functools.cache
 def _flesh_model() -> Any:
-    from handpose.depth_fit.body import FleshModel
+    from handpose.depth_fit.body import CapsuleModel
     from layers.hand import skeleton
 
-    return FleshModel(skeleton.load(), 150.0)
+    return CapsuleModel(skeleton.load(), 150.0)
 
 
 def read_fit(path: Path) -> Any:

@@ -18,7 +18,6 @@ SOURCES = [
 ]
 NO_READERS = {
     "fast/blas.py": "reads what Linux says of the processor and of loaded libraries",
-    "handpose/experiments/table1/machine.py": "reads what Linux says of the processor",
     "handpose/experiments/table1/results.py": "asks netlib/files/hdf5.py for rows, and looks at their shape",
     "handpose/__main__.py": "reads the commands that come with the project",
     "handpose/drawing/page/assembly.py": "reads the page that comes with the project",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.facts.cameras import Camera
 from handpose.facts.nyu import CUBE_MM
 from handpose.facts.sides import Side, mirror_of
@@ -17,7 +17,7 @@ from layers.hand import skeleton
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
 HEADER = TrackHeader("a recording", CAMERA, skeleton.load())
-_MODEL = FleshModel(HEADER.skeleton, HEADER.unit_mm)
+_MODEL = CapsuleModel(HEADER.skeleton, HEADER.unit_mm)
 
 
 def tracked(

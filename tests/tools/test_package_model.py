@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.network_errors import read_errors
 from handpose.experiments.model_file import rounded
 from handpose.prediction.packaged import HAND_LOCATOR, SYNTHETIC_HAND, read_card
@@ -27,7 +27,7 @@ def test_packaging(tmp_path, monkeypatch):
     small = (tmp_path / "small.caffemodel.h5").read_bytes()
     assert hashlib.sha256(small).hexdigest() in out
     assert len(small) < 0.5 * (tmp_path / "big.caffemodel.h5").stat().st_size
-    errors = read_errors("small.caffemodel.h5", FleshModel(skeleton.load(), 150.0))
+    errors = read_errors("small.caffemodel.h5", CapsuleModel(skeleton.load(), 150.0))
     assert set(errors.tables) == {"fast", "accurate"}
     own = ["--weights", "small.caffemodel.h5", "--model", DEPLOY]
     run_tool("measure_fit", *own, "--frames", "3", "--recipes", "nyu")
@@ -105,4 +105,4 @@ def test_just_enough_frames(tmp_path):
     """A file that can be read."""
     weights, out = str(read_card(SYNTHETIC_HAND).weights), tmp_path / "x.h5"
     run_tool("package_model", weights, "--model", DEPLOY, "--out", out, "--frames", "21")
-    assert len(read_errors(out, FleshModel(skeleton.load(), 150.0)).limbs) == 20
+    assert len(read_errors(out, CapsuleModel(skeleton.load(), 150.0)).limbs) == 20

@@ -13,10 +13,10 @@ import numpy as np
 
 from handpose.experiments.table1 import ledger, results, trainings
 from handpose.experiments.table1.ledger import Entry
-from handpose.experiments.table1.machine import machine
 from handpose.experiments.table1.plan import Job, next_length, of_job, verdict
 from handpose.experiments.table1.results import Truth
 from handpose.experiments.table1.settings import ONE_HAND, Setting, is_real_nyu
+from handpose.experiments.table1.speed import machine
 from handpose.experiments.table1.trainings import Step, Training
 from handpose.experiments.table1.true_angles import fit_true_angles
 from handpose.prediction.nets import trained

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from handpose.experiments.table1.derived_solvers import with_fields
 from handpose.experiments.table1.networks import PROTOTXT
 from netlib.proto import prototxt
-from netlib.proto.prototxt import Message
+from netlib.proto.prototxt import Message, Scalar
 from netlib.training import solver_parameter
 
 GROWTH = Fraction(3, 2)  # of one length to the next
@@ -75,3 +74,17 @@ PAPER = Recipe("paper", "the paper's solver", PROTOTXT / "nyu_solver.prototxt", 
 ADAM = Recipe("adam", "our recipe", PROTOTXT / "synthetic_solver.prototxt", lengths(20000, 5), Fraction(3, 10),
               batch=64, every=5000, robust=True)  # fmt: skip
 RECIPES = {recipe.name: recipe for recipe in (ADAM, PAPER)}  # ours is done sooner
+
+
+def with_fields(solver: Message, own: Mapping[str, object]) -> Message:
+    """The tree of a solver with the fields ``own``, without tests and snapshots; its ``str`` is a prototxt.
+
+    A value is a path, or prototxt text: ``'"fixed"'`` is a string, ``"HDF5"`` a word. Raises PrototxtError.
+    """
+    kept = [f for f in solver.fields if not f.name.startswith(("test_", "snapshot")) and f.name not in own]
+    written = {
+        name: Scalar("string", value.as_posix(), solver.position) if isinstance(value, Path) else value
+        for name, value in own.items()
+    }
+    added = prototxt.parse("\n".join(f"{name}: {value}" for name, value in written.items())).fields
+    return Message([*kept, *added], solver.position)

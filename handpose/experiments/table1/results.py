@@ -123,8 +123,10 @@ def _part(p: Predictions, rows: NDArray[np.bool_]) -> Predictions:
 def _with_bones(
     part: Predictions, inputs: Array, bones: Array | None, rows: NDArray[np.bool_], skeleton: Skeleton
 ) -> tuple[float, float]:
-    """The error in mm over the 14 joints if the angles pose the frames' own bones, and if they pose the skeleton's,
-    scaled for each frame by the one factor that makes them as long as its own in sum."""
+    """The error in mm over the 14 joints for the angles on the frames' own bones, and on the skeleton's.
+
+    The skeleton's are scaled for each frame by one factor, so that their total length is the frame's.
+    """
     if bones is None or part.dof is None:
         return np.nan, np.nan
     own = bones[rows]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import platform
+import re
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,7 +13,6 @@ import numpy as np
 
 import netlib
 from handpose.data.json_fields import Fields, parsed
-from handpose.experiments.table1.machine import machine
 from handpose.experiments.table1.networks import PROTOTXT
 from handpose.synthetic.generator import Generator
 from netlib import engine, files
@@ -21,6 +22,7 @@ from netlib.net import Net
 
 DEPLOY = PROTOTXT / "nyu_deploy.prototxt"
 BATCH, ROUNDS = 64, 50
+CPUINFO = Path("/proc/cpuinfo")  # of Linux
 WHERE = "speed.json"  # in the folder of the results store
 
 
@@ -69,3 +71,19 @@ def read(path: Path) -> Speed | None:
     of = Fields(parsed(files.read_text(path, "the speed"), str(path)), str(path))
     return Speed(of.positive("single"), of.positive("batched"), of.whole("batch"), of.text("engine"),
                  of.whole("threads"), of.text("machine"))  # fmt: skip
+
+
+def machine() -> str:
+    """The processor, and the number of its cores that this process may use."""
+    cores = engine.available_cpus()
+    return f"{_processor()}, {cores} core{'s' * (cores != 1)}"
+
+
+def _processor() -> str:
+    try:
+        found = re.search(
+            r"^model name\s*:\s*(.+)$", CPUINFO.read_text(encoding="utf-8", errors="replace"), re.MULTILINE
+        )
+    except OSError:
+        found = None
+    return " ".join(found[1].split()) if found else platform.processor() or platform.machine()

@@ -59,7 +59,7 @@ class Training:
 
     @property
     def name(self) -> str:
-        """What its files begin with."""
+        """The prefix of its files."""
         return f"{self.network.name}_{self.recipe.name}_seed{self.seed}"
 
     @property

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel, Posed
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel, Posed
 from handpose.depth_fit.observation import Observation, observe
 from handpose.depth_fit.residuals import Residuals
 from handpose.facts.cameras import NYU
@@ -27,13 +27,13 @@ class Scene(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def model() -> FleshModel:
+def model() -> CapsuleModel:
     """The packaged hand in NYU's cube."""
-    return FleshModel(skeleton.load(), 150.0)
+    return CapsuleModel(skeleton.load(), 150.0)
 
 
 @pytest.fixture(scope="session")
-def scene(model: FleshModel) -> Scene:
+def scene(model: CapsuleModel) -> Scene:
     """Twelve hands with the packaged bones, without noise."""
     exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
@@ -42,7 +42,7 @@ def scene(model: FleshModel) -> Scene:
     return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))
 
 
-def written_out(model: FleshModel, posed: Posed, r: Residuals) -> np.ndarray:
+def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
     """The Jacobian (N, 2, R, V) of residuals, row by row from how the ends of their capsules move."""
     n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
     motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s

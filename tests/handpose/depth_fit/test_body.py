@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
@@ -17,12 +17,12 @@ from tests.handpose.surface.test_surface_model import ARM
 COUPLED = ARM.replace('rotate { axis: Z dof: "elbow" }', 'rotate { axis: Z dof: "shoulder" }')
 
 
-def body(text: str) -> FleshModel:
+def body(text: str) -> CapsuleModel:
     """The flesh of a skeleton's text, a unit being 10 mm."""
-    return FleshModel(Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test")), 10.0)
+    return CapsuleModel(Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test")), 10.0)
 
 
-def exact_ends(model: FleshModel, x: np.ndarray) -> np.ndarray:
+def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:
     """The ends (N, E, 3) in mm, in float64, from the flesh itself."""
     inputs = np.zeros((len(x), len(model.whole.initial)))
     inputs[:, model.free] = x[:, :SIZE]
@@ -33,7 +33,7 @@ def exact_ends(model: FleshModel, x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("text", [None, ARM, COUPLED], ids=["hand", "arm", "coupled"])
-def test_ends_and_how_they_move(model: FleshModel, text: str | None) -> None:
+def test_ends_and_how_they_move(model: CapsuleModel, text: str | None) -> None:
     """As the flesh says, and as central differences of it, for the forearm, the offsets, the size and the girth."""
     flesh = model if text is None else body(text)
     x = np.random.default_rng(0).normal(0, 0.2, (5, flesh.variables))
@@ -46,7 +46,7 @@ def test_ends_and_how_they_move(model: FleshModel, text: str | None) -> None:
     assert (posed.motion[..., GIRTH] == 0).all()
 
 
-def test_variables_of_the_hand(model: FleshModel) -> None:
+def test_variables_of_the_hand(model: CapsuleModel) -> None:
     """26 of the skeleton and 2 of the forearm, size and girth; what hangs on the palm alone, the wrist as well."""
     assert model.variables == 30
     assert (len(model.root), len(model.limbs), len(model.own)) == (6, 20, 2)
@@ -56,7 +56,7 @@ def test_variables_of_the_hand(model: FleshModel) -> None:
     assert rigid == {"palm", "wrist_left", "wrist_middle", "forearm"} | knuckles
 
 
-def test_there_and_back(model: FleshModel) -> None:
+def test_there_and_back(model: CapsuleModel) -> None:
     """Inputs of the skeleton survive; limbs are cut at their limits; joints are the kinematics'."""
     inputs = np.zeros((3, 47))
     inputs[:, ~model.skeleton.fixed] = np.random.default_rng(1).normal(0, 0.05, (3, 26))
@@ -73,7 +73,7 @@ def test_there_and_back(model: FleshModel) -> None:
     np.testing.assert_array_equal(wild[0, model.limbs], model.upper[model.limbs])
 
 
-def test_capsules_for_the_renderer(model: FleshModel) -> None:
+def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     """Moved to the centre, as thick as size and girth say."""
     x = np.zeros((1, model.variables))
     x[0, GIRTH] = np.log(1.2)

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.descent import Stage, descend
 from handpose.depth_fit.objective import Objective, Prior, Weights
 from tests.handpose.depth_fit.conftest import Scene
@@ -14,7 +14,7 @@ from tests.handpose.depth_fit.conftest import Scene
 STAGES = (Stage(30, 6), Stage(15, 6), Stage(10, 4))
 
 
-def start_of(scene: Scene, model: FleshModel) -> np.ndarray:
+def start_of(scene: Scene, model: CapsuleModel) -> np.ndarray:
     """Off by some 0.15 radians in every angle, 15 mm in every direction."""
     off = np.random.default_rng(1).normal(0, 0.15, scene.truth.shape)
     off[:, :3] *= 0.6
@@ -27,12 +27,12 @@ def prior_of(objective: Objective, x: np.ndarray) -> Prior:
     return objective.prior_of(x, np.eye(len(objective.model.limbs)) / 0.15**2)
 
 
-def error(model: FleshModel, x: np.ndarray, scene: Scene) -> np.ndarray:
+def error(model: CapsuleModel, x: np.ndarray, scene: Scene) -> np.ndarray:
     """Mean error (N,) in mm."""
     return np.linalg.norm(model.joints(x) - scene.joints, axis=2).mean(axis=1)
 
 
-def test_it_comes_near_the_truth(model: FleshModel, scene: Scene) -> None:
+def test_it_comes_near_the_truth(model: CapsuleModel, scene: Scene) -> None:
     """From a centimetre and a half to a few millimetres; no frame gets much worse."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
     found, cost = descend(objective, x, scene.seen, prior_of(objective, x), STAGES)
@@ -43,7 +43,7 @@ def test_it_comes_near_the_truth(model: FleshModel, scene: Scene) -> None:
     np.testing.assert_allclose(again.total, cost.total, rtol=1e-4)
 
 
-def test_the_cost_never_rises_within_a_stage(model: FleshModel, scene: Scene) -> None:
+def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) -> None:
     """More iterations are never worse."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
     costs = [descend(objective, x, scene.seen, prior_of(objective, x), (Stage(30, n),))[1].total for n in (0, 2, 5, 9)]
@@ -51,7 +51,7 @@ def test_the_cost_never_rises_within_a_stage(model: FleshModel, scene: Scene) ->
         assert (later <= earlier + 1e-6 * earlier).all()
 
 
-def test_frames_do_not_depend_on_each_other(model: FleshModel, scene: Scene) -> None:
+def test_frames_do_not_depend_on_each_other(model: CapsuleModel, scene: Scene) -> None:
     """Alone, together, or among the same ones several times: the same to rounding."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
     together, _ = descend(objective, x, scene.seen, prior_of(objective, x), STAGES[:1])
@@ -61,7 +61,7 @@ def test_frames_do_not_depend_on_each_other(model: FleshModel, scene: Scene) -> 
     np.testing.assert_array_equal(some[0], some[2])
 
 
-def test_an_empty_picture_leaves_the_prediction(model: FleshModel, scene: Scene) -> None:
+def test_an_empty_picture_leaves_the_prediction(model: CapsuleModel, scene: Scene) -> None:
     """Nothing was seen, so the prior is all there is."""
     from handpose.depth_fit.observation import observe
     from handpose.facts.cameras import NYU

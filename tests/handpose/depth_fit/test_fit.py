@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.network_errors import LOST_MM, NetworkErrors
 from handpose.depth_fit.observation import observe
@@ -44,7 +44,7 @@ flesh {
 
 
 @pytest.fixture(scope="module")
-def fitter(model: FleshModel) -> DepthFitter:
+def fitter(model: CapsuleModel) -> DepthFitter:
     """Of a network whose limbs are off by 0.15 radians."""
     table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
     return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
@@ -154,7 +154,7 @@ def test_any_body_with_flesh() -> None:
     radii = np.tile(flesh.radii * 150, (8, 1, 1))
     capsules = Capsules(ends[:, flesh.start], ends[:, flesh.end], radii[..., 0], radii[..., 1])
     crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
-    fitter = DepthFitter(FleshModel(skeleton, 150.0))
+    fitter = DepthFitter(CapsuleModel(skeleton, 150.0))
     start = inputs + rng.normal(0, 0.15, inputs.shape)
     found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, ACCURATE)
     truth = flesh.kinematics.joints(inputs) * 150

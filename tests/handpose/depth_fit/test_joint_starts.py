@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.depth_fit.joint_starts import near_joints
 from tests.handpose.depth_fit.conftest import Scene
 
 
-def error(model: FleshModel, x: np.ndarray, scene: Scene) -> np.ndarray:
+def error(model: CapsuleModel, x: np.ndarray, scene: Scene) -> np.ndarray:
     """Mean distance (N,) of the joints from the true ones, in mm."""
     return np.asarray(np.linalg.norm(model.joints(x) - scene.joints, axis=2).mean(axis=1))
 
 
-def test_true_joints(model: FleshModel, scene: Scene) -> None:
+def test_true_joints(model: CapsuleModel, scene: Scene) -> None:
     """From angles that are off by 0.2 radians: the pose, nearly, for the angles still count a little."""
     start = scene.truth.copy()
     start[:, model.limbs] += np.random.default_rng(0).normal(0, 0.2, (12, 20))
@@ -25,14 +25,14 @@ def test_true_joints(model: FleshModel, scene: Scene) -> None:
     np.testing.assert_array_equal(found[:, model.own], start[:, model.own])
 
 
-def test_joints_of_another_size(model: FleshModel, scene: Scene) -> None:
+def test_joints_of_another_size(model: CapsuleModel, scene: Scene) -> None:
     """The size follows joints that are farther from the root than the skeleton's."""
     root = scene.joints[:, [24]]
     found = near_joints(model, scene.truth, root + 1.1 * (scene.joints - root))
     np.testing.assert_allclose(np.exp(found[:, SIZE]), 1.1, atol=0.02)
 
 
-def test_joints_that_are_no_body(model: FleshModel, scene: Scene) -> None:
+def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
     """Independent errors of 14 mm of each joint become smaller ones of a body."""
     noisy = scene.joints + np.random.default_rng(1).normal(0, 14 / 3**0.5, scene.joints.shape)
     found = near_joints(model, scene.truth, noisy)

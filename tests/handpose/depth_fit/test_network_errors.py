@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.network_errors import (
     GOOD_MM,
     SIGNS,
@@ -43,7 +43,7 @@ def write(path: Path, **arrays: object) -> Path:
     return path
 
 
-def test_read(model: FleshModel, tmp_path: Path) -> None:
+def test_read(model: CapsuleModel, tmp_path: Path) -> None:
     """Covariance, weights, tables, interpolated between the rows; beyond the last one it gets worse in proportion."""
     own = np.eye(20) * 0.04
     found = read_errors(write(tmp_path / "w.h5", **{"limbs": own, "fast": TABLE, "fast.signs": EVEN}), model)
@@ -59,7 +59,7 @@ def test_read(model: FleshModel, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.weights["fast"], EVEN)
 
 
-def test_weights_that_nobody_measured(model: FleshModel, tmp_path: Path) -> None:
+def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> None:
     """Of Caffe, or of another format: a spread is assumed, and no confidence is told."""
     with h5py.File(tmp_path / "w.h5", "w") as file:
         file.create_group("data")
@@ -98,7 +98,9 @@ def test_weights_that_nobody_measured(model: FleshModel, tmp_path: Path) -> None
         ({"limbs": b"text"}, "cannot read the group 'fit'"),
     ],
 )
-def test_files_with_something_wrong(model: FleshModel, tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+def test_files_with_something_wrong(
+    model: CapsuleModel, tmp_path: Path, arrays: dict[str, object], message: str
+) -> None:
     """One line."""
     with pytest.raises(DataError, match=message):
         read_errors(write(tmp_path / "w.h5", **arrays), model)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.depth_fit import objective as objectives
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.depth_fit.objective import Objective, Prior, Weights
 from tests.handpose.depth_fit.conftest import Scene
 
@@ -37,7 +37,7 @@ def equations(objective: Objective, x: np.ndarray, scene: Scene, robust: float =
     return objective.equations(measured, objective.weigh(measured, scene.seen, robust))
 
 
-def test_the_truth_costs_little(model: FleshModel, scene: Scene) -> None:
+def test_the_truth_costs_little(model: CapsuleModel, scene: Scene) -> None:
     """Every term but the forearm's part of the surface is small there, and larger beside it."""
     objective = Objective(model, Weights())
     true, off = cost(objective, scene.truth, scene), cost(objective, moved(scene, 0.15), scene)
@@ -47,7 +47,7 @@ def test_the_truth_costs_little(model: FleshModel, scene: Scene) -> None:
     np.testing.assert_allclose(true.total, true.parts.sum(axis=1))
 
 
-def test_the_prior_by_hand(model: FleshModel, scene: Scene) -> None:
+def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
     """Limbs by their precision, the forearm by its deviation, size and girth by theirs, the palm by the ends' mm."""
     weights = Weights(limbs=2.0, size=0.1, girth=0.2)
     objective = Objective(model, weights)
@@ -66,7 +66,7 @@ def test_the_prior_by_hand(model: FleshModel, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("robust", [40.0, 10.0])
-def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: FleshModel, scene: Scene, robust: float) -> None:
+def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, scene: Scene, robust: float) -> None:
     """b is half the gradient: of the prior exactly, of all terms where no point changes its capsule or its pixel."""
     x = moved(scene, 0.02)
     alone = Objective(model, Weights(independent=1e-9, outline=0.0, front=0.0))
@@ -84,14 +84,14 @@ def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: FleshModel, sc
         assert np.percentile(off, share) < 0.15
 
 
-def test_curvature_is_symmetric_and_not_negative(model: FleshModel, scene: Scene) -> None:
+def test_curvature_is_symmetric_and_not_negative(model: CapsuleModel, scene: Scene) -> None:
     """As of a sum of squares."""
     A, _ = equations(Objective(model, Weights()), moved(scene), scene)
     np.testing.assert_allclose(A, A.swapaxes(1, 2), rtol=1e-3, atol=0.5)
     assert (np.linalg.eigvalsh(A) > 0).all()
 
 
-def test_each_weight_weighs_its_term(model: FleshModel, scene: Scene) -> None:
+def test_each_weight_weighs_its_term(model: CapsuleModel, scene: Scene) -> None:
     """Twice the weight is twice the part, and no other changes."""
     x, w = moved(scene, 0.1), Weights()
     base = cost(Objective(model, w), x, scene).parts

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFit
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.rejection import (
@@ -26,13 +26,15 @@ from handpose.synthetic.recipes import recipe
 UVD = np.array([[320.0, 240, 700]])
 
 
-def score(model: FleshModel, fit: DepthFit, crop: np.ndarray, uvd: np.ndarray = UVD, known_size: bool = False) -> float:
+def score(
+    model: CapsuleModel, fit: DepthFit, crop: np.ndarray, uvd: np.ndarray = UVD, known_size: bool = False
+) -> float:
     """The score of a right hand in NYU's cube."""
     return float(rejection_score(model, fit, HandCrops.of_sides(crop, uvd, NYU, 300.0), known_size=known_size)[0])
 
 
 @pytest.fixture
-def fit(model: FleshModel) -> DepthFit:
+def fit(model: CapsuleModel) -> DepthFit:
     """A hand of typical size at rest, perfectly fitted."""
     x, one = np.zeros((1, model.variables)), np.ones(1)
     x[0, SIZE] = np.log(TYPICAL_SIZE)
@@ -41,18 +43,18 @@ def fit(model: FleshModel) -> DepthFit:
 
 
 @pytest.fixture
-def crop(model: FleshModel, fit: DepthFit) -> np.ndarray:
+def crop(model: CapsuleModel, fit: DepthFit) -> np.ndarray:
     """Its picture."""
     depth = render_crop(model.capsules(fit.x, NYU.unproject(UVD)), UVD, 300.0)
     return normalise_depth(depth, UVD[:, 2], 300.0)
 
 
-def test_a_hand_is_not_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+def test_a_hand_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
     """Where it is, predicted where it is: nothing."""
     assert score(model, fit, crop) < 0.1
 
 
-def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+def test_each_figure(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
     """An empty picture, a prediction 20 mm away, a hand beside the image, a misfit, a larger hand."""
 
     def of(fit: DepthFit = fit, crop: np.ndarray = crop, uvd: np.ndarray = UVD) -> float:
@@ -68,7 +70,7 @@ def test_each_figure(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None
         assert of(replace(fit, x=larger)) > 0.2 * STRETCHED_MM
 
 
-def test_a_known_size_is_not_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+def test_a_known_size_is_not_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
     """A child's hand counts as much as a man's once a recording has determined its size."""
     x = fit.x.copy()
     x[0, SIZE] -= 0.2
@@ -82,7 +84,7 @@ def test_the_typical_size_is_that_of_the_training_frames() -> None:
     assert recipe("people").prior.scale_mean == TYPICAL_SIZE
 
 
-def test_a_stick_on_one_finger_is_rejected(model: FleshModel, fit: DepthFit, crop: np.ndarray) -> None:
+def test_a_stick_on_one_finger_is_rejected(model: CapsuleModel, fit: DepthFit, crop: np.ndarray) -> None:
     """Much of the hand is nowhere, however well the stick lies on the finger."""
     stick = np.where(np.arange(128) > 64, crop, 1.0).astype(np.float32)  # a part of the hand's own picture
     assert score(model, fit, stick) > 15

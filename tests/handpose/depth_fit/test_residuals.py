@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.residuals import Residuals, belonging, cones_of, joined, normal_equations
 from tests.handpose.depth_fit.conftest import slopes, written_out
 
 
-def some_residuals(model: FleshModel, rng: np.random.Generator, N: int, R: int) -> Residuals:
+def some_residuals(model: CapsuleModel, rng: np.random.Generator, N: int, R: int) -> Residuals:
     """Of any capsules, places and directions."""
     f4 = np.float32
     return Residuals(
@@ -21,7 +21,7 @@ def some_residuals(model: FleshModel, rng: np.random.Generator, N: int, R: int) 
     )
 
 
-def test_points_between_the_ends(model: FleshModel) -> None:
+def test_points_between_the_ends(model: CapsuleModel) -> None:
     """At 0 and 1 they are the ends with their radii, between them in a straight line; of all, or of some."""
     posed = model.posed(np.full((2, model.variables), 0.1))
     cones = cones_of(model, posed)
@@ -36,7 +36,7 @@ def test_points_between_the_ends(model: FleshModel) -> None:
         np.testing.assert_array_equal(own, np.take_along_axis(radius, chosen, axis=1))
 
 
-def test_normal_equations_are_those_of_the_written_out_jacobian(model: FleshModel) -> None:
+def test_normal_equations_are_those_of_the_written_out_jacobian(model: CapsuleModel) -> None:
     """A = sum w J Jt and b = sum w J r, with J row by row from how the ends move."""
     rng = np.random.default_rng(0)
     x = rng.normal(0, 0.2, (3, model.variables))
@@ -48,7 +48,7 @@ def test_normal_equations_are_those_of_the_written_out_jacobian(model: FleshMode
     np.testing.assert_allclose(b, np.einsum("ntr,ntrv,ntr->nv", weight, J, r.value), rtol=1e-3, atol=0.05)
 
 
-def test_the_order_of_points_changes_nothing(model: FleshModel) -> None:
+def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
     """The sums are exact, so that the order in which a processor adds does not matter."""
     rng = np.random.default_rng(3)
     posed, r = model.posed(rng.normal(0, 0.2, (3, model.variables))), some_residuals(model, rng, 3, 400)
@@ -60,7 +60,7 @@ def test_the_order_of_points_changes_nothing(model: FleshModel) -> None:
             np.testing.assert_array_equal(one, other)
 
 
-def test_how_a_point_moves(model: FleshModel) -> None:
+def test_how_a_point_moves(model: CapsuleModel) -> None:
     """The motion of the ends, mixed as the place says, is the derivative of the point."""
     rng = np.random.default_rng(1)
     x, r = rng.normal(0, 0.2, (2, model.variables)), some_residuals(model, rng, 2, 20)
@@ -72,7 +72,7 @@ def test_how_a_point_moves(model: FleshModel) -> None:
     np.testing.assert_allclose(mixed, moved, atol=0.3)  # mm per radian, of differences in float32
 
 
-def test_joined(model: FleshModel) -> None:
+def test_joined(model: CapsuleModel) -> None:
     """One after the other."""
     rng = np.random.default_rng(2)
     both = joined(some_residuals(model, rng, 2, 3), some_residuals(model, rng, 2, 4))

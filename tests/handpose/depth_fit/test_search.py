@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.objective import Objective, Weights
 from handpose.depth_fit.search import ACCURATE, PLANS, drawn, misfit, search, turned_back
 from layers.hand.bodies import kinematics_of
@@ -16,7 +16,7 @@ from tests.handpose.depth_fit.test_surface import PIPE
 
 
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])
-def test_a_pose_turned_with_its_picture(model: FleshModel, quarter: int) -> None:
+def test_a_pose_turned_with_its_picture(model: CapsuleModel, quarter: int) -> None:
     """What is found in a picture turned counter-clockwise, turned back: every joint, and inputs that stay small."""
     rng = np.random.default_rng(0)
     inputs = np.where(model.skeleton.fixed, 0, rng.normal(0, 0.3, (4, 47)))
@@ -30,7 +30,7 @@ def test_a_pose_turned_with_its_picture(model: FleshModel, quarter: int) -> None
     assert (np.abs(found[:, 3:6]) <= np.pi + 1e-9).all()
 
 
-def test_counter_clockwise_is_as_in_numpy(model: FleshModel) -> None:
+def test_counter_clockwise_is_as_in_numpy(model: CapsuleModel) -> None:
     """np.rot90 turns a picture counter-clockwise: a hand that points up then points to the left."""
     up = np.zeros((128, 128))
     up[:40, 60:68] = 1
@@ -59,7 +59,7 @@ def test_a_plan_from_near(name: str) -> None:
     assert stage.iterations <= sum(own.iterations for own in (*plan.first, *plan.last))
 
 
-def test_drawn_starts(model: FleshModel, scene: Scene) -> None:
+def test_drawn_starts(model: CapsuleModel, scene: Scene) -> None:
     """Limbs only, with the covariance, within the limits, the same for the same seed and for every frame."""
     L = len(model.limbs)
     spread = np.linspace(0.01, 0.1, L)
@@ -73,7 +73,7 @@ def test_drawn_starts(model: FleshModel, scene: Scene) -> None:
     np.testing.assert_array_equal(starts[:, 0], starts[:, 1])
 
 
-def test_the_best_explained_start_wins(model: FleshModel, scene: Scene) -> None:
+def test_the_best_explained_start_wins(model: CapsuleModel, scene: Scene) -> None:
     """Of the truth and two poses far away, for every frame; the second round gets the best of the first."""
     objective = Objective(model, Weights())
     wrong = scene.truth.copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.observation import observe
 from handpose.depth_fit.residuals import belonging, cones_of
 from handpose.depth_fit.silhouette import sphere_residuals, spheres_of
@@ -12,14 +12,14 @@ from handpose.facts.cameras import NYU
 from tests.handpose.depth_fit.conftest import Scene, written_out
 
 
-def test_spheres_are_on_the_skeletons_own_capsules(model: FleshModel) -> None:
+def test_spheres_are_on_the_skeletons_own_capsules(model: CapsuleModel) -> None:
     """Not on the forearm, whose end nobody knows."""
     capsule, place = spheres_of(model)
     assert not model.flesh.limbs[capsule].any() and len(capsule) == (~model.flesh.limbs).sum()
     assert (place == 1).all()
 
 
-def test_nothing_sticks_out_of_its_own_picture(model: FleshModel, scene: Scene) -> None:
+def test_nothing_sticks_out_of_its_own_picture(model: CapsuleModel, scene: Scene) -> None:
     """At the true pose hardly a sphere is where nothing was seen; a hand moved aside is."""
     spheres = spheres_of(model)
     still = sphere_residuals(cones_of(model, model.posed(scene.truth)), scene.seen, spheres, 3.0).value
@@ -35,7 +35,7 @@ def test_nothing_sticks_out_of_its_own_picture(model: FleshModel, scene: Scene) 
     ).mean() > 0.4
 
 
-def test_how_they_change(model: FleshModel, scene: Scene) -> None:
+def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
     """The interpolated outline has an exact slope: residuals that stay active change as direction and swelling say."""
     spheres = spheres_of(model)
     x = scene.truth.copy()
@@ -59,7 +59,7 @@ def test_a_sphere_before_a_plate() -> None:
     """By hand: a plate 30 mm behind the centre, a hand at the centre: before it by the depth and its radius."""
     from layers.hand import skeleton
 
-    model = FleshModel(skeleton.load(), 150.0)
+    model = CapsuleModel(skeleton.load(), 150.0)
     crop = np.full((1, 128, 128), 0.2, np.float32)
     seen = observe(crop, [[320, 240, 700]], NYU, 300.0)
     x = np.zeros((1, model.variables))

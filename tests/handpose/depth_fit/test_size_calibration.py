@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import GIRTH, SIZE, FleshModel
+from handpose.depth_fit.body import GIRTH, SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.observation import observe
 from handpose.depth_fit.size_calibration import GRID, HandSize, calibrate_size, sized
@@ -17,7 +17,7 @@ from tests.handpose.depth_fit.conftest import Scene
 
 
 @pytest.mark.parametrize(("size", "girth"), [(0.92, 1.15), (0.761, 1.0), (1.329, 1.0)])
-def test_the_size_of_a_hand(model: FleshModel, scene: Scene, size: float, girth: float) -> None:
+def test_the_size_of_a_hand(model: CapsuleModel, scene: Scene, size: float, girth: float) -> None:
     """Twelve frames of a hand that is so large and so thick, fitted with some other size."""
     truth = scene.truth.copy()
     truth[:, SIZE], truth[:, GIRTH] = np.log(size), np.log(girth)
@@ -32,7 +32,7 @@ def test_the_size_of_a_hand(model: FleshModel, scene: Scene, size: float, girth:
     assert found.misfits.argmin() == np.abs(GRID - size).argmin() and not found.at_the_edge
 
 
-def test_sizes_that_are_tried(model: FleshModel, scene: Scene) -> None:
+def test_sizes_that_are_tried(model: CapsuleModel, scene: Scene) -> None:
     """Few, about what is known already: the same is found; beyond the last it is not looked for."""
     truth = scene.truth.copy()
     truth[:, SIZE] = np.log(0.95)
@@ -48,13 +48,13 @@ def test_sizes_that_are_tried(model: FleshModel, scene: Scene) -> None:
     assert larger.size <= 1.05 and larger.misfits.argmin() == 0 and larger.at_the_edge
 
 
-def test_too_few_frames(model: FleshModel, scene: Scene) -> None:
+def test_too_few_frames(model: CapsuleModel, scene: Scene) -> None:
     """Say nothing."""
     with pytest.raises(DataError, match="4 frames to estimate a hand's size from, expected 5 or more"):
         calibrate_size(DepthFitter(model), scene.seen.take(slice(0, 4)), scene.truth[:4])
 
 
-def test_a_skeleton_of_that_size(model: FleshModel) -> None:
+def test_a_skeleton_of_that_size(model: CapsuleModel) -> None:
     """Bones by the size, radii by both."""
     found = HandSize(1.1, 1.2, 0.0, GRID, GRID)
     person = sized(model.skeleton, found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.observation import Observation
 from handpose.depth_fit.residuals import Cones, cones_of
 from handpose.depth_fit.surface import nearest_capsules, point_residuals
@@ -19,12 +19,12 @@ flesh { capsule { from: "a" to: "b" radius: %g radius: %g } }
 """
 
 
-def pipe(ra: float = 1, rb: float = 1) -> FleshModel:
+def pipe(ra: float = 1, rb: float = 1) -> CapsuleModel:
     """A capsule along x, 100 mm long; radii in cm."""
     return body(PIPE % (ra, rb))
 
 
-def cones_at(model: FleshModel, x: np.ndarray) -> Cones:
+def cones_at(model: CapsuleModel, x: np.ndarray) -> Cones:
     """All capsules at x."""
     return cones_of(model, model.posed(x))
 
@@ -71,7 +71,7 @@ def test_the_surface_of_a_cone() -> None:
     np.testing.assert_allclose(found.place[0], s, atol=1e-4)
 
 
-def test_how_residuals_change(model: FleshModel, scene: Scene) -> None:
+def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
     """The direction and the swelling of each, with its capsule kept, are its derivative along each variable.
 
     Of points on the facing side, that is: the place of those behind slides along the outline, to the second order.
@@ -94,7 +94,7 @@ def test_how_residuals_change(model: FleshModel, scene: Scene) -> None:
         assert front.mean() > 0.7 and np.percentile(off, 95) < 2
 
 
-def test_points_find_their_capsules(model: FleshModel, scene: Scene) -> None:
+def test_points_find_their_capsules(model: CapsuleModel, scene: Scene) -> None:
     """At the true pose, what the camera saw lies on the capsules but for the forearm, whose angles are not known."""
     cones = cones_at(model, scene.truth)
     capsule = nearest_capsules(cones, scene.seen)
@@ -103,7 +103,7 @@ def test_points_find_their_capsules(model: FleshModel, scene: Scene) -> None:
     assert hand.mean() > 0.5 and np.median(off[hand]) < 1.5
 
 
-def test_the_nearest_of_all_capsules(model: FleshModel, scene: Scene) -> None:
+def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
     """No other capsule is nearer by more than what the difference of radii is worth."""
     cones = cones_at(model, scene.truth)
     chosen = nearest_capsules(cones, scene.seen)

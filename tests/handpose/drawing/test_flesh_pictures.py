@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.drawing import hands
 from handpose.drawing.flesh import over_crop, paint
 from handpose.facts.cameras import NYU, Camera
@@ -15,7 +15,7 @@ from layers.hand import skeleton
 
 def test_flesh_over_its_own_picture() -> None:
     """Where the flesh is, the picture is skin-coloured; elsewhere it is the crop's; reddish where nothing was seen."""
-    model, uvd = FleshModel(skeleton.load(), 150.0), np.array([[320.0, 240, 700]])
+    model, uvd = CapsuleModel(skeleton.load(), 150.0), np.array([[320.0, 240, 700]])
     x = np.zeros((1, model.variables))
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
     crop = normalise_depth(depth, uvd[:, 2], 300.0)[0]

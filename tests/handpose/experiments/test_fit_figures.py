@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.depth_fit.search import ACCURATE, FAST
 from handpose.experiments.fit_figures import auc, frames_of, measure, roll_of
@@ -51,11 +51,11 @@ def test_crops_of_another_cube() -> None:
 
     def fitter_of(unit: float) -> DepthFitter:
         made.append(unit)
-        return DepthFitter(FleshModel(skeleton, unit))
+        return DepthFitter(CapsuleModel(skeleton, unit))
 
     found = measure(predictor.net, fitter_of, iter([*blocks, blocks[1]]), ())
     assert made == [150, 130.5]
-    own = FleshModel(skeleton, 130.5)
+    own = CapsuleModel(skeleton, 130.5)
     (x,) = fit_starts(predictor.net, own, blocks[1].crops, (0,))
     assert found.network[64:65] == pytest.approx(mean_errors_14(own.joints(x), blocks[1].joints))
 

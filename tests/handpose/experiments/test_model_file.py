@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import netlib
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.network_errors import NetworkErrors, read_errors
 from handpose.experiments.model_file import rounded, write_model
 from handpose.prediction.packaged import HAND_LOCATOR
@@ -43,7 +43,7 @@ def test_a_model_file(tmp_path: Path) -> None:
     for name, blobs in net.params.items():
         for one, other in zip(blobs, again.params[name]):
             np.testing.assert_array_equal(one.data, other.data)
-    found = read_errors(tmp_path / "x.caffemodel.h5", FleshModel(skeleton.load(), 150.0))
+    found = read_errors(tmp_path / "x.caffemodel.h5", CapsuleModel(skeleton.load(), 150.0))
     np.testing.assert_array_equal(found.limbs, errors.limbs)
     np.testing.assert_array_equal(found.tables["fast"], errors.tables["fast"])
     np.testing.assert_array_equal(found.weights["fast"], errors.weights["fast"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.depth_fit.observation import HandCrops
 from handpose.depth_fit.search import FAST
 from handpose.facts.cameras import NYU
@@ -95,7 +95,7 @@ def net(net_of: NetOf) -> Net:
 
 def test_of_a_net_with_sizes(net: Net) -> None:
     """The size that the net says, and the joints of its hand model."""
-    model = FleshModel(load(), 150.0)
+    model = CapsuleModel(load(), 150.0)
     net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
     (x,) = fit_starts(net, model, crops(2), (0,))
     assert x.shape == (2, model.variables)
@@ -106,7 +106,7 @@ def test_of_a_net_with_sizes(net: Net) -> None:
 
 def test_moved_to_the_joints(net: Net) -> None:
     """Where a net says joints beside its hand model, the start is near those."""
-    model = FleshModel(load(), 150.0)
+    model = CapsuleModel(load(), 150.0)
     aim = net.forward(depth=crops(1)[:, None])["pred"][0].reshape(31, 3) + (0.2, 0, 0)
     net.params["joints"][1].data[...] = aim.reshape(-1)
     poses = hand_poses(net, crops(1))
@@ -118,7 +118,7 @@ def test_moved_to_the_joints(net: Net) -> None:
 
 def test_turned_crops(net: Net) -> None:
     """Turned back with the crops: a net that says the same of all of them sees four hands, turned by quarters."""
-    model, layer = FleshModel(load(), 150.0), hand_layer(net)
+    model, layer = CapsuleModel(load(), 150.0), hand_layer(net)
     assert layer is not None
     net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
     plain, turned = (model.joints(x)[0] for x in fit_starts(net, model, crops(1), (0, 1)))

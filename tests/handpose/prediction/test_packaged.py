@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.depth_fit.network_errors import read_errors
 from handpose.depth_fit.search import PLANS
 from handpose.prediction.packaged import (
@@ -33,7 +33,7 @@ def test_the_packaged_model() -> None:
     card = read_card(SYNTHETIC_HAND)
     weights = checked_weights(card)
     assert card.license == "MIT" and weights.stat().st_size < 12 * MEGABYTE
-    errors = read_errors(weights, FleshModel(skeleton.load(), 150.0))
+    errors = read_errors(weights, CapsuleModel(skeleton.load(), 150.0))
     assert set(errors.tables) == set(PLANS)
     assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
     ignored, missing = netlib.Net(SYNTHETIC_HAND / "deploy.prototxt", netlib.TEST).copy_from(weights)

@@ -10,8 +10,7 @@ import pytest
 
 from handpose.facts.cameras import NYU
 from handpose.scoring.tracks import score
-from handpose.track_files.reasons import HIDDEN, LEFT, PARTLY
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.track_files.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand import skeleton as skeletons
 from netlib.blob import Array
 from netlib.errors import DataError

@@ -15,8 +15,7 @@ from handpose.sequences.recordings import SyntheticRecording
 from handpose.sequences.scripts import SCRIPTS, Role, Script
 from handpose.surface.render import in_front
 from handpose.synthetic.scenes import render_image
-from handpose.track_files.reasons import HIDDEN, LEFT, PARTLY
-from handpose.track_files.track import joints_of
+from handpose.track_files.track import HIDDEN, LEFT, PARTLY, joints_of
 from netlib.errors import DataError
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.facts.cameras import ICVL
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor
@@ -59,9 +59,9 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
 
 
 @pytest.fixture(scope="session")
-def model() -> FleshModel:
+def model() -> CapsuleModel:
     """The packaged hand in NYU's cube."""
-    return FleshModel(skeleton.load(), 150.0)
+    return CapsuleModel(skeleton.load(), 150.0)
 
 
 @pytest.fixture(scope="session")

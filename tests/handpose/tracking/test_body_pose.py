@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.tracking.body_pose import Placed, Placer, motion_between, moved
 from layers.hand.bodies import kinematics_of
 from netlib.errors import NetlibError
@@ -31,13 +31,13 @@ flesh {{ capsule {{ from: "root" to: "one" radius: 0.1 radius: 0.1 }}
 """
 
 
-def body(slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc") -> FleshModel:
+def body(slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc") -> CapsuleModel:
     """With a root that moves so; axes may be NEG_X and so on."""
     made = {
         kind: " ".join(f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in zip(axes.split(), names))
         for kind, axes, names in (("translate", slides, "xyz"), ("rotate", turns, angles))
     }
-    return FleshModel(skeleton_of(BODY.format(slides=made["translate"], turns=made["rotate"], z=z)), 150.0)
+    return CapsuleModel(skeleton_of(BODY.format(slides=made["translate"], turns=made["rotate"], z=z)), 150.0)
 
 
 ROOTS = [
@@ -47,14 +47,14 @@ ROOTS = [
 ]
 
 
-def any_x(model: FleshModel, seed: int) -> np.ndarray:
+def any_x(model: CapsuleModel, seed: int) -> np.ndarray:
     """Variables (V,), the root's angles in all directions."""
     x = np.random.default_rng(seed).uniform(-1, 1, model.variables)
     x[model.root] *= 4
     return x
 
 
-def check_round_trip(model: FleshModel, x: np.ndarray, first: np.ndarray, second: np.ndarray) -> None:
+def check_round_trip(model: CapsuleModel, x: np.ndarray, first: np.ndarray, second: np.ndarray) -> None:
     """The joints, in space, are the same about another centre; the root's angles are within half a turn."""
     placer = Placer(model)
     body = placer.placed(x, first)
@@ -66,13 +66,13 @@ def check_round_trip(model: FleshModel, x: np.ndarray, first: np.ndarray, second
 
 
 @given(seed=SEEDS, first=CENTERS, second=CENTERS)
-def test_there_and_back(model: FleshModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]) -> None:
+def test_there_and_back(model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]) -> None:
     """Any pose of the hand, about any centre."""
     check_round_trip(model, any_x(model, seed), np.array(first), np.array(second))
 
 
 @pytest.mark.parametrize("made", ROOTS, ids=lambda made: " ".join(str(m) for m in Placer(made)._axes))
-def test_roots_of_all_kinds(made: FleshModel) -> None:
+def test_roots_of_all_kinds(made: CapsuleModel) -> None:
     """Whatever the order of its axes, and their signs; also where two of them coincide."""
     for seed in range(30):
         check_round_trip(made, any_x(made, seed), np.zeros(3), np.array([10.0, 20, 700]))
@@ -86,7 +86,7 @@ def test_roots_of_all_kinds(made: FleshModel) -> None:
 
 
 @pytest.mark.parametrize("made", [None, *ROOTS[:2], ROOTS[-1]], ids=["hand", "a", "b", "c"])
-def test_place_and_rotation(model: FleshModel, made: FleshModel | None) -> None:
+def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> None:
     """Are the root's, as the kinematics have them."""
     own = made or model
     kinematics, placer, center = kinematics_of(own.skeleton), Placer(own), np.array([5.0, -30, 650])
@@ -114,7 +114,7 @@ def test_other_roots(kind: tuple[str, ...]) -> None:
 
 
 @given(seed=SEEDS, seconds=st.floats(0.01, 2))
-def test_motion_leads_there(model: FleshModel, seed: int, seconds: float) -> None:
+def test_motion_leads_there(model: CapsuleModel, seed: int, seconds: float) -> None:
     """From one pose to another; half of the time is half of the way, and none is none."""
     placer, center = Placer(model), np.zeros(3)
     first, second = (placer.placed(any_x(model, seed + i), center) for i in range(2))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.facts.cameras import Camera
-from handpose.track_files.reasons import HIDDEN, LEFT
+from handpose.track_files.track import HIDDEN, LEFT
 from handpose.tracking.looking import Aim
 from handpose.tracking.reasons import NO_HAND, reason
 from tests.handpose.tracking.test_following import sight

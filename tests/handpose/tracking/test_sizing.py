@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.depth_fit.fit import DepthFitter
 from handpose.facts.cameras import NYU
 from handpose.surface.render import normalise_depth, render_crop
@@ -23,13 +23,13 @@ FOUND = TRUE * np.exp(-PREFERS_LARGER)
 
 
 @pytest.fixture(scope="module")
-def looker(model: FleshModel) -> Any:
+def looker(model: CapsuleModel) -> Any:
     """What of it is needed."""
     return SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0)
 
 
 @pytest.fixture(scope="module")
-def hands(model: FleshModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def hands(model: CapsuleModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) off by a little."""
     exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.tracking.body_pose import Placer
 from handpose.tracking.smoothing import PoseFilter
 
@@ -13,21 +13,21 @@ TIMES = np.arange(90) / 30
 CENTER = np.array([20.0, -30, 700])
 
 
-def smoothed(model: FleshModel, poses: np.ndarray) -> np.ndarray:
+def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
     """Joints (N, K, 3) in mm of variables (N, V), smoothed."""
     placer, one = Placer(model), PoseFilter()
     found = [placer.variables(one(placer.placed(x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)]
     return model.joints(np.array(found))
 
 
-def bones(model: FleshModel, joints: np.ndarray) -> np.ndarray:
+def bones(model: CapsuleModel, joints: np.ndarray) -> np.ndarray:
     """Their lengths (N, K - 1)."""
     child = np.flatnonzero(model.skeleton.parents >= 0)
     return np.linalg.norm(joints[:, child] - joints[:, model.skeleton.parents[child]], axis=2)
 
 
 @pytest.fixture
-def trembling(model: FleshModel) -> np.ndarray:
+def trembling(model: CapsuleModel) -> np.ndarray:
     """Variables (90, V) of a hand that does not move: off by half a millimetre and 0.004 radians, its size never."""
     off = np.random.default_rng(0).normal(0, 0.004, (len(TIMES), model.variables))
     off[:, :3] *= 0.5 / (150 * 0.004)
@@ -35,7 +35,7 @@ def trembling(model: FleshModel) -> np.ndarray:
     return off + np.random.default_rng(1).uniform(0, 0.3, model.variables)
 
 
-def test_a_trembling_hand_becomes_steady(model: FleshModel, trembling: np.ndarray) -> None:
+def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndarray) -> None:
     """To less than half; the first pose is as it was found."""
     raw, found = model.joints(trembling), smoothed(model, trembling)
     np.testing.assert_allclose(found[0], raw[0], atol=1e-6)
@@ -43,14 +43,14 @@ def test_a_trembling_hand_becomes_steady(model: FleshModel, trembling: np.ndarra
     np.testing.assert_allclose(found[15:].mean(axis=0), raw.mean(axis=0), atol=1)
 
 
-def test_bones_keep_their_length(model: FleshModel, trembling: np.ndarray) -> None:
+def test_bones_keep_their_length(model: CapsuleModel, trembling: np.ndarray) -> None:
     """Which joints that are smoothed do not."""
     expected = bones(model, model.joints(trembling[:1]))
     lengths = bones(model, smoothed(model, trembling))
     np.testing.assert_allclose(lengths, np.tile(expected, (len(lengths), 1)), atol=1e-9)
 
 
-def test_a_moving_hand_is_not_left_behind(model: FleshModel) -> None:
+def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:
     """Half a metre and half a turn a second, fingers that close: behind by less than a frame's way."""
     x = np.zeros((len(TIMES), model.variables))
     x[:, 0] = 500 * TIMES / 150
@@ -62,7 +62,7 @@ def test_a_moving_hand_is_not_left_behind(model: FleshModel) -> None:
     assert behind[30:].max() < way[30:].max()
 
 
-def test_a_pose_that_is_not_sure_moves_little(model: FleshModel, trembling: np.ndarray) -> None:
+def test_a_pose_that_is_not_sure_moves_little(model: CapsuleModel, trembling: np.ndarray) -> None:
     """The worse it is said to be, the less it counts, but never nothing; where nobody knows, as if it were good."""
     placer = Placer(model)
     other = trembling[0].copy()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import SIZE, FleshModel
+from handpose.depth_fit.body import SIZE, CapsuleModel
 from handpose.facts.cameras import NYU
 from handpose.facts.sides import mirror_of
 from handpose.track_files.track import joints_of
@@ -20,19 +20,19 @@ CENTER = np.array([350.0, 200, 650])  # px, px, mm
 
 
 @pytest.fixture(scope="module")
-def looker(model: FleshModel) -> Any:
+def looker(model: CapsuleModel) -> Any:
     """What of it is needed."""
     return SimpleNamespace(fitter=SimpleNamespace(model=model), placer=Placer(model), cube_mm=300.0)
 
 
-def variables(model: FleshModel) -> np.ndarray:
+def variables(model: CapsuleModel) -> np.ndarray:
     """A pose (V,)."""
     x = np.random.default_rng(0).uniform(0, 0.4, model.variables)
     x[SIZE] = np.log(0.95)
     return x
 
 
-def follower(model: FleshModel, looker: Any, side: str = "right", size: float | None = None) -> Any:
+def follower(model: CapsuleModel, looker: Any, side: str = "right", size: float | None = None) -> Any:
     """That saw this pose, and smoothed it to one 6 mm farther along x."""
     center = NYU.unproject(CENTER) * mirror_of(side)
     body = looker.placer.placed(variables(model), center)
@@ -43,7 +43,7 @@ def follower(model: FleshModel, looker: Any, side: str = "right", size: float | 
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_hand(model: FleshModel, looker: Any, side: str) -> None:
+def test_a_hand(model: CapsuleModel, looker: Any, side: str) -> None:
     """Its joints are where the body was found, and those of the inputs that are told; all else is as it was seen."""
     hand = told(follower(model, looker, side), looker, smooth=False, flesh=False)
     mirror = mirror_of(side)
@@ -58,7 +58,7 @@ def test_a_hand(model: FleshModel, looker: Any, side: str) -> None:
 
 
 @pytest.mark.parametrize(("side", "x"), [("right", 6), ("left", -6)])
-def test_smoothed(model: FleshModel, looker: Any, side: str, x: float) -> None:
+def test_smoothed(model: CapsuleModel, looker: Any, side: str, x: float) -> None:
     """The other pose is told, about the same crop; a left hand's is its mirror image."""
     one = follower(model, looker, side)
     raw, smooth = (told(one, looker, smooth=smooth, flesh=False) for smooth in (False, True))
@@ -66,14 +66,14 @@ def test_smoothed(model: FleshModel, looker: Any, side: str, x: float) -> None:
     np.testing.assert_array_equal(smooth.origin_mm, raw.origin_mm)
 
 
-def test_a_known_size(model: FleshModel, looker: Any) -> None:
+def test_a_known_size(model: CapsuleModel, looker: Any) -> None:
     """Is that of the bones, whatever was found in this frame."""
     hand = told(follower(model, looker, size=1.08), looker, smooth=True, flesh=False)
     np.testing.assert_allclose(hand.bones, 1.08 * model.skeleton.bones)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_flesh(model: FleshModel, looker: Any, side: str) -> None:
+def test_flesh(model: CapsuleModel, looker: Any, side: str) -> None:
     """About the joints that are told: ends of capsules that are joints are just there."""
     hand = told(follower(model, looker, side), looker, smooth=True, flesh=True)
     assert hand.capsules is not None

@@ -13,8 +13,7 @@ from handpose.facts.cameras import ICVL, NYU
 from handpose.prediction.packaged import load_predictor
 from handpose.prediction.predictor import Predictor
 from handpose.sources.recording import DepthFrame
-from handpose.track_files.reasons import LEFT
-from handpose.track_files.track import LostHand, TrackedFrame, TrackedHand, joints_of
+from handpose.track_files.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
 from handpose.tracking.following import Follower
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError

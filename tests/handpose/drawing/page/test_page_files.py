@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.drawing.page.assembly import page
 from handpose.drawing.page.content import content, hand
 from handpose.facts.cameras import KINECT2
@@ -103,7 +103,7 @@ def test_nothing_else_runs_and_nothing_is_fetched(browser: Any, bare: Path) -> N
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
     """A page with a right hand and a left one, as a camera sees them, and the left one's joints (K, 3) in mm."""
-    model, uvd, cube = FleshModel(HAND, 130.0), np.array([230.0, 190, 640]), 260.0
+    model, uvd, cube = CapsuleModel(HAND, 130.0), np.array([230.0, 190, 640]), 260.0
     rng = np.random.default_rng(5)
     x = model.variables_of(rng.uniform(-0.2, 0.2, (1, 47)))
     x[0, -2:] = 0.08, -0.05

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.depth_fit.body import FleshModel
+from handpose.depth_fit.body import CapsuleModel
 from handpose.facts.cameras import CAMERAS, KINECT2, NYU, Camera
 from handpose.surface.model import Flesh
 from handpose.surface.render import CLEAR_MM, Capsules, in_front, render_crop
@@ -96,7 +96,7 @@ def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
     """Of any pose, size and girth, with the forearm's own DoFs, wherever the crop is: as the renderer has it."""
     rng, sampler = np.random.default_rng(2), BodySampler()
     hands, cube = sampler.draw(rng, 6), 300.0
-    model = FleshModel(sampler.skeleton, cube / 2)
+    model = CapsuleModel(sampler.skeleton, cube / 2)
     x = model.variables_of(hands.inputs)
     x[:, model.own] = rng.uniform(-0.5, 0.5, (len(x), len(model.own)))
     x[:, -2:] = rng.uniform(-0.2, 0.2, (len(x), 2))
@@ -117,7 +117,7 @@ def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
 def test_the_edges_of_wedges(tab: Any) -> None:
     """Are capsules, in the order of the fit's."""
     people = skeletons.NYU_HAND.with_name("people.prototxt")
-    model, uvd = FleshModel(skeletons.load(people), 150.0), np.array([[300.0, 250, 700]])
+    model, uvd = CapsuleModel(skeletons.load(people), 150.0), np.array([[300.0, 250, 700]])
     x = model.variables_of(np.random.default_rng(0).normal(0, 0.2, (1, 47)))
     inputs = model.whole_inputs_of(x)[0].tolist()
     bodies = [[{"inputs": inputs, "size": 1, "girth": 1}, vars(NYU), uvd[0].tolist(), 300.0]]

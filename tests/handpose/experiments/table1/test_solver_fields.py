@@ -1,4 +1,4 @@
-"""handpose/experiments/table1/derived_solvers.py"""
+"""handpose/experiments/table1/recipes.py: solvers with other fields"""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from handpose.experiments.table1.derived_solvers import with_fields
+from handpose.experiments.table1.recipes import with_fields
 from netlib.proto import prototxt
 
 SOLVER = """net: "a.prototxt"
