@@ -11,15 +11,15 @@ by Levenberg-Marquardt from x_0. The result depends little on these constants.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.depth_fit.body import SIZE, CapsuleModel
-from handpose.joint_fit.damped_step import damped_step
+from handpose.joint_fit.damped_step import minimise
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
 
 JOINT_MM, LIMB, SIZE_STD = 10.0, 0.6, 0.1
-STEPS = 8
-FIRST_MU, TRUST, MISTRUST, RIDGE = 1e-2, 1 / 3, 4.0, 1e-9
+STEPS, RIDGE = 8, 1e-9
 
 
 def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
@@ -34,30 +34,19 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     precision[-1] = SIZE_STD**-2.0
     goal, root = joints / model.unit_mm, int(np.flatnonzero(skeleton.parents < 0)[0])
 
-    def evaluate(x: Array) -> tuple[Array, Array, Array]:
-        """Cost (N,), curvature (N, F, F) and half gradient (N, F)."""
-        pose = kinematics.forward(model.inputs_of(x), skeleton.bones * np.exp(x[:, [SIZE]]))
-        grows = (pose.joints - pose.joints[:, [root]]).reshape(len(x), 1, -1)
+    def evaluate(columns_of_x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
+        trial = x[rows]
+        trial[:, columns] = columns_of_x
+        pose = kinematics.forward(model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]]))
+        grows = (pose.joints - pose.joints[:, [root]]).reshape(len(trial), 1, -1)
         J = np.concatenate([sums.T @ kinematics.jacobian(pose), grows], axis=1) / unit
-        r = (pose.joints - goal).reshape(len(x), -1, 1) / unit
-        off = x[:, columns] - start
+        r = (pose.joints - goal[rows]).reshape(len(trial), -1, 1) / unit
+        off = columns_of_x - start[rows]
         A = J @ J.swapaxes(1, 2)
         A[:, diagonal, diagonal] += precision
         b = (J @ r)[..., 0] + precision * off
         return (r * r).sum(axis=(1, 2)) + (precision * off * off).sum(axis=1), A, b
 
-    x = x.copy()
-    start, mu = x[:, columns], np.full(len(x), FIRST_MU)
-    cost, A, b = evaluate(x)
-    for _ in range(STEPS):
-        own = x[:, columns]
-        step = damped_step(A.copy(), b, mu, own, lower, upper, RIDGE)
-        trial = x.copy()
-        trial[:, columns] = np.clip(own + step, lower, upper)
-        found = evaluate(trial)
-        better = found[0] < cost
-        x[better] = trial[better]
-        for kept, new in zip((cost, A, b), found):
-            kept[better] = new[better]
-        mu *= np.where(better, TRUST, MISTRUST)
-    return x
+    start, found = x[:, columns], x.copy()
+    found[:, columns], _ = minimise(evaluate, start, lower, upper, STEPS, ridge=RIDGE)
+    return found

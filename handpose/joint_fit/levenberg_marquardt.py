@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from handpose.joint_fit.damped_step import damped_step
+from handpose.joint_fit.damped_step import minimise
 from handpose.joint_fit.parallel import for_each
 from handpose.joint_fit.pose_problem import JointFit, PoseProblem, checked
 from handpose.joint_fit.starts import RotationGrid, limb_poses, redrawn_limbs
@@ -33,13 +33,8 @@ CHUNK = 256  # frames that one thread works on together
 MIN_GAIN = 1e-7  # relative; a frame whose cost falls less is done
 EXACT = 5e-6  # root mean square distance of the joints at which a frame needs no other start
 
-# Damping. TRUST and DOUBT are the factors of mu after a step that was taken, and after one that was not. Little depends
-# on them: with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a third more work. FIRST_MU
-# from 0.001 to 0.1 is as good; with 1 the steps are so small that frames are taken for done on their way.
-FIRST_MU, TRUST, DOUBT = 1e-2, 1 / 3, 4
 MIN_MU = 1e-12  # below it a step is Gauss-Newton's but for rounding
 RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
-MAX_MU = 1e8  # above it a step is lost in rounding: no lower cost is near
 
 
 def fit_joints(
@@ -106,30 +101,15 @@ def _best(
 
 
 def _descend(problem: PoseProblem, inputs: Array, goal: Array, iterations: int) -> tuple[Array, Array]:
-    """Levenberg-Marquardt from ``inputs`` (N, D), which are used up; returns inputs (N, D) and their cost (N,).
+    """Minimise from ``inputs`` (N, D); returns inputs (N, D) and their cost (N,)."""
 
-    A frame that is done drops out: ``active`` are the numbers of the others, and A and b are theirs alone.
-    """
-    cost, A, b = problem.evaluate(inputs, goal)
-    mu = np.full(len(goal), FIRST_MU)
-    active = np.arange(len(goal))
-    for _ in range(iterations):
-        x = inputs[active][:, problem.free]
-        step = damped_step(A.copy(), b, mu[active], x, problem.lower, problem.upper, RIDGE)
-        trial = inputs[active]
-        trial[:, problem.free] = np.clip(x + step, problem.lower, problem.upper)
-        trial_cost, trial_A, trial_b = problem.evaluate(trial, goal[active])
+    def evaluate(x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
+        trial = inputs[rows]
+        trial[:, problem.free] = x
+        return problem.evaluate(trial, goal[rows])
 
-        better = trial_cost < cost[active]
-        small = cost[active] - trial_cost <= MIN_GAIN * cost[active]
-        taken = active[better]
-        inputs[taken], cost[taken] = trial[better], trial_cost[better]
-        A[better], b[better] = trial_A[better], trial_b[better]
-        mu[active] = np.maximum(mu[active] * np.where(better, TRUST, DOUBT), MIN_MU)
-
-        exact = cost[active] <= 1e-24  # (1e-12)²: what rounding leaves of the positions of a few joints
-        going = ~(better & small) & (mu[active] < MAX_MU) & ~exact
-        active, A, b = active[going], A[going], b[going]
-        if not len(active):
-            break
-    return inputs, cost
+    x, cost = minimise(evaluate, inputs[:, problem.free], problem.lower, problem.upper, iterations,
+                       ridge=RIDGE, min_mu=MIN_MU, min_gain=MIN_GAIN)  # fmt: skip
+    found = inputs.copy()
+    found[:, problem.free] = x
+    return found, cost
