@@ -236,7 +236,7 @@ def test_no_source() -> None:
     np.save("takes/bare.npy", np.ones((2, 240, 320), np.uint16))
     for source, line in (
         ("takes/none", "takes/none: no such file"),
-        ("takes/bare.npy", "takes/bare.npy: nothing says"),
+        ("takes/bare.npy", "takes/bare.npy: the camera of these frames is unknown"),
     ):
         assert run_tool("track", source, status=1).err.startswith(line)
     assert files() == []

@@ -68,7 +68,7 @@ def test_the_lens(tmp_path: Path) -> None:
 def test_without_a_calibration(tmp_path: Path) -> None:
     """The camera must be given; the unit is known."""
     path = azure_file.write(tmp_path / "a.mkv", depth())
-    with pytest.raises(DataError, match="which camera"):
+    with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_video(path, Given())
     camera = Camera("own", 250, 250, 160, 144, 0, 0)
     assert open_video(path, Given(camera=camera, origin="--camera")).unit_mm == 1.0

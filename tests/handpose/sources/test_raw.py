@@ -113,7 +113,7 @@ def test_a_lens_that_is_left_in_is_told() -> None:
     """The user's camera takes the place of the file's, and of its lens."""
     own = Given(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
     found = settle(Given(CAMERA), own, NOTHING, (48, 64), U16, "take")
-    assert found.lens is None and "the distortion that take tells of" in found.remarks[0]
+    assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
     found = settle(NOTHING, own, NOTHING, (48, 64), U16, "take")
     assert found.lens == own.lens and found.remarks == ("the distortion of the lens is taken out",)
 

@@ -141,7 +141,7 @@ def test_a_lens_that_is_not_known(tmp_path: Path) -> None:
 def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
     """Must be given."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
-    with pytest.raises(DataError, match="which camera"):
+    with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_bag(path, NOTHING)
     assert read(path, GIVEN)[0].camera.fx == 60
 

@@ -111,7 +111,7 @@ def test_any_depth_at_any_time(
 def test_videos_of_other_programs(tmp_path: Path, pixels: str) -> None:
     """Their camera has to be given; values of fewer bits are what they are."""
     path = write_other(tmp_path / "a.mkv", "ffv1", pixels)
-    with pytest.raises(DataError, match="which camera"):
+    with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_video(path, Given())
     recording = open_video(path, GIVEN)
     shift = 16 - int(pixels[4:6])
@@ -132,8 +132,8 @@ def test_camera_beside_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("codec", "pixels", "said"),
     [
-        ("ffv1", "gray", "no 16-bit greys"),
-        ("ffv1", "bgr0", "no 16-bit greys"),
+        ("ffv1", "gray", "not 16-bit grey"),
+        ("ffv1", "bgr0", "not 16-bit grey"),
         ("mjpeg", "yuvj420p", "lossy"),
         ("mpeg4", "yuv420p", "lossy"),
     ],
