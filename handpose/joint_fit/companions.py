@@ -83,8 +83,8 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
     own = set(map(os.path.realpath, targets))
     for file in parts.listed(names, targets):
         if os.path.realpath(file) not in own:
-            raise DataError(f"{names}: names {str(file)!r}, which is not a companion of these files; move the list away, "
-                            "or choose another --out")  # fmt: skip
+            raise DataError(f"{names}: names {str(file)!r}, which is not a companion of these files; move the list "
+                            "away, or choose another --out")  # fmt: skip
 
 
 def fit_file(
