@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from handpose.facts.cameras import Camera
 from handpose.facts.sides import Side, mirror_of
@@ -210,7 +210,7 @@ def _quaternions(directions: Array) -> Array:
     z = -directions[:, 0] / np.linalg.norm(directions[:, 0], axis=1, keepdims=True)
     x = np.cross(directions[:, 1], z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
-    found = Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=2)).as_quat()
+    found = scipy.spatial.transform.Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=2)).as_quat()
     return np.asarray(np.where(found[:, 3:] < 0, -found, found))
 
 

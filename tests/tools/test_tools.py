@@ -6,6 +6,7 @@ import importlib
 import inspect
 import re
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -130,3 +131,13 @@ def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatc
     done = run_tool(name, *argv, status=1)
     assert "gadget.Own is not a subclass of netlib.Layer" in done.err.splitlines()[-1]
     sys.modules.pop("gadget")
+
+
+def test_a_command_starts_without_what_few_need() -> None:
+    """Parts of SciPy are loaded where they are used: scipy.spatial and what it needs are a third of a start."""
+    turning = ("make_recording", "measure_gestures", "measure_tracking")  # draw hands that turn
+    names = [name for name in COMMANDS if name not in turning]
+    code = f"import sys, {', '.join(f'tools.{name}' for name in names)}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    few = {"matplotlib", "scipy.io", "scipy.linalg", "scipy.sparse", "scipy.spatial", "scipy.special"}
+    assert "numpy" in done.stdout.split() and few & set(done.stdout.split()) == set()
